@@ -205,7 +205,9 @@ def _shape(parts: Parts, offset: str) -> dict[str, Any]:
 
 
 def _units(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
-    """Number the stretches of time with independent errors: twice their correlation time, at least one second."""
+    """Number the stretches of time whose errors are independent: each lasts twice the correlation time, at least one
+    second.
+    """
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     centred = difference - difference.mean()
     most = min(len(centred) - 1, round(10.0 / step_s))

@@ -134,7 +134,7 @@ def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: n
 
 
 def residual(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
-    """Return (n, 21, 3) ours minus theirs minus the offset of the definition; all in the world."""
+    """Return (n, 21, 3) our joints minus the reference's minus the offset of the definition, in the world frame."""
     return ours_m - theirs_m - np.einsum("njik,jk->nji", axes, offset_m)
 
 

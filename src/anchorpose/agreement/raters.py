@@ -30,7 +30,7 @@ class RaterAgreement:
 
 
 def rater_agreement(paths: Sequence[Path]) -> RaterAgreement:
-    """The agreement of two raters or more; paths: a file per rater and session, of 'anchorpose view --rate'.
+    """Return the agreement of two raters or more; paths: a file per rater and session, of 'anchorpose view --rate'.
 
     Raises InputError where a file cannot be used, or the raters did not score the same trials.
     """
@@ -59,7 +59,7 @@ def _by_session_and_rater(files: dict[Path, Ratings]) -> dict[tuple[str, str], t
 
 
 def _grid(held: dict[tuple[str, str], tuple[Path, Ratings]], session: str, raters: Sequence[str]) -> np.ndarray:
-    """(trials, raters) the scores of a session, NaN where there is none."""
+    """Return (trials, raters) the scores of a session, NaN where there is none."""
     there = [held[key] for rater in raters if (key := (session, rater)) in held]
     path, first = there[0]
     missing = next((rater for rater in raters if (session, rater) not in held), None)

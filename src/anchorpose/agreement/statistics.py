@@ -42,9 +42,10 @@ class Limits:
     bias: Estimate
     lower: Estimate
     upper: Estimate
-    within_sd: float | None  # of differences in the same unit; None where no unit has two
-    between_sd: float | None  # of the units' own means, without sampling error; None for a single unit
-    sd: float  # of a single difference
+    within_sd: float | None  # standard deviation of differences in the same unit; None where no unit has two
+    # standard deviation of the units' own means, without sampling error; None for a single unit
+    between_sd: float | None
+    sd: float  # standard deviation of a single difference
 
 
 def limits_of_agreement(difference: np.ndarray, unit: np.ndarray) -> Limits:

@@ -115,7 +115,7 @@ def _span(low: float | None, high: float | None) -> str:
 
 
 def _plots(comparison: Comparison) -> list[tuple[str, list[Markup]]]:
-    """Of each angle: differences against means of all recordings, and the first recording over time."""
+    """Plot, per angle, the differences against the means of all recordings, and the first recording over time."""
     chosen = {
         (row.kind, row.name): row
         for row in comparison.rows
@@ -164,7 +164,7 @@ def difference_plot(series: Sequence[Compared], row: Agreement) -> Markup:
 
 
 def time_plot(each: Compared, name: str, unit: str) -> Markup:
-    """Ours, with a band of 1.96 sigma, and theirs over time."""
+    """Plot our values, with a band of 1.96 sigma, and the reference's values over time."""
     every = max(1, len(each.time_s) // MOST_POINTS)
     time_s, ours, theirs, sigma = (a[::every] for a in (each.time_s, each.ours, each.theirs, each.sigma))
     across = make_axis([(time_s, time_s)], [], 1.0)
@@ -323,7 +323,9 @@ def alignment_sentences(match: Match) -> list[str]:
 
 
 def methods_sentences(comparison: Comparison) -> list[str]:
-    """For a methods section: what was done, in the order in which it was done."""
+    """Return sentences for a paper's methods section: the steps of the comparison in the order in which they were
+    done.
+    """
     people = len(set(comparison.subjects))
     unit = "subjects" if people >= LEAST_UNITS else "stretches of time longer than twice the errors' correlation time"
     frames = sum(len(match.joints.frame) for match in comparison.matches)

@@ -133,7 +133,7 @@ class Tracker:
 
     @property
     def height_m(self) -> float | None:
-        """Return the patient's standing height as learnt, None before that."""
+        """Return the patient's learnt standing height; None until it is learnt."""
         if self._prepared is None:
             return None
         from anchorpose.body.shape_prior import standing_height

@@ -19,7 +19,8 @@ class Watcher:
         self.how_to_resume = how_to_resume
 
     def working(self, on: str, at_once: bool = True) -> AbstractContextManager[Progress]:
-        """Return a context for one piece of work; its value is called with (done, total), total None while unknown.
+        """Return a context manager for one piece of work; it yields a function called with (done, total), total None
+        while unknown.
 
         at_once: show the work before the first call, not only then.
         """

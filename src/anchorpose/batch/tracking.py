@@ -80,7 +80,7 @@ def _job(session: Session, out: Path) -> Job:
     return Job(session.name, call, out / LOGS_FOLDER / f"{session.name}.log")
 
 
-ENDING_S: Final = 30.0  # for the child of a killed worker to end
+ENDING_S: Final = 30.0  # time allowed for the child of a killed worker to end
 
 
 def track_session(session: Session, results: Path) -> bool:

@@ -29,9 +29,9 @@ KERNELS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
 """One core per child: as many children as workers run at once."""
 
-STOP_S: Final = 15.0  # for a child to end by itself; longer than ``ABANDONED_STOP_S``
-ABANDONED_STOP_S: Final = 10.0  # to remove half-written files, and for a kernel to return
-ABANDONED: Final = 143  # exit code, as of SIGTERM
+STOP_S: Final = 15.0  # time allowed for a child to end by itself; longer than ``ABANDONED_STOP_S``
+ABANDONED_STOP_S: Final = 10.0  # time allowed to remove half-written files, and for a kernel to return
+ABANDONED: Final = 143  # exit code of an abandoned worker, the same as after SIGTERM
 TAIL_BYTES: Final = 4096
 
 

@@ -64,13 +64,13 @@ KNEE_RADIUS_M: Final = 0.10  # m from the joint's centre: the kneecap and a hand
 
 @cache
 def region_of_points(points: SkinPoints) -> np.ndarray:
-    """(p,) index into ``REGIONS`` of every skin point."""
+    """Return (p,) index into ``REGIONS`` of every skin point."""
     asset = points.asset
     return region_of_skin(asset, points.part, asset.vertices[points.vertex], asset.bone_heads)
 
 
 def region_of_skin(asset: BodyAsset, part: np.ndarray, place_m: np.ndarray, heads_m: np.ndarray) -> np.ndarray:
-    """(p,) index into ``REGIONS``; the knee is the skin of thigh and shank around its joint.
+    """Return (p,) index into ``REGIONS``; the knee is the skin of thigh and shank around its joint.
 
     part (p,): bone that moves the skin most; place_m (p, 3) and heads_m (b, 3) of the bones: in the rest pose.
     """
@@ -143,7 +143,7 @@ def find_nearness(
 
 
 def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
-    """(n,) bool: points no farther than ``HAND_M`` from the box around others."""
+    """Return (n,) bool: points no farther than ``HAND_M`` from the box around others."""
     if not len(box_m):
         return np.zeros(len(points_m), dtype=bool)
     low, high = box_m.min(axis=0) - HAND_M, box_m.max(axis=0) + HAND_M
@@ -193,7 +193,7 @@ class StandingFeet:
         time_s: float,
         floor_m: float | None = None,
     ) -> None:
-        """One more frame: posed skin points (p, 3), joints (21, 3), what cameras show of them; floor_m: if known.
+        """Add one more frame: posed skin points (p, 3), joints (21, 3), what cameras show of them; floor_m: if known.
 
         A foot that is seen stands or does not; one that is hidden stays where it stood; one that the cameras look past
         has gone. One that was never seen to stand, but is believed to be on the floor, hardly moves from there to the

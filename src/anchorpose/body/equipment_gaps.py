@@ -21,7 +21,7 @@ SAMPLING_M: Final = 0.005
 thighs and pelvis of two simulated clinics (seeds 52001 and 52002), where single regions had -2 to 9 mm.
 """
 
-FEET: Final = ("foot_left", "foot_right")  # feet stand on the floor and on objects on it, which is no contact
+FEET: Final = ("foot_left", "foot_right")  # feet, whose contact with the floor and objects on it does not count
 
 _ENDS: Final = {
     "head": ("Head",),

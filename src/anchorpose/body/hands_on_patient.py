@@ -18,10 +18,10 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.components import JumpLimit, label_components
 from anchorpose.isolation.view import PixelLabel, View
 
-HAND_M: Final = 0.2  # from the finger tips of a hand to the wrist
+HAND_M: Final = 0.2  # length of a hand, from the finger tips to the wrist
 STANDS_OFF_M: Final = 0.015  # m, of a reading from the patient's skin: fingers; most errors of the skin are smaller
 SKIN_REACH_M: Final = 0.10  # m, half a thigh: readings farther from all skin than this stand off it by any measure
-STEP_PX: Final = 2  # of the pixels' rows and columns: 14 mm at 2.5 m, a finger's width
+STEP_PX: Final = 2  # step between the rows and columns that are used: 14 mm at 2.5 m, a finger's width
 STEEPEST: Final = 8.0
 """Depth per width between neighbouring pixels of a hand and its arm: 83 degrees, as a forearm that points at the camera
 is seen. With 2, a tenth of the contacts in four clinics for tuning was missed that 8 finds."""
@@ -51,7 +51,9 @@ def _thinned(image: np.ndarray) -> np.ndarray:
 def _beside_people(
     depth_m: np.ndarray, labels: np.ndarray, camera: Camera
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """World points (n, 3) float32, row and column of the patient's readings within a hand's length of a person's."""
+    """Return world points (n, 3) float32, row and column of the patient's readings within a hand's length of a
+    person's.
+    """
     person = (labels >= PixelLabel.OTHER_PERSON).astype(np.uint8)
     if not person.any():
         none = np.zeros(0, np.int64)
@@ -66,7 +68,9 @@ def _beside_people(
 
 
 def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
-    """(n,) bool: places (n, 3) outside of the nearest skin by more than a hand's thickness, or far from all skin."""
+    """Return (n,) bool: places (n, 3) outside of the nearest skin by more than a hand's thickness, or far from all
+    skin.
+    """
     nearest = nearest_point(posed.points_m, place_m.astype(np.float64), SKIN_REACH_M)
     outwards = np.einsum("ni,ni->n", place_m - posed.points_m[nearest], posed.normals[nearest])
     return np.asarray((nearest < 0) | (outwards > STANDS_OFF_M))
@@ -75,7 +79,7 @@ def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
 def _owners(
     depth_m: np.ndarray, labels: np.ndarray, row: np.ndarray, column: np.ndarray, focal_px: float
 ) -> np.ndarray:
-    """(n,) uint8: label of the person to whom each pixel is joined without a step in depth, 0 where to none."""
+    """Return (n,) uint8: label of the person that each pixel joins without a step in depth, 0 where it joins nobody."""
     person = labels >= PixelLabel.OTHER_PERSON
     mask = person.copy()
     mask[row, column] = True

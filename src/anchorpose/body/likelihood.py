@@ -23,10 +23,10 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import pixel_of_ray
 
-FOOTPRINT_M: Final = 0.02  # of a pixel at reduced resolution: half of a wrist's width
+FOOTPRINT_M: Final = 0.02  # width of a pixel at reduced resolution: half of a wrist's width
 SKIN_SIGMA_M: Final = 0.02  # between rendered skin and reading: clothes, and the coarse sampling of the skin
 ALIKE_M: Final = 0.05  # side of a patch whose readings have a common error, from clothes and folds, not from the sensor
-RANGE_M: Final = 4.0  # of a depth camera: an unknown object is anywhere within it
+RANGE_M: Final = 4.0  # range of a depth camera: an unknown object is anywhere within it
 CLUTTER: Final = 0.1  # share of the pixels that show an unknown object
 PAST: Final = 0.05  # share of the rendered skin that cameras see past in a right pose, since outlines are rough
 LEAST_SEEN: Final = 1.0  # explained observations of a part to count as seen: 25 cm2, three fingers

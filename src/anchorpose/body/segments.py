@@ -56,7 +56,9 @@ II.
 
 
 class _Bulge(NamedTuple):
-    """A region of trunk skin that moves along an axis (0 forward, 2 sideways); towards 0: both ways, apart."""
+    """A region of trunk skin that moves along an axis (0 forward, 2 sideways), in the direction ``towards`` (1, -1; 0:
+    both sides apart).
+    """
 
     axis: int
     towards: int

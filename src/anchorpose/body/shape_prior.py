@@ -21,7 +21,7 @@ PATCH_SIGMA_M: Final = 0.0035  # muscles, fat and folds that no shape direction 
 THICKEST_M: Final = 0.03  # largest thickness of clothes
 TAILS: Final = 4.0  # degrees of freedom of Student's t: one segment in twenty lies beyond 2.8 deviations
 COVERED: Final = 4.0  # factor on a segment's thickness deviation under an orthosis or a helmet
-_HEIGHT_STEPS: Final = 3  # steps; the highest and the lowest vertex may change with the shape
+_HEIGHT_STEPS: Final = 3  # iterations: the highest and the lowest vertex may change with the shape
 
 _ALIKE_LENGTHS: Final = np.array(
     [[1.00, 0.34, 0.18, 0.35], [0.34, 1.00, 0.25, 0.43], [0.18, 0.25, 1.00, 0.04], [0.35, 0.43, 0.04, 1.00]]

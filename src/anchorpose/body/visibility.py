@@ -25,7 +25,7 @@ JOINT_RADIUS_M: Final = 0.13  # radius of the skin that counts for a joint: half
 TRUNK_RADIUS_M: Final = 0.22  # the same for the spine, which lies at the back: distance to the skin of the belly
 LEAST_SEEN: Final = 0.2  # share of the skin around a joint, facing one camera, that must cover seen nodes
 MOST_OUTSIDE: Final = 0.5  # share of that skin outside the image; with more the joint itself lies outside
-GRAZING: Final = 0.25  # cosine below which skin is edge-on and returns hardly any depth
+GRAZING: Final = 0.25  # cosine below which skin is edge-on and returns almost no depth
 
 _TRUNK = ("Hips", "Spine")
 _REASONS = (

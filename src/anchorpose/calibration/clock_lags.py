@@ -153,7 +153,8 @@ DRIFT_SIGMA: Final = 1e-4  # s/s; a quartz clock is accurate to 100 parts in a m
 PLACES: Final = 4  # places sampled in each tenth of the recording, to find the largest movement
 STEP_PX: Final = 8  # every eighth pixel of every eighth row suffices to measure the amount of movement
 APART_S: Final = 0.2  # between the two frames that are compared
-LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15  # below is noise, above another surface that appears
+# m; a smaller change of depth is noise, a larger one is another surface that appears
+LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 
 @dataclass(slots=True, eq=False)

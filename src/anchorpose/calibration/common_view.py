@@ -281,9 +281,8 @@ LEAST_SUPPORT: Final = 0.02
 STEP_M, STEP_RAD = 0.1, 0.2  # standard deviations that damp each step in undetermined directions
 # distance of compared surfaces, for a motion and the given pose alike; beyond are other surfaces
 COMPARED_M: Final = 0.15
-BETTER: Final = (
-    0.8  # of the given pose's misfit: a motion along which surfaces slide fits no better, however far it goes
-)
+# share of the given pose's misfit: a motion along which surfaces slide fits no better, however far it goes
+BETTER: Final = 0.8
 # right poses leave up to 6 mm; a lens 2 % wrong leaves 15 to 25, and the turn is then meaningless
 TIGHT_M: Final = 0.010
 

@@ -25,7 +25,7 @@ NOISE_GATE: Final = 4.0
 POINTS: Final = 3000  # points of each depth frame
 FRAMES: Final = 6  # frames that are compared at most
 ABOVE_FLOOR_M: Final = 0.15  # points below are left out: the floor agrees whichever way a camera looks
-FLOOR_SIGMA_M: Final = 0.002  # of the floor that all cameras see together
+FLOOR_SIGMA_M: Final = 0.002  # height error of the floor that all cameras see together
 FLOOR_SIGMA_RAD: Final = 0.0009  # 0.05 degrees
 MOST_DISAGREEMENT: Final = 0.25  # largest share of one camera's points that another sees through
 LEAST_LEAD: Final = 0.15  # lead in disagreement of the best of symmetric choices over the next
@@ -128,7 +128,9 @@ def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> Fl
 
 
 def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], seen: Sequence[SeenEquipment]) -> None:
-    """Raise InputError where one of two cameras, at least one newly found, sees through surfaces of the other."""
+    """Raise InputError where one camera sees through surfaces that another sees; one of the two poses is newly
+    found.
+    """
     of_index = {one.index: one for one in seen}
     for a, b in product(range(len(cameras)), range(len(cameras))):
         if a == b or b not in of_index or (a in of_index and a > b):

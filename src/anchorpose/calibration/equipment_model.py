@@ -158,7 +158,8 @@ OUTSIDE_POINTS: Final = 1000
 OUTSIDE_M: Final = (0.05, 0.09)  # beyond flying pixels, near enough that a wall behind would fill it
 
 STEP_DEG: Final = 5
-SAME_M: Final = 0.012  # of a part from its place in equipment.json, by tape measure; two clinics' frames differ by more
+# largest distance of a part from its place in equipment.json, by tape measure; two clinics' frames differ by more
+SAME_M: Final = 0.012
 ALIKE_M: Final = 0.10  # small enough to be confused in a search
 TRIED_POINTS: Final = 400
 ROUND_SHARE: Final = 0.9  # share of all turns

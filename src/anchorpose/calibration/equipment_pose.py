@@ -32,15 +32,16 @@ from anchorpose.settings import Positive, settings
 LEAST_SEEN: Final = 0.2  # of the surface that faces the camera, seen in place: people hide up to half, the image ends
 MOST_THROUGH: Final = 0.10  # share of the unhidden surface, seen through: edges of thin bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
-# of the unhidden surface: an absent part in front of a distant wall is not read either
+# share of the unhidden surface: an absent part in front of a distant wall is not read either
 MOST_UNREAD_OF_PART: Final = 0.7
 LEAST_PIXELS_OF_PART: Final = 40  # pixels; fewer are no evidence about a part
-MOST_FILLED: Final = 0.5  # of the outline's places at which the surface continues: inside a wall it is all of them
+# share of the outline's places at which the surface continues: inside a wall it continues at all of them
+MOST_FILLED: Final = 0.5
 LEAST_OUTLINED: Final = 0.6  # share of the outline's unhidden places at which the part ends
 MOST_OFF_PX: Final = 2.0  # px from its place: edge pixels are often one off
 MOST_SIGMA_M: Final = 0.006
 MOST_SIGMA_RAD: Final = 0.0087  # half a degree
-LEAST_COSINE: Final = 0.25  # of incidence: no camera reads flatter surfaces well
+LEAST_COSINE: Final = 0.25  # cosine of the angle of incidence: no camera reads flatter surfaces well
 STEADY_RAD: Final = 0.0008  # systematic error of a device: between bars a metre apart 0.05 degrees
 
 

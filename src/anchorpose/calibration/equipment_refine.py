@@ -15,11 +15,12 @@ from anchorpose.camera import Camera, transform_points
 
 MOSTLY: Final = 0.4  # share of the frames: an edge pixel of a thin bar reads the bar six times in ten
 STEADY_ERROR_M: Final = 0.0015  # systematic error of a device, the same in all its frames
-OUTLINE_SIGMA_PX: Final = 0.6  # of one place of the outline: edge pixels often read the background
+OUTLINE_SIGMA_PX: Final = 0.6  # standard deviation of one outline point: edge pixels often read the background
 SURFACE_ROWS_PER_OBSERVATION: Final = 40.0  # neighbouring pixels share the device's error
 OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0  # neighbouring edges share their part's error
 ROBUST: Final = 2.5  # sigmas beyond which a row loses weight
-LEAST_COSINE: Final = 0.15  # of incidence: at flatter angles a small shift is a large change of depth
+# cosine of the angle of incidence: at flatter angles a small shift is a large change of depth
+LEAST_COSINE: Final = 0.15
 
 
 class Gate(NamedTuple):
@@ -195,8 +196,8 @@ COARSE, FINE = Gate(0.04, 7), Gate(0.015, 3)
 GATES: Final = (COARSE,) * 3 + (Gate(0.03, 6),) * 2 + (Gate(0.02, 5), Gate(0.02, 4)) + (FINE,) * 2  # one per step
 LEAST_ROWS: Final = 60
 SHIFT_STEPS: Final = 8  # reweighting steps: the shift is then converged to a tenth of a millimetre
-MOST_SHIFT_SIGMA_M: Final = 0.003  # a shift of a part that is less accurate is no evidence
-STANDING_SIGMA_M: Final = 0.01  # of chi_0's lowest point from the floor: a prior only
+MOST_SHIFT_SIGMA_M: Final = 0.003  # largest error of a part's shift; a less accurate shift is not used as evidence
+STANDING_SIGMA_M: Final = 0.01  # distance of chi_0's lowest point from the floor: a prior only
 STANDING_SIGMA_RAD: Final = 0.0087  # half a degree between chi_0's up and the floor's
 
 

@@ -15,8 +15,8 @@ from anchorpose.lens import lens_array, pixel_of_ray
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3
 LEAST_Z_M: Final = 0.3  # no depth camera measures nearer
-RADIUS_M: Final = 0.5  # of the equipment, to compare a turn with a shift
-CELL_M: Final = 0.04  # of the first, coarse map: as wide as a bar
+RADIUS_M: Final = 0.5  # radius of the equipment, to compare a turn with a shift
+CELL_M: Final = 0.04  # cell of the first, coarse map: as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # 5 degrees move a bar at 0.5 m by one cell
 ABOVE_FLOOR_M: Final = 0.06  # points below are left out, since the floor fills the map there
 FARTHEST_M: Final = 7.0  # no depth camera sees a bar beyond

@@ -36,7 +36,7 @@ from anchorpose.recording.recording import FrameSet, Recording
 
 LATE_SHARE: Final = 0.34  # share of the sampled frames, at the end, in which the equipment is searched again
 LEAST_FRAMES: Final = 3
-MOVED_SIGMAS: Final = 5.0  # of the pose; a larger movement of the equipment counts as moved
+MOVED_SIGMAS: Final = 5.0  # standard deviations of the pose; a larger movement of the equipment counts as moved
 LEAST_SHIFT_M: Final = 0.008  # m, twice the accuracy required of a calibration
 LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees
 DOUBT_SHARE: Final = 0.2  # share of the unhidden equipment seen through; above it the whole floor is searched

@@ -15,7 +15,8 @@ from anchorpose.descriptor.people import LEAST_CERTAINTY, find_people
 from anchorpose.recording.recording import FrameSet
 
 MAD_OF_NORMAL: Final = 0.6745  # median of |x| of a standard normal distribution
-STAYS_SHARE: Final = 0.3  # of the frames; a surface read this often is the room, even where people stand in front of it
+# share of the frames; a surface read this often is the room, even where people stand in front of it
+STAYS_SHARE: Final = 0.3
 SAME_M, SAME_SIGMAS = 0.02, 3.0  # readings of one surface differ by less
 
 
@@ -73,10 +74,10 @@ def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
     return np.where(count >= STAYS_SHARE * len(frames_m), total, 0.0).astype(np.float32)
 
 
-NEARER_M: Final = 0.15  # before the room: a body is thicker than this
+NEARER_M: Final = 0.15  # distance in front of the room: a body is thicker than this
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5  # readings on less than half of the depth image, within a person's reach in depth
 FRAMES_NEEDED: Final = 8  # frames; with fewer a percentile over time is meaningless
-USUAL_DISTANCE_M: Final = 2.5  # of a patient from the camera, where nobody is found
+USUAL_DISTANCE_M: Final = 2.5  # distance of a patient from the camera, used where nobody is found
 
 
 def start_of_patient(
@@ -121,20 +122,21 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
 
 LEAST_READINGS: Final = 1000  # readings; a hundredth of the smallest depth image
 REFITS: Final = 6  # refits; the gate converges in three or four
-FLATNESS_M: Final = 0.003  # of a hard floor; keeps near pixels from dominating
+FLATNESS_M: Final = 0.003  # flatness of a hard floor; keeps near pixels from dominating
 TOLERANCES_M: Final = (0.02, 0.08)  # floors are flat to 2 cm; cameras that smooth make waves of 8
 NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise, added to each tolerance
-WORST_TILT_RAD: Final = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down, and hardly roll
+WORST_TILT_RAD: Final = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down and roll little
 IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # up of a camera whose pose is unknown
-# people on a floor: least share of the moving points within this height, a shoe and a shin
+# m and share: people stand on a floor if this share of the moving points, a shoe and a shin, is within this height
 STANDS_M, LEAST_STANDING = 0.2, 0.02
-LEAST_HEIGHT_M: Final = 0.3  # of the camera above its floor; nearer planes are tables
+LEAST_HEIGHT_M: Final = 0.3  # smallest height of the camera above its floor; nearer planes are tables
 MOST_BELOW: Final = 0.1  # points below the floor, as a share of those on it: mirrors and flying pixels
 # share of the moving points that may lie below: legs beside a table top are a third of a person
 MOST_SUNK: Final = 0.05
-SUNK_M: Final = 0.10  # below the plane: a shoe's height, and the error of a tilted plane
+SUNK_M: Final = 0.10  # depth below the plane: a shoe's height, and the error of a tilted plane
 LEAST_SHARE: Final = 0.02  # share of the readings: the direction of a smaller patch is uncertain
-LEAST_EXTENT_M: Final = 0.5  # in its narrower direction, for the same reason
+# smallest extent of a floor in its narrower direction: the direction of a smaller patch is uncertain
+LEAST_EXTENT_M: Final = 0.5
 TRIALS: Final = 300  # trials; with 10 % inliers, three good points are drawn once in 1000; planes here have 20 to 50 %
 SAMPLE: Final = 6000  # readings that vote
 

@@ -25,7 +25,7 @@ from anchorpose.recording.regular_file import read_image
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 SMALLEST_M: Final = 1e-3
-LARGEST_M: Final = 5.0  # of a printed marker; a larger value was written in millimetres
+LARGEST_M: Final = 5.0  # largest side of a printed marker; a larger value was written in millimetres
 
 Squares = Annotated[Whole, Field(gt=1, le=100, description="how many squares a row or a column has")]
 
@@ -224,12 +224,13 @@ def _depth_inside(
 
 MARKER_IMAGES: Final = ("infrared.png", "color.png")  # in a camera's folder, with the depth images' geometry
 SAME_M, SAME_RAD = 0.002, 0.002  # the solver's own spread; mirrored poses are degrees apart
-CORNER_SIGMA_PX: Final = 0.3  # of a corner after refinement, in an image with noise and slight blur
-DEPTH_SIGMA_M: Final = 0.006  # of a depth reading on black and white print: noise, and the effect of ink
+CORNER_SIGMA_PX: Final = 0.3  # error of a corner after refinement, in an image with noise and slight blur
+DEPTH_SIGMA_M: Final = 0.006  # error of a depth reading on black and white print: noise, and the effect of ink
 WORST_CORNER_PX: Final = 4.0  # a tag with a corner farther off was moved or misread, and is left out
-WORST_RMS_PX: Final = 1.0  # of all corners; a larger value means another lens or another layout
+# largest root mean square of all corners; a larger value means another lens or another layout
+WORST_RMS_PX: Final = 1.0
 FLIPPED_CHI2: Final = 16.0  # lead in chi2 over the mirrored pose of a flat layout: four sigmas
-WORST_SIGMA_M: Final = 0.02  # of the camera's position; a small distant tag gives it only to 10 cm
+WORST_SIGMA_M: Final = 0.02  # largest error of the camera's position; a small distant tag gives it only to 10 cm
 WORST_SIGMA_RAD: Final = 0.01  # half a degree: a centimetre at a metre
 
 

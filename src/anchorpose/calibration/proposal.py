@@ -23,7 +23,7 @@ from anchorpose.recording.recording import Recording
 ROUNDS: Final = 3  # readings are assigned to the nearest part, and the parts are fitted again
 SNAP_RAD: Final = np.radians(10.0)  # the error of a bar's direction where another bar's readings are mixed in
 SNAP_WORSE: Final = 1.15  # a snapped part may explain the readings this much worse than a free one
-EXPLAINED_M: Final = 0.015  # of a part's surface: the readings that the part explains
+EXPLAINED_M: Final = 0.015  # distance from a part's surface within which the part explains a reading
 WELL_M: Final = 0.006  # spread of the readings of a part that fits well, so that it need not be turned
 WORST_RESIDUAL_M: Final = 0.012  # spread of a part's readings about it; with more it is neither a bar nor a plate
 MOST_HOLLOW: Final = 0.2  # share of the rays through a part's core; more of them pass through a wrongly proposed part

@@ -17,14 +17,14 @@ from anchorpose.calibration.first_frames import TOLERANCES_M, noise_per_m
 from anchorpose.camera import Camera, transform_points
 from anchorpose.settings import Positive, settings
 
-FLOOR_SIGMAS: Final = 4.0  # of the depth noise as seen across the floor
+FLOOR_SIGMAS: Final = 4.0  # standard deviations of the depth noise across the floor
 JUMP_M, JUMP_SIGMAS = 0.03, 4.0  # between neighbours on one object: a bar's slanted side, and noise
 SUPPORT: Final = 4  # least neighbours, of eight, at the pixel's own depth; flying pixels have fewer
 FREE_SHARE: Final = 0.5  # least share of an object's pixels near the patient's place; walls and cupboards have less
 BEYOND_PX: Final = 14  # pixels around a free-standing object whose rays pass by it
 UNREAD_M: Final = 100.0  # m, depth assumed for a large area without readings: the room there is out of range
 UNREAD_PX: Final = 21  # pixels, width of such an area; the side of a tube at a grazing angle is unread but narrower
-TOP_M: Final = 2.2  # above the floor; lamps and ceiling lifts are not part of the equipment
+TOP_M: Final = 2.2  # largest height above the floor; lamps and ceiling lifts are not part of the equipment
 
 
 @settings
@@ -156,13 +156,13 @@ SLENDERNESS: Final = 2.5  # length over breadth; below it nothing is a bar
 GAP_M: Final = 0.06  # without readings along a bar: hidden by another bar
 SEEDS: Final = 120  # places from which a bar is searched, drawn again for each bar
 NEAR_M: Final = 0.12  # points around a seed that give a direction: twice a thick bar's breadth
-LEAST_PIXELS: Final = 40  # of a bar or plate; fewer give no direction
+LEAST_PIXELS: Final = 40  # fewest pixels of a bar or plate; fewer give no direction
 PLATE_RADIUS_M: Final = 0.09  # m, radius of the disc that readings fill on a plate but never on a bar
 PLATE_FILLED: Final = 0.85  # share of the disc's cells with readings, from which it counts as filled
 PLATE_FLATNESS_M: Final = 0.02  # noise and upholstery
 PLATE_EDGE_M: Final = 0.05  # a seat's edge, which is not a bar of its own
 CELL_M: Final = 0.02  # three pixels at 2.4 m
-MOST_PARTS: Final = 40  # of one piece of equipment
+MOST_PARTS: Final = 40  # largest number of parts of one piece of equipment
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,13 +24,14 @@ from anchorpose.isolation.depth_noise import LIMB_M, measure_detail
 from anchorpose.isolation.room_planes import find_planes
 from anchorpose.isolation.view import View
 
-NOISY_PER_M: Final = 2 * 1.425e-3  # of a Kinect v1, the noisiest common camera: Khoshelham and Elberink 2012
-SOME_GONE, MOST_GONE = 0.40, 0.70  # of the image: 0.05 to 0.35 indoors, where windows and far walls return nothing
+NOISY_PER_M: Final = 2 * 1.425e-3  # noise of a Kinect v1, the noisiest common camera: Khoshelham and Elberink 2012
+# shares of the image without readings: 0.05 to 0.35 indoors, where windows and far walls return nothing
+SOME_GONE, MOST_GONE = 0.40, 0.70
 HOLED: Final = 0.15  # share of the patient's outline: hair and shoes are less
 BURST: Final = 1.3  # times the usual noise, in a single frame: undisturbed cameras stay within 10 % between frames
 GONE: Final = 0.05  # share of the image that suddenly has no reading: the shadow of a passing person is less
 OFTEN_BURST: Final = 0.25  # share of the frames
-UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # of the image that gains or loses its reading: 0.03 at edges and people
+UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # shares of the image that gain or lose their readings: 0.03 at edges and people
 SPECK_PX: Final = 7  # holes between two read pixels, in the patient's outline
 LEAST_SAMPLES: Final = 5  # frames, to measure changes between them
 
@@ -98,7 +99,7 @@ def _missing(depth_m: np.ndarray, camera: Camera) -> float:
 def _steady(
     camera: Camera, frames_m: Sequence[np.ndarray], successive_m: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> OfCamera:
-    """Return findings on frames that are noisier or emptier than the others, and on readings that come and go between
+    """Return findings on frames that are noisier or emptier than the rest, and on readings that come and go between
     frames.
 
     Light of an unsynchronised camera comes and goes in the whole image at once.
@@ -145,20 +146,21 @@ def _hole_share(view: View) -> float:
 
 
 NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0  # depth cameras have 43 (a cropped RealSense) to 120 (Azure Kinect, wide)
-OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25  # of the image's size: real lenses are 3 % off; more means another image size
+# shares of the image's size: real lenses are 3 % off; more means another image size
+OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25
 UNEQUAL: Final = 0.10  # between fx and fy: pixels are square
 BENT_M, STRONGLY_BENT_M = 0.03, 0.08  # floors are flat to 2 cm; a bend of 8 moves feet by as much
 ON_FLOOR_M: Final = 0.12  # m from the plane: higher readings are objects on the floor
 RINGS: Final = 6
 LEAST_READINGS: Final = 300  # readings of one ring, for its median
 LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # rooms have right angles; planes of 3 % of the image are measured to 1 degree
-UPRIGHT_DEG: Final = 35.0  # from upright: beyond it is a ramp or a sloping ceiling, not a wall
+UPRIGHT_DEG: Final = 35.0  # largest tilt of a wall: a steeper one is a ramp or a sloping ceiling
 FACING: Final = 0.5  # cosine between a wall and the view: other walls keep a right angle with the floor anyway
 PARALLEL: Final = 0.996  # the same, 5 degrees: walls cut off at the sensor's range are within 2
 SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # adults are 1.4 to 2.1 m tall standing, 1.1 to 1.4 sitting
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"
-NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # where depth cameras measure
+NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # range in which depth cameras measure
 
 
 def check_lens(material: Material) -> list[Finding]:

@@ -38,7 +38,7 @@ from anchorpose.tracker.sighting import see_people_apart
 class Level(IntEnum):
     """The severity of a finding, by its effect on tracking."""
 
-    GREEN = 0  # as it should be
+    GREEN = 0  # the value is as it should be
     YELLOW = 1  # results will be less accurate, or have gaps
     RED = 2  # results will be wrong or missing
 
@@ -92,7 +92,7 @@ LOOKS: Final = 6  # frames in which the patient is examined closely, up to a sec
 PAIRS: Final = 6  # pairs of successive frames, for readings that come and go
 BODIES: Final = 8  # frames in which all people get a body, a second each for three people
 SHORT: Final = 300  # frames, ten seconds at 30 per second: reading all of them takes little time
-ENOUGH_HZ: Final = 14.5  # for clocks and poses: the guide asks for 15, which recorders just miss
+ENOUGH_HZ: Final = 14.5  # frame rate needed for clocks and poses: the guide asks for 15, which recorders just miss
 BORDER_PX: Final = 4  # rows: filters leave the first ones without a reading
 REACH_M: Final = 0.10  # m from a rough body to the skin that it represents
 

@@ -184,10 +184,11 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 SELDOM: Final = 0.5  # share of the sampled frames
 CUT_PX: Final = 3  # pixels of the patient at a border: a hand is wider at any distance where it is resolved
-SOMETIMES, MOSTLY = 0.1, 0.5  # of the frames cut off: a raised hand, or always
+SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off: a raised hand, or always
 NEAR_M, FAR_M = 1.2, 4.0  # nearer, no lens has feet and head in view; farther, a forearm is ten pixels wide
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
-HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8  # of the skin facing the camera; beyond it more is inferred than seen
+# shares of the skin that faces the camera; beyond the larger one, more is inferred than seen
+HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8
 
 
 def check_patient(material: Material) -> list[Finding]:

@@ -79,7 +79,7 @@ app.register_install_completion_command()
 
 
 def main(tokens: Sequence[str] | None = None) -> int:
-    """Runs a command line (that of the process by default) and returns its exit code; 0 is success."""
+    """Run a command line (that of the process by default) and return its exit code; 0 is success."""
     given = sys.argv[1:] if tokens is None else tokens
 
     def work() -> object:
@@ -97,7 +97,9 @@ def _require_text(tokens: Sequence[str]) -> None:
 
 
 def exit_code_of(work: Callable[[], object]) -> int:
-    """Does the work and returns the exit code of the process; what ends it early is a sentence on the error stream."""
+    """Do the work and return the exit code of the process; an error that ends it is one sentence on the error
+    stream.
+    """
     for number in STOPPING:
         signal.signal(number, _stop)
     try:
@@ -124,12 +126,12 @@ def _refuse(sentence: str, error: Exception) -> int:
 
 
 def _notes(error: BaseException) -> tuple[str, ...]:
-    """What is left behind and how to go on (``unfinished_results``)."""
+    """Return what is left behind and how to go on (``unfinished_results``)."""
     return tuple(getattr(error, "__notes__", ()))
 
 
 def _signal_of(error: BaseException | None) -> int | None:
-    """The number of the signal behind an error, None where there is none.
+    """Return the number of the signal behind an error, None where there is none.
 
     A signal that arrives in a compiled kernel comes out of it as a SystemError.
     """

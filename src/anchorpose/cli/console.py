@@ -72,7 +72,7 @@ def plain_console(error: bool = False) -> Console:
 
 @contextmanager
 def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
-    """A bar on the error stream; what it yields is called with (done, total), None where the total is unknown.
+    """Draw a bar on the error stream; the yielded function is called with (done, total), total None where unknown.
 
     at_once: shown before the first call, which may take long, or not: then work that is refused shows no bar.
     """
@@ -135,7 +135,7 @@ class OnConsole(Watcher):
 
 @contextmanager
 def counter(what: str) -> Iterator[Callable[[], None]]:
-    """A line on the error stream that counts calls, for work whose length is unknown."""
+    """Show a line on the error stream that counts calls, for work whose length is unknown."""
     count = 0
     with plain_console(error=True).status("Working") as status:
 
@@ -148,7 +148,7 @@ def counter(what: str) -> Iterator[Callable[[], None]]:
 
 
 def log_event(results: Path, what: str, files: Iterable[str], by: str, about: dict[str, Any] | None = None) -> None:
-    """Adds a line to the results' log; where that fails, as on a disk that is read-only, a sentence says so."""
+    """Add a line to the results' log; where this fails, as on a read-only disk, print a sentence."""
     from anchorpose.results.verify import LOG_FILE, add_event
 
     try:
@@ -158,7 +158,7 @@ def log_event(results: Path, what: str, files: Iterable[str], by: str, about: di
 
 
 def print_outcome(results: Path) -> None:
-    """Prints how much was seen, inferred and lost, what was dropped, and where the report is."""
+    """Print how much was seen, inferred and lost, what was dropped, and where the report is."""
     import numpy as np
 
     from anchorpose.joints import LOST

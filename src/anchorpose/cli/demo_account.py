@@ -30,7 +30,7 @@ def _accuracy(evaluation: Evaluation) -> Iterator[str]:
 
 
 def _seen_and_inferred(evaluation: Evaluation) -> Iterator[str]:
-    """Per group, how many joints it has and how far off they are."""
+    """Yield one sentence each on seen and inferred joints: their share and their mean error."""
     for words, errors in (("seen", evaluation.observed), ("hidden and inferred", evaluation.hidden)):
         if errors.mean_mm is not None:
             share = 100 * errors.joint_frames / evaluation.overall.joint_frames

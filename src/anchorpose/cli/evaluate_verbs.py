@@ -116,7 +116,7 @@ def _with_labels(results: Path, labels: Path, recording: Path | None) -> None:
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """How the recordings lie, and the main figures as a table."""
+    """Print how the recordings were aligned, and the main figures as tables."""
     from anchorpose.agreement.writing import (
         DIFFERENCE_HEAD,
         DISTANCE_HEAD,
@@ -134,7 +134,7 @@ def print_comparison(comparison: Comparison) -> None:
 
 
 def print_image_errors(errors: tuple[ImageErrors, ...]) -> None:
-    """A table, a row per joint and for all."""
+    """Print a table with a row per joint and one for all joints."""
     rows = list[list[str]]()
     for row in errors:
         lengths = (row.median_px, row.median_mm, row.p95_mm)
@@ -160,7 +160,7 @@ def _with_truth(results: Path, truth: Path, json: Path | None, skip: float) -> N
 
 
 def print_evaluation(evaluation: Evaluation) -> None:
-    """The figures as a table on the output."""
+    """Print the figures as a table on the output."""
     from anchorpose.results.evaluation_file import (
         angle_rows,
         compared_sentence,
@@ -195,7 +195,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
 
 
 def reliability(sessions: Path, /, *others: Path, out: Annotated[Path | None, OUTPUT] = None) -> None:
-    """How well measures repeat from session to session, and how large a change must be to mean something.
+    """Report how well measures repeat from session to session, and how large a change must be to mean something.
 
     For every measure: intraclass correlations ICC(2,1) and ICC(3,1) with intervals, standard error of measurement
     (SEM), and minimal detectable change (MDC95). With the score files of two raters or more: how well they agree.

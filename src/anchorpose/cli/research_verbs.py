@@ -202,7 +202,7 @@ def _real(answers: Path, real: Path, labels: Path | None) -> dict[str, Any]:
 
 
 def _print_figures(title: str, rows: dict[str, dict[str, Any]]) -> None:
-    """One column per recording or task: a row for every figure, shares in per cent."""
+    """Print one column per recording or task and a row for every figure, shares in per cent."""
     from rich.table import Column
 
     lines = list[list[str]]()

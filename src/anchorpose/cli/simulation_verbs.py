@@ -48,7 +48,7 @@ class SessionOptions:
 
     @property
     def given(self) -> dict[str, Any]:
-        """What differs from the defaults of a session, by the names of ``SessionConfig``."""
+        """Return the settings that differ from the defaults of a session, by their names in ``SessionConfig``."""
         return {name: value for name, value in vars(self).items() if value is not None}
 
 
@@ -144,7 +144,7 @@ class SimulateOptions:
     session: SessionOptions = field(default_factory=SessionOptions)
 
     def _body(self) -> OtherBody | None:
-        """How the patient's body differs from those of the asset, None where it does not."""
+        """Return how the patient's body differs from those of the asset, None where it does not."""
         from anchorpose.settings import sentence_of
         from anchorpose.simulate.bodies import OtherBody
 
@@ -156,7 +156,7 @@ class SimulateOptions:
             raise AnchorposeError(f"{sentence_of(problem)}; see 'anchorpose simulate --help'") from problem
 
     def settings(self) -> SimulationConfig:
-        """The preset with the options on top; raises AnchorposeError where they do not fit together."""
+        """Return the preset with the options on top; raises AnchorposeError where they do not fit together."""
         from anchorpose.settings import sentence_of
         from anchorpose.simulate import config as presets
         from anchorpose.simulate.sessions.plan import SessionConfig
@@ -193,7 +193,9 @@ class SimulateOptions:
             raise AnchorposeError(f"{sentence_of(error)}.") from None
 
     def _captured(self, settings: SimulationConfig) -> SimulationConfig:
-        """With a captured movement where the preset asks for one; raises AnchorposeError without a file of them."""
+        """Return the configuration with a captured movement where the preset asks for one; raises AnchorposeError
+        without a file of movements.
+        """
         from anchorpose.simulate.config import rehabilitation
 
         if self.preset != "rehabilitation":
@@ -303,7 +305,7 @@ def _simulate_and_track(out: Path, seconds: float) -> Evaluation:
 
 
 def _print_account(evaluation: Evaluation, out: Path) -> None:
-    """What came out in words, and what to do next."""
+    """Print the outcome in words, and what to do next."""
     from anchorpose.cli.demo_account import account
 
     say("")

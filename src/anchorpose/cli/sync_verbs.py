@@ -51,7 +51,7 @@ def sync(
 
 
 def print_clock(found: Synchronised) -> None:
-    """How the clocks differ, and what the user should know of it."""
+    """Print how the clocks differ, and the notes on it that the user needs."""
     clock = found.clock
     say(f"Compared: {found.compared}.")
     offset_ms, gain_ms = 1.96e3 * clock.offset_sigma_s, 1.96e6 * clock.drift_sigma

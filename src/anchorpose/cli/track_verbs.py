@@ -55,7 +55,7 @@ class RunOptions:
     """Replace an existing results folder."""
 
     def settings(self, **more: Any) -> TrackConfig:
-        """The settings of the file with the options on top; raises AnchorposeError where they do not fit."""
+        """Return the settings of the file with the options on top; raises AnchorposeError where they do not fit."""
         from anchorpose.settings import sentence_of
 
         place, frame = (None, None) if self.patient is None else parse_patient(self.patient)
@@ -132,7 +132,7 @@ def track(recording: str, /, *, results: Annotated[str, OUTPUT], options: TrackO
 
 
 def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: str | None = None) -> None:
-    """Tracks a recording on this machine into a results folder on it, with progress, and prints what came out.
+    """Track a recording on this machine into a results folder on it, with progress, and prints what came out.
 
     go_on: what the user does to go on where it is stopped, None for the same command with --resume.
     """
@@ -153,7 +153,7 @@ def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: st
 
 
 def parse_patient(text: str) -> tuple[tuple[float, float], int | None]:
-    """``x,z`` or ``x,z@frame``: a place and the number of a frame; raises AnchorposeError otherwise."""
+    """Parse ``x,z`` or ``x,z@frame``: a place and the number of a frame; raises AnchorposeError otherwise."""
     place, at, frame = text.partition("@")
     if at and not frame.isdecimal():
         raise AnchorposeError(
@@ -163,7 +163,7 @@ def parse_patient(text: str) -> tuple[tuple[float, float], int | None]:
 
 
 def parse_place(text: str, option: str = "--patient") -> tuple[float, float]:
-    """``x,z`` as two numbers of metres; raises AnchorposeError otherwise."""
+    """Parse ``x,z`` as two numbers of metres; raises AnchorposeError otherwise."""
     try:
         x, z = (plain_number(part) for part in text.split(","))
     except ValueError:

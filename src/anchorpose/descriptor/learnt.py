@@ -24,10 +24,10 @@ from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics, lens_array, project, rays_of_pixels
 from anchorpose.recording.regular_file import read_whole
 
-FOCAL_PX: Final = 200.0  # of the images that the network was trained on
+FOCAL_PX: Final = 200.0  # focal length of the images that the network was trained on
 INPUTS: Final = 5  # layers of the network's input, see ``inputs_of``
 STEP: Final = 2  # the network answers for every second pixel
-MULTIPLE: Final = 32  # the image size must be a multiple: the network halves it five times
+MULTIPLE: Final = 32  # width and height of the image must be multiples of this: the network halves it five times
 SMALLEST_PX: Final = 32
 WIDEST: Final = 1.2  # tangent of a ray, 50 degrees from the axis: training images show no wider field of view
 FARTHEST_M: Final = 9.0

@@ -78,7 +78,7 @@ def find_people(
     return tuple(sorted(people, key=lambda person: -person.area_m2))
 
 
-RIM_RAYS: Final = 3  # beyond a person's rays: 6 cm at two metres, fingers and shoes that the network leaves out
+RIM_RAYS: Final = 3  # rays beyond a person's own: 6 cm at two metres, fingers and shoes that the network leaves out
 RIM_M: Final = 0.1  # depth difference up to which pixels beside the rays are still the person
 
 

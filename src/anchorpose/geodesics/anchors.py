@@ -195,12 +195,12 @@ class AnchorConfig:
 
     radius: Positive = 0.5 / 1.75  # r: 0.5 m on a person of 1.75 m
     cap: Positive = 0.06 / 1.75  # how far below its tip the extremal cap reaches: 6 cm, about a fist
-    gate: Positive = 0.25 / 1.75  # so near its prediction, an end is the anchor in any pose: half a forearm
+    gate: Positive = 0.25 / 1.75  # m; an end so near its prediction is the anchor in any pose: half a forearm
 
 
-# of the height; a head moves less than a hand, and a neck without its head is 20 cm away
+# share of the body's height; a head moves less than a hand, and a neck without its head is 20 cm away
 HEAD_GATE: Final = 0.18 / 1.75
-# of the height; an end this near its prediction is an end, even if hidden skin seems to continue
+# share of the body's height; an end this near its prediction is an end, even if hidden skin seems to continue
 END_GATE: Final = 0.09 / 1.75
 
 

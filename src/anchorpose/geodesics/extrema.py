@@ -19,9 +19,10 @@ from anchorpose.surface.surface import MeshArrays, Surface
 FARTHEST: Final = 10  # nodes whose mean distance defines the end: the single farthest has half a centimetre of noise
 # share of a cap's outer half that is cut: beside a bar all of it is, beside one wrong reading little
 STUMP_SHARE: Final = 0.5
-LONGER: Final = 1.5  # cap depths, 9 cm: fingers lost by the sensor are shorter, a hand from the wrist on is longer
+LONGER: Final = 1.5  # cap depths, 9 cm: fingers lost by the sensor are shorter than this, a lost hand is longer
 LONGER_AT_CUT: Final = 1.0  # cap depths where an object is in front of the end: a wrist behind a bar
-HIDDEN_AREA: Final = 3.0  # of a hidden node over that of a seen node: skin points are 2.2 cm apart, nodes 1.3 cm
+# area of a hidden node over the area of a seen node: skin points are 2.2 cm apart, nodes 1.3 cm
+HIDDEN_AREA: Final = 3.0
 LEAST_SIGMA_M: Final = 0.003  # a quarter of the nodes' spacing: a cap of one node has no radius
 SPREAD: Final = 0.20  # share of a cap's radius by which its centre moves from frame to frame
 

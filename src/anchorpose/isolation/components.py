@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-SUPPORT: Final = 3  # of eight neighbours; the corner of a convex outline still has three
+SUPPORT: Final = 3  # supporting neighbours out of eight; the corner of a convex outline still has three
 JUMP_GATE: Final = 4.0  # sigmas by which neighbours on one surface may differ beyond the slope
 STEEPEST_SLOPE_RAD: Final = 1.40  # 80 degrees: steeper surfaces give no reading
 

@@ -47,9 +47,9 @@ SAME_SIGMAS: Final = 6.0  # sigmas beyond ``SAME_M``; readings of one surface di
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room where a pixel is free a fifth of the time
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # places of these percentiles in a normal distribution
 
-LEAN_M: Final = 0.25  # beyond the equipment's outline on the ground: arms over the rails, and the back
-HEAD_M: Final = 2.3  # above the floor: a raised arm
-SOLE_M: Final = 0.015  # above the floor: the plane's error, and a third of a foot's height
+LEAN_M: Final = 0.25  # margin beyond the equipment's outline on the ground: arms over the rails, and the back
+HEAD_M: Final = 2.3  # height above the floor: a raised arm
+SOLE_M: Final = 0.015  # height above the floor: the plane's error, and a third of a foot's height
 
 
 def learn_background(

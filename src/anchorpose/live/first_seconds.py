@@ -34,7 +34,7 @@ from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.start import with_best_initial_frame
 
-FIRST_WAIT_S: Final = 10.0  # for the first image of a source
+FIRST_WAIT_S: Final = 10.0  # longest wait for the first image of a source
 NEARLY_AS_GOOD: Final = 0.5  # share of the best score: a later initial frame saves waiting
 
 Say = Callable[[str], None]
@@ -201,7 +201,8 @@ def in_room(folder: Path, room: Room) -> Recording:
 
 
 STEP_S: Final = 0.2  # a patient in a standing frame moves little in it
-MOST_STEP_S: Final = 1.0  # after a longer gap, another person may stand in the patient's place
+# longest gap between frames; after a longer one, another person may stand in the patient's place
+MOST_STEP_S: Final = 1.0
 PACE: Final = 2.0  # times real time, at least, at which waiting sets are processed, so that the backlog comes to an end
 PATIENCE_S: Final = 0.5
 

@@ -82,7 +82,8 @@ class LiveFollower:
     with_labels: bool
     latency: LatencyMeter
     patient: int = 1
-    _taken_s: dict[int, float] = field(default_factory=dict)  # by frame number, for frames still in the look-ahead
+    # arrival times by frame number, for frames still in the look-ahead
+    _taken_s: dict[int, float] = field(default_factory=dict)
     _kept: list[TrackedFrame] = field(default_factory=list)
     _stored: int = 0
     _last_s: float = float("-inf")  # time of the last frame

@@ -88,7 +88,8 @@ EVENTS: Final = "events"
 STREAM: Final = "text/event-stream"
 SIGN_OF_LIFE_S: Final = 1.0  # something is sent at least this often, to show the page that the program still runs
 CLIENT_PATIENCE_S: Final = 5.0  # a client that reads nothing for this long is dropped
-BUFFER_BYTES: Final = 32 * 1024  # of the socket, some frames: in a larger buffer they would be seconds old on arrival
+# size of the socket's buffer, some frames: in a larger buffer they would be seconds old on arrival
+BUFFER_BYTES: Final = 32 * 1024
 EXACT: Final = 4  # decimals: a tenth of a millimetre
 
 

@@ -224,7 +224,7 @@ def _remove_without_row(folder: Path) -> None:
             file.unlink()
 
 
-ROOM_IMAGES: Final = 60  # images per camera: the median of more is no better
+ROOM_IMAGES: Final = 60  # images per camera: the median of more is not better
 REPORT_S: Final = 10.0
 
 

@@ -246,7 +246,7 @@ class PredictionSource(StrEnum):
 
     DATABASE = "database"
     OWN_VELOCITY = "own_velocity"  # no reference movements, or a history too short to compare
-    STANDSTILL = "standstill"  # one frame of history: no velocity is known
+    STANDSTILL = "standstill"  # prediction from one frame of history: the velocity is unknown
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -62,7 +62,7 @@ class OverlayScene:
     (m, 2); anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN where lost, sigma_m (21,) of them; body_m (v, 3).
     """
 
-    camera: Camera  # with the pose that was used
+    camera: Camera  # camera with the pose that was used
     depth_m: np.ndarray
     labels: np.ndarray | None = None
     mesh_m: np.ndarray | None = None
@@ -174,7 +174,7 @@ def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[Pictu
 
 
 SPREAD: Final = 4  # frames, evenly over the recording
-TRANSITIONS: Final = 4  # at most, the first ones
+TRANSITIONS: Final = 4  # largest number of transitions; the first ones are shown
 
 _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 

@@ -25,7 +25,7 @@ _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES: Final = 33  # signature and the IHDR chunk
 _GREY: Final = 0  # PNG's code of the colour type
 _DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # the only chunks that a grey image needs
-_OTHER_BYTES: Final = 1 << 20  # for chunks of notes, and for compression without effect
+_OTHER_BYTES: Final = 1 << 20  # bytes allowed for chunks of notes, and for compression without effect
 
 FARTHEST_M: Final = 20.0
 """No indoor depth camera measures farther: such a value is an error code, or light from outside."""
@@ -205,7 +205,7 @@ class RecordedFrames:
     """
 
     recording: Recording
-    cameras: tuple[Camera, ...]  # with the poses to use, which the recording may not have
+    cameras: tuple[Camera, ...]  # cameras with the poses to use, which the recording may not have
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:

@@ -134,7 +134,7 @@ class DepthStream:
     frame: np.ndarray  # (n,) int64, the number in the file's name
     duplicate: np.ndarray | None = None  # (n,) bool, equal to the image before; None where not checked
     repeated: int = 0  # files left out because their time equals that of the file before
-    fps: float | None = None  # as stated in recording.json
+    fps: float | None = None  # frames per second as stated in recording.json
     listed: np.ndarray | None = None  # (n,) ``STAMP`` of each file when listed; None where not kept
 
 
@@ -144,7 +144,7 @@ class Recording:
 
     folder: Path
     cameras: tuple[Camera, ...]
-    streams: tuple[DepthStream, ...]  # one per camera
+    streams: tuple[DepthStream, ...]  # one stream per camera
     backgrounds_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading
     equipment: EquipmentModel | None
     subject: Subject = UNKNOWN  # statements about the patient
@@ -275,7 +275,8 @@ def _span(time_s: np.ndarray) -> str:
 USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
 """Usual frame rates of depth cameras."""
 
-LONGER_SHARE: Final = 0.6  # of the steps: if every third frame is lost, half of the steps are one period and half two
+# share of the steps: if every third frame is lost, half of the steps are one period and half two
+LONGER_SHARE: Final = 0.6
 SHORTER: Final = 0.75  # of such a step: a period is at most 0.5 of it, and 25 and 30 Hz differ by a factor of 0.83
 LEAST_SHORT: Final = 0.1  # share of the steps that must be one period; fewer are time stamps that come too early
 OFF_BEAT: Final = 0.25  # share of a period, between a step and the nearest whole number of periods

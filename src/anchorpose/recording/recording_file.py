@@ -166,7 +166,7 @@ LARGEST_SIDE_PX: Final = 16384
 MOST_CAMERAS: Final = 16
 NARROWEST_LENS: Final = 0.01  # half a degree from the axis
 FINEST_DEPTH_SCALE_M: Final = 1e-6  # 65,535 of these are 6 cm
-SLOWEST_HZ: Final = 0.1  # at one image in ten seconds nobody is followed
+SLOWEST_HZ: Final = 0.1  # lowest frame rate: at one image in ten seconds nobody is followed
 
 SAME_HEIGHT_M: Final = 0.03  # shoes and the time of day; a larger difference is another person, or a mistake
 

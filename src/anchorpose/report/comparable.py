@@ -100,7 +100,7 @@ def _differ(old_s: float, new_s: float) -> bool:
     return abs(new_s - old_s) > ALIKE * max(old_s, new_s)
 
 
-MOST_NAMES: Final = 8  # of differing settings; more are counted
+MOST_NAMES: Final = 8  # largest number of differing settings that are named; more are counted
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:
@@ -116,7 +116,9 @@ def require_comparable(sessions: Sequence[Session]) -> None:
 
 
 def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
-    """Sentences on versions, settings, cameras, rates, lengths and bodies that differ from the first session's."""
+    """Return sentences on versions, settings, cameras, rates, lengths and bodies that differ from the first
+    session's.
+    """
     first, notes = sessions[0], []
     for later, label in zip(sessions[1:], labels[1:], strict=True):
         sentences = [

@@ -41,7 +41,7 @@ from anchorpose.results.folder import write_text_whole
 from anchorpose.results.records import Measure
 from anchorpose.results.uncertainty import NORMAL_95
 
-MARK: Final = '<meta name="generator" content="anchorpose report">'  # in the head of the page
+MARK: Final = '<meta name="generator" content="anchorpose report">'  # mark in the head of the page
 
 
 def write_comparison(

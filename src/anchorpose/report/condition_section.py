@@ -75,7 +75,9 @@ class ConditionSection(NamedTuple):
 
 
 def with_reference(session: Session, trials: Trials, reference: str) -> Session:
-    """The session whose trials are compared with those of this condition; raises InputError where there is none."""
+    """Return the session whose trials are compared with those of this condition; raises InputError where there is
+    none.
+    """
     if reference not in trials.conditions:
         named = ", ".join(f"'{name}'" for name in trials.conditions)
         raise InputError(session.folder / TRIALS_FILE, f"has no condition '{reference[:40]}'", f"choose from {named}")
@@ -85,7 +87,7 @@ def with_reference(session: Session, trials: Trials, reference: str) -> Session:
 def condition_section(
     session: Session, detectable: Detectable | None = None, chosen: Sequence[str] = ()
 ) -> ConditionSection | None:
-    """None where the session has no trials.
+    """Return the section on the conditions; None where the session has no trials.
 
     detectable: minimal detectable changes of repeated sessions. chosen: names of measures; empty for the main measures.
     Raises InputError for a measure that the session does not have.
@@ -109,7 +111,7 @@ def condition_section(
 
 
 def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Measure]]:
-    """The rows of all trials of each measure that is shown, in the order of reading; without any value, none."""
+    """Return the rows of all trials of each measure that is shown, in the order of reading; without any value, none."""
     names = list(chosen) or [name for name in PRINTED if name not in LEFT_OUT]
     found: dict[MeasureKey, list[Measure]] = {}
     for name in names:
@@ -129,7 +131,7 @@ def _effects(rows: Sequence[Measure], trials: Trials, detectable: Detectable) ->
 
 
 def _unlike_times(rows: Sequence[Measure], trials: Trials) -> str | None:
-    """Why a measure that grows with time is not tested: the trials that have a value do not last alike."""
+    """Return why a measure that grows with time is not tested: the trials that have a value do not last alike."""
     known = {row.trial for row in rows if row.value is not None}
     lasting = [trial.duration_s for trial in trials.rows if trial.number in known]
     if not lasting or not grows_with_time(rows[0]) or max(lasting) - min(lasting) <= ALIKE * max(lasting):
@@ -170,7 +172,7 @@ def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | Non
 
 
 def _difference(effect: Effect, like: Measure) -> Markup:
-    """The difference with its interval; the digits are those that the interval justifies."""
+    """Return the difference with its interval; the digits are those that the interval justifies."""
     if effect.difference is None:
         return Markup('<span class="unknown">not known</span>')
     form = _form(effect, like)

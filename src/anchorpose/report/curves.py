@@ -108,7 +108,7 @@ def _band(curve: Curve, bins: Bins) -> tuple[np.ndarray, np.ndarray]:
 def _shapes(
     curve: Curve, line: Envelope, band: tuple[np.ndarray, np.ndarray], bins: Bins, axis: Axis
 ) -> list[tuple[str, str]]:
-    """Band, spread of the groups and line, the lower first."""
+    """Return the band, the spread of the groups and the line, the lower first."""
     middle = (line.low + line.high) / 2.0
     seen, inferred = line_paths(Envelope(middle, middle, line.rising), worst(curve.state_code, bins) == 0, bins, axis)
     side = curve.side or "both"
@@ -133,7 +133,7 @@ Points = list[tuple[int, int]]
 
 
 def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tuple[str, str]:
-    """SVG paths: where both ends of a link are ``seen`` (b,), and the others; nothing is drawn across a gap."""
+    """Return SVG paths: where both ends of a link are ``seen`` (b,), and the others; nothing is drawn across a gap."""
     finite, across = np.isfinite(curve.low), _across(bins.place)
     low, high = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (curve.low, curve.high))
     ends = [(a, b) if rises else (b, a) for a, b, rises in zip(low, high, curve.rising.tolist(), strict=True)]

@@ -38,7 +38,7 @@ class KeptFrame(NamedTuple):
 
 
 def kept_frames(session: Session) -> list[KeptFrame]:
-    """The frames with pictures in the results folder, in the order of run.json."""
+    """Return the frames with pictures in the results folder, in the order of run.json."""
     by_frame: dict[int, list[dict[str, Any]]] = {}
     for picture in session.run.get("pictures", []):
         if (session.folder / picture["file"]).is_file():
@@ -54,7 +54,7 @@ def _kept_frame(session: Session, frame: int, pictures: Sequence[dict[str, Any]]
 
 
 def _figure(folder: Path, picture: dict[str, Any]) -> Figure:
-    """Decoded and encoded again, so that no other content of a file gets into the page."""
+    """Decode and encode the picture again, so that no other content of a file gets into the page."""
     caption = f"Camera {picture['camera']}. {picture['caption']}"
     pixels = read_image(folder / picture["file"], cv2.IMREAD_COLOR)
     if pixels is None:

@@ -48,7 +48,7 @@ _UNITS: Final = {
 
 
 def grouped_measures(measures: Sequence[Measure]) -> dict[str, list[Measure]]:
-    """Heading to its measures, both in reading order; empty groups are left out."""
+    """Return the measures under each heading, both in reading order; empty groups are left out."""
     groups: dict[str, list[Measure]] = {heading: [] for heading in (*GROUPS, OTHERS)}
     order = {name: position for position, name in enumerate(_WORDS)}
     for measure in sorted(measures, key=lambda m: (m.part is not None, order.get(m.measure, len(order)))):
@@ -58,12 +58,12 @@ def grouped_measures(measures: Sequence[Measure]) -> dict[str, list[Measure]]:
 
 
 def words_of(name: str) -> Words:
-    """What people call a measure; one that this version does not know keeps its own name."""
+    """Return what people call a measure; one that this version does not know keeps its own name."""
     return _WORDS.get(name, Words(spaced(name), "See docs/measures.md."))
 
 
 def unit_of(unit: str) -> tuple[float, str]:
-    """By what a value is multiplied, and what is written after it."""
+    """Return the factor by which a value is multiplied, and the unit written after it."""
     return _UNITS.get(unit, (1.0, f" {unit}"))
 
 
@@ -98,7 +98,7 @@ class MeasureSection(NamedTuple):
 
 
 def measure_section(session: Session) -> MeasureSection:
-    """All measures of a session."""
+    """Return all measures of a session."""
     whole = [measure for measure in session.measures if not _is_detail(measure)]
     detail = [measure for measure in session.measures if _is_detail(measure)]
     return MeasureSection(
@@ -113,7 +113,7 @@ def _is_detail(measure: Measure) -> bool:
 
 
 def title_of(measure: Measure) -> str:
-    """Which measure, of which side and part, by whom."""
+    """Return the title of a measure, with its side, its part and the person."""
     words = [words_of(measure.measure).title]
     words += [named_part(measure.part)] if measure.part else [measure.side] if measure.side else []
     words += [f"by {measure.person}"] if measure.person else []
@@ -121,7 +121,7 @@ def title_of(measure: Measure) -> str:
 
 
 def value_form(measure: Measure) -> Form:
-    """As many digits as its uncertainty carries."""
+    """Return the form of a value, with as many digits as its uncertainty justifies."""
     times, after = unit_of(measure.unit)
     reach = None if measure.sigma is None else NORMAL_95 * measure.sigma * times
     value = times * (measure.value or 0.0)
@@ -135,7 +135,7 @@ def _groups(measures: Sequence[Measure]) -> list[MeasureGroup]:
 
 
 def _entries(measures: Sequence[Measure]) -> list[list[Measure]]:
-    """The measures of each row, see ``MeasureRow``."""
+    """Return the measures of each row, see ``MeasureRow``."""
     entries: list[list[Measure]] = []
     for measure in measures:
         last = entries[-1][-1] if entries else None
@@ -167,7 +167,9 @@ def _row(entry: Sequence[Measure]) -> MeasureRow:
 
 
 def value_and_error(measure: Measure) -> Markup:
-    """A measure that has a value, and 1.96 times its sigma; a sigma of 0 is left out: nothing is that certain."""
+    """Return a measure that has a value, and 1.96 times its sigma; a sigma of 0 is left out: nothing is that
+    certain.
+    """
     form = value_form(measure)
     value = figure(measure.value, form)
     if not measure.sigma:
@@ -177,7 +179,7 @@ def value_and_error(measure: Measure) -> Markup:
 
 
 def inferred_share(measure: Measure, after: str = " %") -> Markup:
-    """How much of a measure is inferred; empty where that is not known."""
+    """Return how much of a measure is inferred; empty where that is not known."""
     if measure.inferred_share is None:
         return Markup()
     return figure(measure.inferred_share, Form(times=100.0, after=after, share=True))

@@ -32,7 +32,9 @@ ALIKE_PX: Final = 1.5  # pixels across: less is hardly more than each its own
 
 
 def problems(session: Session) -> list[str]:
-    """A sentence on each run of frames with the same problem, in which the patient is lost, or depth is too poor."""
+    """Return a sentence on each run of frames with the same problem, in which the patient is lost, or depth is too
+    poor.
+    """
     sentences = [_stretch(drops) for drops in _stretches(session.run.get("dropped", []))]
     sentences += [f"{_frames(entry)}: the patient is lost: {entry['why']}" for entry in session.run.get("lost", [])]
     sentences += [f"{_frames(entry)}: {entry['why']}" for entry in session.run.get("poor_depth", [])]
@@ -44,7 +46,7 @@ def problems(session: Session) -> list[str]:
 
 
 def _frames(entry: dict[str, Any]) -> str:
-    """The frames of an interval of run.json."""
+    """Return the frames of an interval of run.json."""
     first, last, start_s = entry["first_frame"], entry["last_frame"], entry["start_s"]
     if last == first:
         return f"Frame {first} ({start_s:.2f} s)"
@@ -52,7 +54,7 @@ def _frames(entry: dict[str, Any]) -> str:
 
 
 def _stretches(dropped: Sequence[dict[str, Any]]) -> list[list[dict[str, Any]]]:
-    """Neighbouring frames with the same reason, apart from the number of the frame in a file's name."""
+    """Return neighbouring frames with the same reason, apart from the number of the frame in a file's name."""
     stretches: list[list[dict[str, Any]]] = []
     for drop in sorted(dropped, key=lambda drop: (_reason(drop), drop["frame"])):
         last = stretches[-1][-1] if stretches else None
@@ -75,7 +77,7 @@ def _stretch(drops: Sequence[dict[str, Any]]) -> str:
 
 
 def corrections(session: Session) -> list[str]:
-    """Each entry of the reviewer's file that tracking used, signed; see ``CorrectionsRecord``."""
+    """Return each entry of the reviewer's file that tracking used, signed; see ``CorrectionsRecord``."""
     record = session.run.get("corrections")
     if record is None:
         return []
@@ -113,7 +115,7 @@ class Facts(NamedTuple):
 
 
 def provenance(session: Session) -> list[Facts]:
-    """Versions, cameras, residuals, the body, times and the hashes of all inputs."""
+    """Return versions, cameras, residuals, the body, times and the hashes of all inputs."""
     run = session.run
     measured = session.definition.anchorpose if session.definition else "measures.parquet does not say"
     versions = [*run.get("versions", {}).items(), ("the measures: anchorpose", measured)]
@@ -148,7 +150,7 @@ def _position(camera: dict[str, Any]) -> str:
 
 
 def _depth(camera: dict[str, Any]) -> str:
-    """Noise, step and width of edges at 2.5 m, where patients stand; not known of older results."""
+    """Return noise, step and width of edges at 2.5 m, where patients stand; older results do not have them."""
     depth = camera.get("depth")
     if depth is None:
         return "not known"
@@ -158,7 +160,7 @@ def _depth(camera: dict[str, Any]) -> str:
 
 
 def _noise(noise: DepthNoise) -> str:
-    """The random error of a camera in words."""
+    """Return the random error of a camera in words."""
     at_m = f"± {1000 * float(noise.sigma_m(np.array(USUAL_DISTANCE_M))):.0f} mm (one sigma)"
     if not noise.measured:
         return f"{at_m} between neighbouring readings; no still background is seen to measure all of the noise on"
@@ -189,7 +191,7 @@ REPORT_FILE: Final = "report.html"
 def write_report(
     results: Path, reliability: Path | None = None, measures: Sequence[str] = (), reference: str = ""
 ) -> Path:
-    """Writes report.html into a results folder and returns its path; the same folder, with the same scores of raters
+    """Write report.html into a results folder and returns its path; the same folder, with the same scores of raters
     beside it, gives the same bytes.
 
     reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide about differences

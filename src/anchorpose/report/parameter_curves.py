@@ -32,7 +32,7 @@ class Level(NamedTuple):
 
 
 def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray) -> list[Level]:
-    """Return the mean of the trials at each number, in rising order.
+    """Return, for each distinct value of the parameter in ascending order, the mean of the trials with this value.
 
     at, value, sigma (n,); sigma NaN where unknown. The interval covers the scatter of the trials, at least their random
     errors; for a single trial only these. The systematic error, which would shift all levels alike, is left out.

@@ -83,7 +83,7 @@ class Session:
 
     @property
     def recording(self) -> str:
-        """The name of the recording."""
+        """Return the name of the recording."""
         return str(self.run.get("recording", self.folder.resolve().name))
 
 
@@ -128,7 +128,7 @@ def read_session(folder: Path, name: str = "") -> Session:
 
 
 def input_hashes(hashes: dict[str, str]) -> tuple[tuple[str, tuple[str]], ...]:
-    """Every file but the numbered pictures; those of a camera are covered by one hash of all their hashes."""
+    """Return the hash of every file but the numbered pictures; one hash covers all pictures of a camera."""
     pictures: dict[str, list[str]] = {}
     named = list[tuple[str, tuple[str]]]()
     for file, digest in sorted(hashes.items()):

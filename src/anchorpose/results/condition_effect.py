@@ -67,7 +67,8 @@ class Effect:
 def effects(
     rows: Sequence[Measure], trials: Trials, repeated: float | None = None, why: str | None = None
 ) -> list[Effect]:
-    """The effect of every condition but the reference on one measure; rows: of its trials, in the order of the file.
+    """Return the effect of every condition but the reference on one measure; rows: of its trials, in the order of the
+    file.
 
     The reference is the first of ``trials.conditions``. repeated: the measure's MDC95 where it is known. why:
     why the measure is not tested at all, None where it is.
@@ -113,7 +114,8 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
 
 
 def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np.ndarray]:
-    """How the order was drawn, the places of the trials of two conditions in the order of time, and their blocks.
+    """Return how the order was drawn, the places of the trials of two conditions in the order of time, and their
+    blocks.
 
     A trial without the name of its block is a block of its own, which has nothing to be compared with.
     """
@@ -154,7 +156,7 @@ class Spread:
 
 
 def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
-    """How uncertain the weighted difference of values (n,) with errors sigma (n,), NaN where unknown, is.
+    """Return how uncertain the weighted difference of values (n,) with errors sigma (n,), NaN where unknown, is.
 
     The scatter of the trials holds their random errors already; it counts at least as much as these. Of the systematic
     error, which all trials of a session share, that part is added by which the conditions differ.
@@ -172,7 +174,8 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
 
 
 def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:
-    """Variance of the weighted difference as the trials scatter, and its degrees of freedom; NaN for too few trials.
+    """Return the variance of the weighted difference as the trials scatter, and its degrees of freedom; NaN for too few
+    trials.
 
     In one block as Welch 1947 (doi:10.1093/biomet/34.1-2.28), who lets the conditions scatter differently. In several,
     from the scatter within conditions where each block repeats them, and else from that of the blocks' differences.

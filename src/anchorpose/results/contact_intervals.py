@@ -87,7 +87,7 @@ class _Open:
     gap_m: float = np.inf
 
     def add(self, now: tuple[int, float], touch: _Touch) -> None:
-        """Adds what the frame ``now`` says."""
+        """Add the contacts of the frame ``now``."""
         self.begun |= touch.begins
         self.last, self.skin = now, touch.skin
         self.frames += 1
@@ -116,7 +116,7 @@ class ContactIntervals:
     def push(
         self, frame: int, time_s: float, near: Nearness | None, gaps: EquipmentGaps | None = None
     ) -> Iterator[Contact]:
-        """One more frame; yields the contacts that ended before it.
+        """Add one more frame; yield the contacts that ended before it.
 
         near: None where the patient is lost. After that everybody has a new name: nobody was followed in between. gaps:
         None also where the equipment is not known.
@@ -133,12 +133,13 @@ class ContactIntervals:
         yield from self._close([key for key, kept in self._open.items() if not self._continues(now, near, key, kept)])
 
     def finish(self) -> Iterator[Contact]:
-        """Ends every contact that is still open."""
+        """End every contact that is still open, and yield it."""
         yield from self._close(list(self._open))
 
     def touched_now(self, by_equipment: bool) -> dict[str, bool]:
-        """The parts of the patient (``REGIONS``) that people, or equipment, touch in the last frame, and whether that
-        is seen."""
+        """Return the parts of the patient (``REGIONS``) that people, or equipment, touch in the last frame, and whether
+        that is seen.
+        """
         parts: dict[str, bool] = {}
         for key, kept in self._open.items():
             if key.is_equipment == by_equipment and self._is_contact(kept):
@@ -149,7 +150,7 @@ class ContactIntervals:
         return kept.begun and kept.last[1] - kept.first[1] >= self._config.begin_s
 
     def _by_people(self, near: Nearness) -> Iterator[tuple[_Key, _Touch]]:
-        """Where enough of a region's skin is in reach of a person's."""
+        """Yield the contacts of regions with enough skin within reach of a person's skin."""
         config = self._config
         touched = np.flatnonzero(near.distance_m < config.reach_m)
         keys = near.person[touched].astype(np.int64) * len(REGIONS) + self._region[near.point[touched]]
@@ -162,7 +163,8 @@ class ContactIntervals:
                 yield _Key(False, *divmod(key, len(REGIONS))), touch
 
     def _by_equipment(self, gaps: EquipmentGaps) -> Iterator[tuple[_Key, _Touch]]:
-        """Where a region's skin is as likely on a part of the equipment as not, or was and may still be.
+        """Yield the contacts of regions whose skin is as likely on a part of the equipment as not, or was and may still
+        be.
 
         A gap that no camera shows begins a contact only if its sigma tells touching from being beside.
         """

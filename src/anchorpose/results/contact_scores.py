@@ -48,8 +48,8 @@ class ContactEvaluation:
 def score_contacts(
     table: Path, truth: Path, frame: np.ndarray, rows: np.ndarray
 ) -> tuple[ContactEvaluation | None, ContactEvaluation | None]:
-    """The contacts with people and with equipment of a contacts.parquet; None where the truth does not state them, and
-    where contacts with equipment were not looked for.
+    """Return the contacts with people and with equipment of a contacts.parquet; None where the truth does not state
+    them, and where contacts with equipment were not looked for.
 
     rows (t,): the frames of the truth that are compared; frame (t,): number of the result's frame at each of them.
     """
@@ -64,7 +64,7 @@ def score_contacts(
 
 
 def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: TrueTouch) -> ContactEvaluation:
-    """The contacts of a result; frame (t,): number of the result's frame at each frame of the truth."""
+    """Return the contacts of a result; frame (t,): number of the result's frame at each frame of the truth."""
     holds = np.array([[name in bones for name in truth.names] for bones in REGION_BONES.values()])  # (regions, bones)
     own = np.array([not name.startswith("knee") for name in REGIONS])  # parts that the truth's bones distinguish
     touched = truth.bones @ holds.T  # of bool: any bone that the part holds
@@ -84,8 +84,9 @@ def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: Tru
 
 
 def reported_parts(contacts: Sequence[Contact], frame: np.ndarray) -> np.ndarray:
-    """(t, regions) bool: parts with any of the contacts at each frame of the truth; frame (t,) as in
-    ``evaluate_contacts``."""
+    """Return (t, regions) bool: parts with any of the contacts at each frame of the truth; frame (t,) as in
+    ``evaluate_contacts``.
+    """
     reported = np.zeros((len(frame), len(REGIONS)), dtype=bool)
     for contact in contacts:
         reported[(frame >= contact.first_frame) & (frame <= contact.last_frame), REGIONS.index(contact.part)] = True

@@ -61,13 +61,13 @@ class WrongInView:
 
 
 def distance_m(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
-    """(n, 21) from each joint to its true place, truth_m (n, 21, 3); NaN where either is."""
+    """Return (n, 21) from each joint to its true place, truth_m (n, 21, 3); NaN where either is."""
     distance: np.ndarray = np.linalg.norm(joints.position_m - truth_m, axis=2)
     return distance
 
 
 def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
-    """(n, 21) bool: joints over ``FAR_M`` off and outside ``CONFIDENT_SIGMAS`` of their own sigma on some axis.
+    """Return (n, 21) bool: joints over ``FAR_M`` off and outside ``CONFIDENT_SIGMAS`` of their own sigma on some axis.
 
     truth_m (n, 21, 3) metres, NaN where unknown. A lost joint, or one without a known truth, is not among them.
     """
@@ -77,12 +77,12 @@ def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
 
 
 def seen_joints(truth: Truth) -> np.ndarray | None:
-    """(t, 21) bool: some camera sees enough of the skin around the joint; None where the truth does not say."""
+    """Return (t, 21) bool: some camera sees enough of the skin around the joint; None where the truth does not say."""
     return None if truth.seen_share is None else np.asarray((truth.seen_share >= SEEN_SHARE).any(axis=2))
 
 
 def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
-    """For each limb (t,) bool: some camera sees most of it.
+    """Return, per limb, (t,) bool: some camera sees most of the limb.
 
     By the mean of ``seen_share`` over the limb's joints, per camera. A truth without it only knows the frames that it
     calls occluded: in all others everything then counts as in plain view.
@@ -94,7 +94,7 @@ def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
 
 
 def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInView], ...]:
-    """For each limb the longest time in which a joint of it was over ``WRONG_M`` off while it was in plain view.
+    """Return, per limb, the longest time in which one of its joints was over ``WRONG_M`` off in plain view.
 
     joints, truth: frames matched row by row. A lost joint is not off; a frame counts for one period of the recording.
     """
@@ -108,7 +108,9 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInV
 
 
 def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, float]:
-    """When the longest unbroken run of True begins, None without one, and how long it lasts; flags, time_s (n,)."""
+    """Return when the longest unbroken run of True begins, None without one, and how long it lasts; flags, time_s
+    (n,).
+    """
     period_s = 2.0 * half_period_s(time_s)
     found = [(float(time_s[run.start]), float(np.ptp(time_s[run]) + period_s)) for run in runs_of(flags)]
     return max(found, key=lambda run: run[1], default=(None, 0.0))
@@ -129,7 +131,7 @@ class LongestError:
 
 
 def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
-    """The longest of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
+    """Return the longest error of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
 
     A frame in which the joint is lost ends it. A frame counts for one period of the recording.
     """
@@ -153,7 +155,9 @@ class AngleError:
 
 
 def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
-    """Each angle's error; truth_m (n, 21, 3) true joints, metres, of the frames of ``joints``, NaN where unknown."""
+    """Return each angle's error; truth_m (n, 21, 3) true joints, metres, of the frames of ``joints``, NaN where
+    unknown.
+    """
     found, exact = joint_angles(joints), np.zeros_like(joints.sigma_m)
     true = joint_angles(replace(joints, position_m=truth_m, sigma_m=exact))
     away = np.radians(found.degrees - true.degrees)
@@ -163,7 +167,9 @@ def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, An
 
 
 def axis_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
-    """The angle between the axis of each knee and elbow and the true joints' axis; truth_m as of ``angle_errors``."""
+    """Return the angle between the axis of each knee and elbow and the true joints' axis; truth_m as of
+    ``angle_errors``.
+    """
     found = revolute_axes(joints)
     true = revolute_axes(replace(joints, position_m=truth_m, sigma_m=np.zeros_like(joints.sigma_m)))
     error = np.degrees(np.arccos(np.clip((found.axis * true.axis).sum(axis=2), -1.0, 1.0)))
@@ -197,7 +203,7 @@ class ErrorSummary:
     """Errors of some joints in some frames; None where there are none."""
 
     joint_frames: int  # joints times frames with a known truth
-    lost_share: float | None  # of joint_frames
+    lost_share: float | None  # share of ``joint_frames`` that are lost
     mean_mm: float | None  # the errors leave lost joints out
     median_mm: float | None
     p95_mm: float | None
@@ -209,8 +215,8 @@ class Evaluation:
     """A result against the truth."""
 
     matched_frames: int
-    truth_frames: int  # after the skipped start
-    results_frames: int  # likewise
+    truth_frames: int  # number of frames of the truth after the skipped start
+    results_frames: int  # number of frames of the results after the skipped start
     missing_frames: int  # truth frames for which the result has no frame
     overall: ErrorSummary
     per_joint: tuple[tuple[str, ErrorSummary], ...]
@@ -221,20 +227,22 @@ class Evaluation:
     truly_hidden: ErrorSummary | None
     confident_errors: float | None  # share of overall.joint_frames that are far off and do not show it
     angles: tuple[tuple[str, AngleError], ...]
-    axes: tuple[tuple[str, AngleError], ...]  # of knees and elbows
+    axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
     wrong_in_view: tuple[tuple[str, WrongInView], ...]  # each limb
-    view_known: bool  # by joint and camera; False: a limb counts as in plain view in all frames not called occluded
+    # whether views are known by joint and camera; if not, a limb counts as in plain view unless called occluded
+    view_known: bool
     longest_off: LongestError  # a joint on another limb, on another person, or nowhere near
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error of the second half of the frames over that of the first
-    contacts: ContactEvaluation | None = None  # with people; None where the truth or the result has none
-    supports: ContactEvaluation | None = None  # with equipment; None also where no contacts with it were looked for
+    contacts: ContactEvaluation | None = None  # contacts with people; None where the truth or the result has none
+    # contacts with equipment; None also where no contacts with it were looked for
+    supports: ContactEvaluation | None = None
     session: SessionEvaluation | None = None  # None where the truth is not that of a simulated session
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
-    """Compares a results folder with a truth.npz, frames matched to the nearest time within half a period.
+    """Compare a results folder with a truth.npz, frames matched to the nearest time within half a period.
 
     The first ``skip_s`` seconds of the truth are left out. Raises InputError where a file cannot be used or the two
     share no time.
@@ -279,7 +287,7 @@ def _median_step(time_s: np.ndarray) -> float:
 
 
 def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frames: int) -> None:
-    """Raises InputError where too few frames have a partner, or no joint of them has a position."""
+    """Raise InputError where too few frames have a partner, or no joint of them has a position."""
     found = match >= 0
     if found.sum() < LEAST_SHARE * min(len(match), results_frames) or not found.any():
         problem = (
@@ -293,7 +301,9 @@ def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frame
 
 
 def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames: int) -> Evaluation:
-    """The evaluation of frames (n) that are matched row by row, out of so many of the truth and of the results."""
+    """Return the evaluation of frames (n) that are matched row by row, out of so many of the truth and of the
+    results.
+    """
     errors, seen, codes = _errors(joints, truth.position_m), seen_joints(truth), joints.state_code
     occluded, frames = truth.occluded[:, None], np.arange(len(joints.frame))[:, None]
     first, second = (_summary(errors, half) for half in (frames < len(frames) // 2, frames >= len(frames) // 2))
@@ -340,7 +350,7 @@ def _errors(joints: JointTable, truth_m: np.ndarray) -> _Errors:
 
 
 def _summary(errors: _Errors, chosen: np.ndarray) -> ErrorSummary:
-    """The errors of the joint-frames where ``chosen``, which is broadcast to (n, 21)."""
+    """Return the errors of the joint-frames where ``chosen``, which is broadcast to (n, 21)."""
     chosen, found = chosen & errors.known, chosen & errors.found
     error_mm, within = errors.error_mm[found], errors.within[found]
     some = len(error_mm) > 0

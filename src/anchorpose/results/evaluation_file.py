@@ -19,7 +19,7 @@ MARK: Final = '"matched_frames"'
 
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:
-    """Writes the evaluation: the overall figures at the top, then per joint, per state and the rest."""
+    """Write the evaluation: the overall figures at the top, then per joint, per state and the rest."""
     contacts, supports, session = evaluation.contacts, evaluation.supports, evaluation.session
     document = {
         **as_json(evaluation.overall),
@@ -49,8 +49,9 @@ def _named(evaluation: Evaluation, *names: str) -> dict[str, Any]:
 
 
 def contact_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Rows of text (with, part, frames touched, precision, recall): contacts with people, then with equipment; of each
-    all parts, then each part that was touched or reported. None without contacts."""
+    """Return rows of text (with, part, frames touched, precision, recall): contacts with people, then with equipment;
+    of each all parts, then each part that was touched or reported. None without contacts.
+    """
     return [
         (toucher, name.replace("_", " "), str(score.touched), *_cells((score.precision, score.recall), 100, 0))
         for toucher, contacts in (("people", evaluation.contacts), ("equipment", evaluation.supports))
@@ -60,7 +61,9 @@ def contact_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Rows of text (what, mean, median, 95 %, lost, coverage): all joints, each joint, each state that occurs, ..."""
+    """Return rows of text (what, mean, median, 95 %, lost, coverage): all joints, each joint, each state that occurs,
+    ...
+    """
     groups = [
         ("all joints", evaluation.overall),
         *evaluation.per_joint,
@@ -79,7 +82,7 @@ def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Rows of text (angle, or axis of a joint, mean error, 95 %, degrees, coverage)."""
+    """Return rows of text (angle, or axis of a joint, mean error, 95 %, degrees, coverage)."""
     axes = ((f"axis of {name}", error) for name, error in evaluation.axes)
     return [
         (name.replace("_", " "), *_cells((error.mean_abs_deg, error.p95_deg)), *_cells((error.coverage_95,), 100))
@@ -89,7 +92,9 @@ def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Rows of text (event, true, found, with the onset in time, false, onset late s); none without a true session."""
+    """Return rows of text (event, true, found, with the onset in time, false, onset late s); none without a true
+    session.
+    """
     return [
         (
             kind.replace("_", " "),
@@ -101,7 +106,7 @@ def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def independence_sentence(evaluation: Evaluation) -> str | None:
-    """How many times of independence agree with the truth; None where they cannot be compared."""
+    """Return how many times of independence agree with the truth; None where they cannot be compared."""
     times = evaluation.session and evaluation.session.times
     if not times:
         return None
@@ -113,7 +118,7 @@ def independence_sentence(evaluation: Evaluation) -> str | None:
 
 
 def longest_error_sentence(evaluation: Evaluation) -> str:
-    """For how long a joint was far off, and which, if any."""
+    """Return a sentence on the joint that was far off for the longest time, if any."""
     off = evaluation.longest_off
     if evaluation.overall.mean_mm is None:
         return "Every joint with a true position was lost in the results: no error is known."
@@ -126,7 +131,7 @@ def longest_error_sentence(evaluation: Evaluation) -> str:
 
 
 def compared_sentence(evaluation: Evaluation) -> str:
-    """How much was compared: frames of the truth and of the results, and joints."""
+    """Return how much was compared: frames of the truth and of the results, and joints."""
     both, summary = evaluation.matched_frames, evaluation.overall
     joints = both * JOINT_COUNT
     found = round(summary.joint_frames * (1.0 - (summary.lost_share or 0.0)))
@@ -143,7 +148,9 @@ def _percent(part: int, whole: int) -> str:
 
 
 def confidence_sentences(evaluation: Evaluation) -> list[str]:
-    """How often the result is wrong and does not show it: confident errors, limbs wrong in plain view, coverage."""
+    """Return how often the result is wrong and does not show it: confident errors, limbs wrong in plain view,
+    coverage.
+    """
     sentences = []
     if evaluation.confident_errors is not None:
         sentences.append(

@@ -37,7 +37,7 @@ class Numbers:
     type: pa.DataType = field(default_factory=pa.float64)
 
     def schema(self) -> list[pa.Field]:
-        """Nullable numbers."""
+        """Return nullable columns of numbers."""
         return [pa.field(name, self.type) for name in self.names]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
@@ -82,7 +82,7 @@ class Flags:
     name: str
 
     def schema(self) -> list[pa.Field]:
-        """Nullable."""
+        """Return one nullable column of booleans."""
         return [pa.field(self.name, pa.bool_())]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:

@@ -65,7 +65,7 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
 
 
 def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
-    """``unbroken_runs`` of the frames that are ``known`` (n,) bool; unknown ones count as dropped.
+    """Return ``unbroken_runs`` of the frames that are ``known`` (n,) bool; unknown ones count as dropped.
 
     A joint that is lost for a moment therefore ends no run. A run may contain unknown frames, but neither begins nor
     ends with one.

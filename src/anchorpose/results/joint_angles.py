@@ -335,7 +335,7 @@ ANGLE_NAMES: Final = tuple(name for group in ANGLE_GROUPS for name in group.name
 
 
 def joint_angles(joints: JointTable) -> AngleTable:
-    """``ANGLE_NAMES`` of all frames; the state is the worst of the joints involved.
+    """Return ``ANGLE_NAMES`` of all frames; the state is the worst of the joints involved.
 
     There is no value where one of the joints is lost (then the state is ``lost`` too), and where the pose leaves the
     angle undetermined (then the state is that of the joints; docs/angles.md states when, for each angle).

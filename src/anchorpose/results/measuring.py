@@ -85,7 +85,7 @@ from anchorpose.settings import settings
 
 
 def inferred_touch_share(touch: Touch) -> float | None:
-    """Share of the frames with any contact in which none was seen; None for no frames."""
+    """Return the share of the frames with any contact in which none was seen; None for no frames."""
     any_of = touch.at_once > 0
     return float(np.mean(1.0 - touch.seen[any_of])) if any_of.any() else None
 
@@ -102,7 +102,8 @@ CONTACT_MEASURES: Final = (
 
 
 def assistance_measures(session: Session) -> list[Measure]:
-    """Of the whole session; then for each person, each part, and each person and part, the time and the contacts.
+    """Measure assistance in the whole session; then for each person, each part, and each person and part, the time and
+    the contacts.
 
     Only frames in which the patient was found count: in others contacts are unknown.
     """
@@ -137,7 +138,7 @@ def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, p
 
 
 def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measure]:
-    """Shares of the upright time, with hands on and without, and how many contacts there were at once."""
+    """Return the shares of the upright time, with hands on and without, and how many contacts there were at once."""
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
     if not upright_s:
@@ -178,7 +179,7 @@ def measure_session(
     trials: Trials | None = None,
     equipment: Sequence[str] = (),
 ) -> tuple[Session, list[Measure]]:
-    """The session with its posture and episodes, and every measure of docs/measures.md.
+    """Return the session with its posture and episodes, and every measure of docs/measures.md.
 
     contacts: with people and equipment, None where they are unknown, which is not the same as no contact. equipment:
     the parts that contacts were looked for with; where there are none, whether the patient held on is unknown. With
@@ -230,7 +231,7 @@ def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> l
 def _measures(
     session: Session, moves: list[Transition], steps: list[Step], events: list[Event], config: MeasureConfig
 ) -> list[Measure]:
-    """Every measure of a session, or of a part of it, with the transitions, steps and events that lie in it."""
+    """Return every measure of a session, or of a part of it, with the transitions, steps and events that lie in it."""
     return [
         *time_measures(session, config.upright),
         *transition_measures(session, moves),
@@ -273,7 +274,7 @@ class MeasureResult:
 def write_measured(
     results: Path, processing: ProcessingConfig, config: MeasureConfig, trials: Trials | None = None
 ) -> MeasureResult:
-    """Writes angles, axes, posture, episodes and measures of a results folder, and the processed angles if any.
+    """Write angles, axes, posture, episodes and measures of a results folder, and the processed angles if any.
 
     trials: replace the folder's trials; None keeps them. Angles and measures always come from the joints as
     tracked: ``processing`` makes angles_processed.parquet and nothing else, and without processing that file is
@@ -312,7 +313,7 @@ def write_measured(
 
 
 def processing_sentence(policy: str) -> str:
-    """How many joint positions were smoothed, filled and left alone; policy: of ``ProcessedAngles``."""
+    """Return how many joint positions were smoothed, filled and left alone; policy: of ``ProcessedAngles``."""
     counted = json.loads(policy)
     counts = [f"{counted[f'joint_frames_{name}']} {name}" for name in (*PROCESSING, "lost")]
     return f"Of the joint positions of all frames, {', '.join(counts)}."

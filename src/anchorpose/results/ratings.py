@@ -58,17 +58,17 @@ class Ratings:
 
     @property
     def scores(self) -> dict[int, int | None]:
-        """The score of each trial, by its number."""
+        """Return the score of each trial, by its number."""
         return {row.trial: row.score for row in self.rows}
 
     def with_score(self, shown: int, score: int, time: str) -> Ratings:
-        """The same with a score for the trial at a place in the order; an earlier score is replaced."""
+        """Return the same with a score for the trial at a place in the order; an earlier score is replaced."""
         rows = [replace(row, score=score, time=time) if row.shown == shown else row for row in self.rows]
         return replace(self, rows=tuple(rows))
 
 
 def parse_initials(text: str) -> str:
-    """The rater's initials in capitals; raises ValueError unless they are 1 to 8 letters."""
+    """Return the rater's initials in capitals; raises ValueError unless they are 1 to 8 letters."""
     initials = text.strip().upper()
     if not (initials.isalpha() and len(initials) <= MOST_INITIALS):
         raise ValueError(f"'{text[:40]}' are not 1 to {MOST_INITIALS} letters")
@@ -76,13 +76,13 @@ def parse_initials(text: str) -> str:
 
 
 def ratings_beside(results: Path, rater: str) -> Path:
-    """``RESULTS.rating_AB.tsv``: next to the folder, not in it, so that tracking again does not replace it."""
+    """Return ``RESULTS.rating_AB.tsv``: next to the folder, not in it, so that tracking again does not replace it."""
     folder = results.resolve()
     return folder.with_name(f"{folder.name}.rating_{rater}.tsv")
 
 
 def rated_session(run: dict[str, Any], trials: Trials) -> str:
-    """What scores are about: a hash of the recording's depth images and times, and of when each trial was.
+    """Return what scores are about: a hash of the recording's depth images and times, and of when each trial was.
 
     Settings of tracking and the names of conditions are not part of it.
     """
@@ -91,7 +91,7 @@ def rated_session(run: dict[str, Any], trials: Trials) -> str:
 
 
 def draw_order(rater: str, seed: int, session: str, trials: Sequence[int]) -> Ratings:
-    """Scores that are still to be given, in a random order of the trials' numbers."""
+    """Return an empty rating form, with the trials' numbers in a random order."""
     order = np.random.default_rng(seed).permutation(np.array(trials, dtype=int)).tolist()
     return Ratings(rater, seed, session, tuple(Rating(shown, trial) for shown, trial in enumerate(order, 1)))
 
@@ -123,7 +123,7 @@ def read_ratings(path: Path) -> Ratings:
 
 
 def _rating(path: Path, line: int, cells: Sequence[str]) -> Rating:
-    """A row; raises InputError unless it has a place, a trial, a score of 0 to 10 or none, and a rater."""
+    """Return a row; raises InputError unless it has a place, a trial, a score of 0 to 10 or none, and a rater."""
     if len(cells) != len(COLUMNS):
         raise InputError(path, f"line {line} has {len(cells)} cells, not {len(COLUMNS)}", REMEDY)
     shown, trial, score, time, rater = cells[:5]
@@ -150,7 +150,7 @@ def require_session(path: Path, ratings: Ratings, session: str) -> None:
 
 
 def read_ratings_beside(results: Path, session: str) -> list[Ratings]:
-    """The scores of all raters of a results folder, in the order of their initials."""
+    """Return the scores of all raters of a results folder, in the order of their initials."""
     folder = results.resolve()
     found = list[Ratings]()
     for path in sorted(folder.parent.glob(f"{escape(folder.name)}.rating_*.tsv")):
@@ -160,7 +160,7 @@ def read_ratings_beside(results: Path, session: str) -> list[Ratings]:
 
 
 def rating_measures(results: Path, run: dict[str, Any], trials: Trials) -> list[Measure]:
-    """The scores as measures of the trials, then of the conditions; none where nobody has rated.
+    """Return the scores as measures of the trials, then of the conditions; none where nobody has rated.
 
     One row per rater, who is the ``person``, and one without a person: the mean of all raters, known where every rater
     has given a score.
@@ -190,7 +190,7 @@ def _of_rater(rater: str, scores: dict[int, int | None], trials: Trials) -> list
 
 
 def _mean(rows: Sequence[Measure]) -> Measure:
-    """The mean of all raters' scores of one trial."""
+    """Return the mean of all raters' scores of one trial."""
     values, missing = [row.value for row in rows if row.value is not None], [row.why for row in rows if row.why]
     if missing:
         return replace(rows[0], person=None, value=None, why="; ".join(missing))

@@ -25,7 +25,7 @@ UNIT: Final = 1e-9  # rounding of a unit vector's length
 
 
 def _limb(name: str) -> list[int]:
-    """The joints above, at and below a revolute joint."""
+    """Return the joints above, at and below a revolute joint."""
     kind, side = (name[:-4], "Left") if name.endswith("Left") else (name[:-5], "Right")
     above, below = _ENDS[kind]
     return [JOINT_INDEX[f"{joint}{side}"] for joint in (above, kind, below)]
@@ -52,7 +52,7 @@ class AxisTable:
 
 
 def _agree(axes: AxisTable) -> bool:
-    """Whether every axis is missing as a whole, or a unit vector with a place and a sigma."""
+    """Return whether every axis is missing as a whole, or a unit vector with a place and a sigma."""
     every = np.concatenate([axes.position_m, axes.axis, axes.sigma_deg[..., None]], axis=-1)
     whole = np.isfinite(every).all(axis=-1) & (np.abs(np.linalg.norm(axes.axis, axis=-1) - 1.0) < UNIT)
     return bool((whole | np.isnan(every).all(axis=-1)).all())
@@ -75,7 +75,7 @@ AXES_FILE, read_axes, write_axes = AXES.file, AXES.read, AXES.write
 
 
 def revolute_axes(joints: JointTable) -> AxisTable:
-    """The axes of all frames, missing where one of the three joints is lost or the limb is bent by less than
+    """Return the axes of all frames, missing where one of the three joints is lost or the limb is bent by less than
     ``PLANE_UNKNOWN_RAD``: the plane is then that of noise.
 
     A joint that moves by d out of the plane of the three turns the normal by -d g, g the gradient of its share in the

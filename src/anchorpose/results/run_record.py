@@ -39,7 +39,7 @@ PICTURES: Final = "pictures"
 
 NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 Share = Annotated[float, Field(ge=0, le=1)]
-NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # of depths that noise is stated at
+NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # depths for which noise is stated
 _is_sha256: Final = re.compile("[0-9a-f]{64}").fullmatch
 
 
@@ -68,7 +68,7 @@ class BodyRecord:
     height_sigma_m: NotNegative
     clothes_m: dict[str, float]  # thickness of each piece
     bones: tuple[BoneRecord, ...]
-    coefficients: tuple[float, ...]  # of the body asset's shape space
+    coefficients: tuple[float, ...]  # coefficients of the body asset's shape space
 
 
 def _require_noise(noise: DepthNoise) -> DepthNoise:
@@ -221,12 +221,12 @@ class RunRecord:
 
     format: Literal["anchorpose-run"] = "anchorpose-run"
     version: Version = 1
-    versions: dict[str, str] = field(default_factory=dict)  # of this package and its libraries
+    versions: dict[str, str] = field(default_factory=dict)  # versions of this package and its libraries
     machine: dict[str, Any] = field(default_factory=dict)
     code: str = ""  # hash of the package's code
     identity: str = ""  # SHA-256 of inputs, settings, code and libraries: equal identities mean equal joints
     recording: Text  # name of the recording folder, not its path: results travel
-    recorded: RecordedSpan | None = None  # of all frames; None where all were tracked, and in older results
+    recorded: RecordedSpan | None = None  # span of all frames; None where all were tracked, and in older results
     frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
     floor_height_m: float | None = None  # Y of the floor in the world, None where no camera sees it
@@ -244,8 +244,8 @@ class RunRecord:
     pictures: tuple[PictureRecord, ...] = ()
     notes: tuple[str, ...] = ()  # sentences for people: assumptions and cautions
     config: Any = None  # the resolved configuration, a dataclass of stage configurations
-    inputs_sha256: dict[str, Sha256]  # by the file's path in the recording folder
-    outputs_sha256: dict[str, Sha256] = field(default_factory=dict)  # by the file's path in the results folder
+    inputs_sha256: dict[str, Sha256]  # hashes by the file's path in the recording folder
+    outputs_sha256: dict[str, Sha256] = field(default_factory=dict)  # hashes by the file's path in the results folder
 
 
 def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str) -> None:

@@ -91,7 +91,7 @@ def score_session(
 
 
 def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
-    """Joints (t, 21, 3) without an error, at the frames of others; lost where they are not known."""
+    """Return joints (t, 21, 3) without an error, at the frames of others; lost where they are not known."""
     unknown = ~np.isfinite(position_m).all(axis=2)
     codes = np.where(unknown, STATE_CODE[JointState.LOST], STATE_CODE[JointState.OBSERVED]).astype(np.int8)
     sigma_m = np.where(unknown, np.nan, EXACT_M)
@@ -99,7 +99,7 @@ def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
 
 
 def score_events(session: Session, true_events: Sequence[TrueEvent]) -> tuple[tuple[str, EventScore], ...]:
-    """Each kind of event that is in the truth, in the recorded time, or in the session.
+    """Return each kind of event that is in the truth, in the recorded time, or in the session.
 
     None where the frames are too far apart for events, which are then not looked for.
     """
@@ -131,7 +131,7 @@ def _of_kind(episodes: Sequence[Episode], true_events: Sequence[TrueEvent], kind
 
 
 def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
-    """Times of independence against those of the truth; rows of persons and parts are no times of independence."""
+    """Score times of independence against the truth; rows of persons and parts are no times of independence."""
     pairs = [(one, other) for one, other in _paired(found, true) if one.value or other.value]
     known = [(one, other) for one, other in pairs if one.value is not None and other.value is not None]
     within = sum(is_within(one, other) for one, other in known)
@@ -146,7 +146,7 @@ def _paired(found: Sequence[Measure], true: Sequence[Measure]) -> list[tuple[Mea
 
 
 def is_within(found: Measure, true: Measure) -> bool:
-    """Whether two known values differ by at most 1.96 sigma of the first; by nothing where it has none."""
+    """Return whether two known values differ by at most 1.96 sigma of the first; by nothing where it has none."""
     assert found.value is not None
     assert true.value is not None
     return abs(found.value - true.value) <= NORMAL_95 * (found.sigma or 0.0) + 1e-9

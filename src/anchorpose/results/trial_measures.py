@@ -36,7 +36,7 @@ MeasureRows = Callable[[Session, slice], Sequence[Measure]]
 def measures_by_trial(
     session: Session, trials: Trials, whole: Sequence[Measure], settle_s: float, measure: MeasureRows
 ) -> list[Measure]:
-    """The measures of every trial in the order of the file, then of every condition.
+    """Return the measures of every trial in the order of the file, then of every condition.
 
     whole: the measures of the whole recording; a person or a part that a trial does not have counts 0 s and 0 contacts
     there. settle_s: how long after standing up the patient still settles. measure: computes the measures of a cut
@@ -75,7 +75,7 @@ def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
 
 
 def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
-    """The session of some frames; contacts end at its ends, and episodes are kept that reach into it.
+    """Return the session of some frames; contacts end at its ends, and episodes are kept that reach into it.
 
     Also kept are episodes that ended up to settle_s before: the patient may still settle after standing up.
     """
@@ -95,7 +95,7 @@ def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
 
 
 def cut_rows(table: Table, rows: slice | np.ndarray) -> Table:
-    """The rows of all arrays of a dataclass, as a slice or (k,) int."""
+    """Return the rows of all arrays of a dataclass, as a slice or (k,) int."""
     values = {each.name: getattr(table, each.name) for each in fields(table)}  # type: ignore[arg-type]
     arrays: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
     return replace(table, **arrays)  # type: ignore[type-var]
@@ -128,7 +128,7 @@ def _clipped(found: Sequence[Interval], frame: np.ndarray, time_s: np.ndarray) -
 
 
 def trial_intervals(session: Session, trials: Trials) -> list[TrialInterval]:
-    """The part of every episode and contact in every trial, in the order of trials, episodes first."""
+    """Return the part of every episode and contact in every trial, in the order of trials, episodes first."""
     episodes = sorted(session.episodes, key=lambda each: (each.start_s, EPISODE_KINDS.index(each.kind)))
     found = list[TrialInterval]()
     for trial in trials.rows:
@@ -160,7 +160,7 @@ def _interval(trial: Trial, row: int, part: Contact | Episode, seconds: float) -
 
 
 def condition_measures(trials: Trials, rows: Sequence[Measure]) -> list[Measure]:
-    """Mean of each measure over the trials of a condition that have a value; rows: of all trials."""
+    """Return the mean of each measure over the trials of a condition that have a value; rows: of all trials."""
     found: dict[tuple[str, MeasureKey], list[Measure]] = {}
     for row in rows:
         found.setdefault((str(row.condition), row.key), []).append(row)
@@ -169,7 +169,7 @@ def condition_measures(trials: Trials, rows: Sequence[Measure]) -> list[Measure]
 
 
 def _mean(rows: Sequence[Measure]) -> Measure:
-    """The mean of a measure over trials; unknown where no trial has a value."""
+    """Return the mean of a measure over trials; unknown where no trial has a value."""
     known, first = [row for row in rows if row.value is not None], rows[0]
     if not known:
         reasons = dict.fromkeys(str(row.why) for row in rows)
@@ -186,7 +186,7 @@ def _mean(rows: Sequence[Measure]) -> Measure:
 
 
 def _inferred(rows: Sequence[Measure]) -> float | None:
-    """The share over the frames of all rows; None where no row has one."""
+    """Return the share over the frames of all rows; None where no row has one."""
     shares = [(row.inferred_share, row.frames) for row in rows if row.inferred_share is not None and row.frames]
     frames = sum(count for _, count in shares)
     return sum(share * count for share, count in shares) / frames if frames else None

@@ -33,7 +33,7 @@ class TrueEvent:
 
 
 def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
-    """The events in the order of the file; None where it is not the truth of a session.
+    """Return the events in the order of the file; None where it is not the truth of a session.
 
     Raises InputError where its arrays do not fit each other.
     """
@@ -57,7 +57,8 @@ class TrueContacts:
 
 
 def read_true_contacts(path: Path, rows: np.ndarray, frame: np.ndarray, time_s: np.ndarray) -> TrueContacts:
-    """The contacts in the frames ``rows`` (t,) of the truth, with the numbers (t,) and times (t,) of the result's.
+    """Return the contacts in the frames ``rows`` (t,) of the truth, with the numbers (t,) and times (t,) of the
+    result's.
 
     Raises InputError where the arrays do not fit each other.
     """
@@ -82,14 +83,18 @@ def read_true_contacts(path: Path, rows: np.ndarray, frame: np.ndarray, time_s: 
 
 
 def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
-    """Regions that bones distinguish, with their bones (k,); without the feet, which always stand on something."""
+    """Yield regions that bones distinguish, with their bones (k,); without the feet, which always stand on
+    something.
+    """
     for region, names in REGION_BONES.items():
         if not region.startswith("knee") and not set(names) & FOOT_BONES:
             yield region, np.flatnonzero([bone in names for bone in bones])
 
 
 def _contacts(flags: np.ndarray, numbered: tuple[np.ndarray, np.ndarray], part: str, with_: str) -> Iterator[Contact]:
-    """The contacts of a region in the frames (t,) of ``flags``, all seen; numbered: frame numbers and times (t,)."""
+    """Yield the contacts of a region in the frames (t,) of ``flags``, all seen; numbered: frame numbers and times
+    (t,).
+    """
     frame, time_s = numbered
     for run in runs_of(flags):
         first, last = run.start, run.stop - 1

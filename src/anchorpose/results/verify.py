@@ -54,7 +54,7 @@ class Event(Entry):
 
     @property
     def sentence(self) -> str:
-        """For people: when, what, by whom, with what."""
+        """Return the entry as a sentence for people: when, what, by whom, with what."""
         by = f" by {self.by}" if self.by else ""
         about = "".join(f", {key} {value}" for key, value in self.about.items())
         return f"{self.at}: {self.what}{by}, anchorpose {self.anchorpose}{about}"
@@ -71,7 +71,7 @@ class Log:
 def add_event(
     results: Path, what: str, files: Iterable[str] = (), by: str = "", about: dict[str, Any] | None = None
 ) -> None:
-    """Adds a line to the log of a results folder.
+    """Add a line to the log of a results folder.
 
     what: the verb; files: those of the results that it wrote or removed; by: who did so, for people. Raises OSError
     where the log cannot be written.
@@ -97,7 +97,7 @@ def add_event(
 
 
 def read_log(results: Path) -> Log | None:
-    """The log of a results folder, None where it has none; raises InputError where a line is none of a log."""
+    """Return the log of a results folder, None where it has none; raises InputError where a line is none of a log."""
     path, events, broken, previous = results / LOG_FILE, list[Event](), list[str](), ""
     if not path.exists():
         return None
@@ -125,7 +125,9 @@ def _lines(path: Path) -> list[bytes]:
 
 
 def _hash_in(line: bytes) -> str:
-    """The hash that the last line states; empty where it is damaged: what follows then shows as not connected."""
+    """Return the hash that the last line states; empty where it is damaged: what follows then shows as not
+    connected.
+    """
     try:
         return str(parse_json(line)["sha256"])
     except (Unfit, LookupError, TypeError):
@@ -144,7 +146,7 @@ MEASURED: Final = frozenset(
 
 
 def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | None = None) -> None:
-    """Raises InputError where one of the files is another than the one whose hash the folder's log or run.json has.
+    """Raise InputError where one of the files is another than the one whose hash the folder's log or run.json has.
 
     run: the run.json, where it was read already. Files of which no hash is known are accepted, as in older results.
     """
@@ -160,7 +162,7 @@ def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | No
 
 
 def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
-    """The hash of each file as it was written last: the log knows of tables that were measured again."""
+    """Return the hash of each file as it was written last: the log knows of tables that were measured again."""
     if run is None:
         run = read_run(results / RUN_FILE) if is_there(results / RUN_FILE) else {}
     log = read_log(results) if is_there(results / LOG_FILE) else None
@@ -168,7 +170,7 @@ def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
 
 
 def _last_written(written: Mapping[str, str], log: Log) -> dict[str, str]:
-    """The hash of each file by run.json and the log, without those that were removed."""
+    """Return the hash of each file by run.json and the log, without those that were removed."""
     logged: dict[str, str | None] = dict(written)
     for event in log.events:
         logged |= event.files
@@ -186,7 +188,7 @@ class Fits(StrEnum):
 
     @property
     def is_right(self) -> bool:
-        """Whether nobody has to look at it."""
+        """Return whether nobody has to look at it."""
         return self in (Fits.SAME, Fits.MEASURED)
 
 
@@ -205,13 +207,13 @@ class Verified:
 
     @property
     def is_right(self) -> bool:
-        """Whether all files are as they were; another version of the program is no fault of the results."""
+        """Return whether all files are as they were; another version of the program does not count as a fault."""
         files = (*self.results.values(), *(self.recording or {}).values())
         return not self.broken and all(fits.is_right for fits in files)
 
 
 def verify(results: Path, recording: Path | None) -> Verified:
-    """Compares every table and picture, and every file of the recording, with the hashes in run.json and in the log.
+    """Compare every table and picture, and every file of the recording, with the hashes in run.json and in the log.
 
     Raises InputError where run.json or a line of the log cannot be read, or run.json has no hashes because an older
     version wrote it.
@@ -228,7 +230,7 @@ def verify(results: Path, recording: Path | None) -> Verified:
 
 
 def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fits]:
-    """The last entry about a file says what it must be; an export may have been moved elsewhere."""
+    """Compare the files with the last log entry about each; an export may have been moved elsewhere."""
     logged = {name: (event.what, digest) for event in log.events for name, digest in event.files.items()}
     wanted = _last_written(written, log)
     outputs = _compare(wanted, _hashes(results, wanted))
@@ -241,7 +243,9 @@ def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fi
 
 
 def _hashes(results: Path, wanted: Iterable[str]) -> dict[str, str]:
-    """Of all tables and pictures, and of what is wanted and in the folder: a log may name files anywhere."""
+    """Return the hashes of all tables and pictures, and of the wanted files inside the folder: a log may name files
+    anywhere.
+    """
     inside = [results / name for name in wanted if (results / name).resolve().is_relative_to(results.resolve())]
     files = {*output_files(results), *(path for path in inside if path.is_file())}
     return dict(hash_files(sorted(files), results))
@@ -254,8 +258,9 @@ def _compare(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, Fit
 
 
 def _inputs(run: Mapping[str, Any], recording: Path | None) -> dict[str, Fits] | None:
-    """The files of the recording; reference movements and events from elsewhere are hashed with them, and are not
-    looked for."""
+    """Return the files of the recording; reference movements and events from elsewhere are hashed with them, and are
+    not looked for.
+    """
     if recording is None:
         return None
     found = dict(hash_files(input_files(open_recording(recording)), recording))
@@ -277,7 +282,7 @@ def _program(run: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _corrections(run: Mapping[str, Any]) -> tuple[str, ...]:
-    """Who corrected what, in the order of the file."""
+    """Return who corrected what, in the order of the file."""
     given = run.get("corrections")
     if not given:
         return ()

@@ -14,7 +14,7 @@ from anchorpose.simulate.movement_file import CLIP_HZ, SEATED, Clips, movement_o
 from anchorpose.simulate.timeline import ease
 
 SMOOTHING_S: Final = 0.07  # Kinect v2 joints jitter by millimetres to centimetres between frames
-OVERLAP_S: Final = 0.4  # of one repetition with the next
+OVERLAP_S: Final = 0.4  # overlap of one repetition with the next
 STRAIGHT_RAD: Final = 0.35  # a limb bent by less takes its plane from earlier frames
 PLANE_MEMORY_S: Final = 0.5
 

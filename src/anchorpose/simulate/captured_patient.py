@@ -17,7 +17,7 @@ from anchorpose.simulate.posture import OUTWARD
 from anchorpose.simulate.retarget import CapturedActor, retarget
 from anchorpose.simulate.timeline import ease
 
-MARGIN_S: Final = 3.0  # before and after the recording, for cameras whose clocks are wrong
+MARGIN_S: Final = 3.0  # margin before and after the recording, for cameras whose clocks are wrong
 ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())
 GIVES_M: Final = 0.01  # depth to which soft tissue gives
 HANGING_RAD: Final = 1.0  # an upper arm raised by less than this is abducted by the whole angle,

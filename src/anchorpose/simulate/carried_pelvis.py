@@ -10,7 +10,7 @@ import numpy as np
 from anchorpose.rotations import FORWARD, rotate, turns_about
 
 LEAST_LOAD: Final = 1e-3  # share of a foot in the air, so that shares have a sum
-ROUNDS: Final = 8  # of the iteration for the tilt; each leaves a tenth of its error
+ROUNDS: Final = 8  # iterations for the tilt; each leaves a tenth of its error
 
 LEAST_HEIGHT_M: Final = 0.1
 """From an ankle up to its hip: less is a foot that no leg reaches, and has no height."""
@@ -27,7 +27,9 @@ class KneeBend:
 
 
 def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeBend | None:
-    """How far the knees bend, (t, 2) as in ``KneeBend``; None where no leg carries. lift: 1 is as high as in a step."""
+    """Return how far the knees bend, (t, 2) as in ``KneeBend``; None where no leg carries. lift: 1 is as high as in a
+    step.
+    """
     if not carry.any():
         return None
     return KneeBend(flexion, carry.clip(0.0, 1.0).max(axis=1), np.maximum(1.0 - lift, LEAST_LOAD))
@@ -64,7 +66,7 @@ def carried_pelvis(
 
 
 def _pelvis_heights(reach_m: np.ndarray, hips_m: np.ndarray, ankles_m: np.ndarray, pelvis_m: np.ndarray) -> np.ndarray:
-    """(t, 2) height of the pelvis by either leg; hips_m (t, 2, 3) from the pelvis."""
+    """Return (t, 2) height of the pelvis by either leg; hips_m (t, 2, 3) from the pelvis."""
     aside_m = (pelvis_m[:, None] + hips_m - ankles_m)[..., [0, 2]]
     rise_m = np.sqrt(np.maximum(reach_m**2 - (aside_m**2).sum(axis=2), LEAST_HEIGHT_M**2))
     return np.asarray(ankles_m[..., 1] + rise_m - hips_m[..., 1])

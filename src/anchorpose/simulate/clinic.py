@@ -59,16 +59,16 @@ class Clinic:
     equipment: EquipmentModel | None
     patient: Actor | CapturedActor
     therapists: tuple[Therapist, ...]  # and after them people who pass by
-    scene: RoomScene | None = None  # of a real room: what is in it beside the people
-    plan: tuple[PlannedTrial, ...] = ()  # of a session
+    scene: RoomScene | None = None  # scene of a real room: its content beside the people
+    plan: tuple[PlannedTrial, ...] = ()  # plan of a session
 
     @property
     def parts(self) -> tuple[EquipmentPart, ...]:
-        """The parts of the equipment; none without equipment."""
+        """Return the parts of the equipment; none without equipment."""
         return () if self.equipment is None else self.equipment.parts
 
     def pushed_m(self, time_s: float) -> np.ndarray:
-        """(3,) how far the equipment was pushed by then."""
+        """Return (3,) how far the equipment was pushed by then."""
         at_s, (x, z) = self.config.equipment_moves_at_s, self.config.equipment_shift_m
         return np.array([x, 0.0, z]) if at_s is not None and time_s >= at_s else np.zeros(3)
 
@@ -80,7 +80,7 @@ class Clinic:
         return stamps + late + drift * stamps
 
     def act(self, times_s: np.ndarray) -> Performance:
-        """Where every bone is at the given times."""
+        """Return where every bone is at the given times."""
         patient = self.patient.bones(times_s)
         others = tuple(therapist.bones(times_s, self.patient, patient) for therapist in self.therapists)
         return Performance(self, times_s, (patient, *others))
@@ -95,7 +95,7 @@ class Performance:
     bones: tuple[np.ndarray, ...]
 
     def figures(self, frame: int) -> tuple[Figure, ...]:
-        """Everybody's dressed skin in one frame; a patient who is away has no faces to draw."""
+        """Return everybody's dressed skin in one frame; a patient who is away has no faces to draw."""
         nobody = self.away[frame]
         people = [self.clinic.patient.person, *(therapist.actor.person for therapist in self.clinic.therapists)]
         return tuple(
@@ -109,7 +109,7 @@ class Performance:
         )
 
     def joints_m(self) -> np.ndarray:
-        """(t, 21, 3) the patient's joints, NaN while they are away, and of missing limbs."""
+        """Return (t, 21, 3) the patient's joints, NaN while they are away, and of missing limbs."""
         body = self.clinic.patient.person.body
         joints = np.array([body.joints(bones) for bones in self.bones[0]])
         joints[self.away] = np.nan
@@ -118,12 +118,12 @@ class Performance:
 
     @property
     def away(self) -> np.ndarray:
-        """(t,) bool: the patient is out of the room."""
+        """Return (t,) bool: the patient is out of the room."""
         spans = self.clinic.config.away_s
         return np.array([any(a <= time_s < b for a, b in spans) for time_s in self.times_s.tolist()], dtype=bool)
 
     def held_joints(self) -> np.ndarray:
-        """(t, n, 2) int: the joint in each hand of each therapist, -1 none."""
+        """Return (t, n, 2) int: the joint in each hand of each therapist, -1 none."""
         patient, therapists = self.clinic.patient, self.clinic.therapists
         held = np.full((len(self.times_s), len(therapists), 2), -1)
         for index, therapist in enumerate(therapists):
@@ -132,12 +132,14 @@ class Performance:
 
 
 def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.Generator:
-    """A generator for each purpose, so that changing one thing leaves the others as they were."""
+    """Return a generator for each purpose, so that changing one thing leaves the others as they were."""
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(STREAMS.index(name), *keys)))
 
 
 def draw_clinic(config: SimulationConfig, programme: Programme | None = None) -> Clinic:
-    """People, room and cameras from ``config.seed``; programme: of a patient who does not follow ``config.motions``."""
+    """Draw people, room and cameras from ``config.seed``; programme: of a patient who does not follow
+    ``config.motions``.
+    """
     if config.room is not None:
         return _in_room(config, config.room)
     if config.session is not None:
@@ -166,7 +168,7 @@ def draw_clinic(config: SimulationConfig, programme: Programme | None = None) ->
 
 
 def _session(config: SimulationConfig, session: SessionConfig) -> Clinic:
-    """A patient who does the trials of a session, between therapists who help in some of them."""
+    """Return a patient who does the trials of a session, between therapists who help in some of them."""
     person, scenery = draw_patient_person(random_stream(config, "patient"), config), random_stream(config, "room")
     plan, held = draw_plan(random_stream(config, "session"), session), fit_held(scenery, config, person)
     patient = draw_session_patient(random_stream(config, "programme"), person, held, plan)
@@ -198,7 +200,7 @@ def _in_room(config: SimulationConfig, room: RoomConfig) -> Clinic:
 
 
 def place_cameras(rng: np.random.Generator, config: SimulationConfig) -> tuple[Camera, ...]:
-    """Cameras on tripods around the patient, who stands at the origin and faces +X."""
+    """Return cameras on tripods around the patient, who stands at the origin and faces +X."""
     cameras = []
     for index in range(config.cameras):
         spec = SENSORS[config.sensor_of(index)]
@@ -220,7 +222,7 @@ def place_cameras(rng: np.random.Generator, config: SimulationConfig) -> tuple[C
 
 
 def look_at(position_m: np.ndarray, target_m: np.ndarray) -> np.ndarray:
-    """T_world_camera (4, 4) of a level camera at ``position_m`` that looks at ``target_m``."""
+    """Return T_world_camera (4, 4) of a level camera at ``position_m`` that looks at ``target_m``."""
     away = (target_m - position_m) / np.linalg.norm(target_m - position_m)
     right = np.cross(away, [0.0, 1.0, 0.0])
     right /= np.linalg.norm(right)
@@ -231,7 +233,7 @@ def look_at(position_m: np.ndarray, target_m: np.ndarray) -> np.ndarray:
 
 
 def room_triangles(rng: np.random.Generator, camera_behind: bool) -> np.ndarray:
-    """(n, 3, 3) floor, back wall and side walls; the ceiling is out of every camera's view."""
+    """Return (n, 3, 3) floor, back wall and side walls; the ceiling is out of every camera's view."""
     back = -rng.uniform(3.1, 3.5) if camera_behind else -rng.uniform(1.7, 2.4)
     left, right, front = -rng.uniform(2.6, 3.2), rng.uniform(2.6, 3.2), rng.uniform(3.2, 3.8)
     quads = [
@@ -245,6 +247,6 @@ def room_triangles(rng: np.random.Generator, camera_behind: bool) -> np.ndarray:
 
 
 def face_parts(person: Person) -> np.ndarray:
-    """(f,) uint8: 1 + bone index of each face's body part (of its first corner)."""
+    """Return (f,) uint8: 1 + bone index of each face's body part (of its first corner)."""
     asset = person.body.asset
     return (asset.main_bone()[asset.faces[:, 0]] + 1).astype(np.uint8)

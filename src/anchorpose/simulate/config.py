@@ -48,8 +48,9 @@ ROOM_MOTIONS: Final[dict[Posture, tuple[tuple[str, ...], ...]]] = {
     "stands-up": (("sit-to-stand", "reach"), ("sit-to-stand", "squat", "arm-raise"), ("sit-to-stand", "trunk", "head")),
 }
 ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # a seat is drawn apart from them
-CAPTURED_SHARE: Final = 0.6  # of the standing patients in rooms, where there is a file of captured movements
-ABSENT_SHARE: Final = 0.15  # of the recording, before a patient who is late comes into view
+# share of the standing patients in rooms who move as captured, where there is a file of captured movements
+CAPTURED_SHARE: Final = 0.6
+ABSENT_SHARE: Final = 0.15  # share of the recording before a patient who is late comes into view
 HIDDEN_S: Final = 2.0  # behind a curtain
 LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0
 THICKEST_CLOTHING_M: Final = 0.015  # thicker clothes would hide the body's shape
@@ -66,36 +67,39 @@ class SimulationConfig:
     fps: Annotated[float, Field(gt=0, le=HIGHEST_HZ)] = 30.0  # every sensor simulated here runs at 30 Hz
     cameras: Annotated[int, Field(ge=1, le=4)] = 3  # front, left, right, then behind
     sensor: Sensor = "kinect-v2"  # the paper's
-    sensors: tuple[Sensor, ...] = ()  # one per camera, where they are of different models
-    lens: LensName | None = None  # what the sensor looks through; None: its own
+    sensors: tuple[Sensor, ...] = ()  # one sensor per camera, where the cameras are of different models
+    lens: LensName | None = None  # lens of the sensor; None: the lens of its model
     equipment: Equipment = "standing-frame"
     chest_pad: bool = False  # on the parallel bars, with straps beside the hips
     equipment_moves_at_s: float | None = None  # when the equipment is pushed; None: never
     equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # along X and Z
     stool: bool = True  # something solid under a patient who sits
     therapists: Annotated[int, Field(ge=0, le=3)] = 2
-    therapist_tasks: tuple[TaskName, ...] = ()  # of the first therapists; those of the others are drawn
+    therapist_tasks: tuple[TaskName, ...] = ()  # tasks of the first therapists; those of the others are drawn
     therapists_stay: bool = False  # they are there from first to last, as in the middle of an exercise
-    passers_by: Annotated[int, Field(ge=0, le=3)] = 0  # who walk through between a camera and the patient
+    # number of people who walk through between a camera and the patient
+    passers_by: Annotated[int, Field(ge=0, le=3)] = 0
     motions: Annotated[tuple[str, ...], Field(min_length=1)] = ("mixed",)
     movement_file: Path | None = None  # captured movements instead of motions
     movement: str | None = None  # one of ``MOVEMENTS`` in movement_file.py, or the name of a clip
-    subjects: tuple[int, ...] = SUBJECTS  # whose movements are drawn from
+    subjects: tuple[int, ...] = SUBJECTS  # subjects from whom movements are drawn
     speed: Speed = "mixed"
     clothing_m: Annotated[float, Field(ge=0, le=THICKEST_CLOTHING_M)] = 0.009  # how far folds stand off the skin
-    away_s: tuple[tuple[float, float], ...] = ()  # from when to when the patient is out of the room; walks out and in
-    curtain_s: tuple[float, float] | None = None  # from when to when a curtain hides the patient from all cameras
+    away_s: tuple[tuple[float, float], ...] = ()  # start and end of the patient's absence; the patient walks out and in
+    # start and end of the time in which a curtain hides the patient from all cameras
+    curtain_s: tuple[float, float] | None = None
     hole_radius_m: float = 0.0  # 0: no holes
-    hole_share: Share = 0.5  # of the frames
+    hole_share: Share = 0.5  # share of the frames with a hole
     height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # None: drawn, adults from 1.5 to 1.9
     body: OtherBody = OtherBody()  # the patient's; default: drawn from the body asset
     pose_known: bool = True  # False: camera_to_world is null
-    clock_late_s: tuple[float, ...] = ()  # one per camera: how much later than its stamps say it looked
-    clock_drift: tuple[float, ...] = ()  # one per camera: seconds of further lateness per second
-    clock_epoch_s: tuple[float, ...] = ()  # one per camera: what its stamps say at the start
+    clock_late_s: tuple[float, ...] = ()  # lateness per camera: how much later than its stamps say the image was taken
+    clock_drift: tuple[float, ...] = ()  # drift per camera: seconds of further lateness per second
+    clock_epoch_s: tuple[float, ...] = ()  # one per camera: the time that its stamps state at the start
     stamp_jitter_s: NotNegative = 0.0  # standard deviation of every stamp
-    dropped_share: ProperShare = 0.0  # of the depth images of every camera but the first, lost on the way to the disk
-    doubled_share: ProperShare = 0.0  # of the files of every camera that hold the previous depth image once more
+    # share of the depth images of every camera but the first that are lost on the way to the disk
+    dropped_share: ProperShare = 0.0
+    doubled_share: ProperShare = 0.0  # share of the files of every camera that hold the previous depth image again
     starts_late_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the start
     ends_early_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the end
     # one per camera, the first 1: a camera records every n-th of its images, which lowers its rate
@@ -110,16 +114,16 @@ class SimulationConfig:
 
     @property
     def frames(self) -> int:
-        """Depth images of each camera."""
+        """Return depth images of each camera."""
         return max(1, round(self.seconds * self.fps))
 
     def sensor_of(self, camera: int) -> Sensor:
-        """What one camera imitates."""
+        """Return the sensor that one camera imitates."""
         return self.sensors[camera] if self.sensors else self.sensor
 
 
 def _check_equipment(config: SimulationConfig) -> None:
-    """Raises ValueError where motions, holes and equipment do not fit together."""
+    """Raise ValueError where motions, holes and equipment do not fit together."""
     for motion in config.motions:
         _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
     captured = config.movement_file is not None
@@ -147,7 +151,7 @@ def _check_equipment(config: SimulationConfig) -> None:
 
 
 def _check_cameras(config: SimulationConfig) -> None:
-    """Raises ValueError where what is given per camera does not fit the cameras."""
+    """Raise ValueError where what is given per camera does not fit the cameras."""
     for name in ("sensors", "clock_late_s", "clock_drift", "clock_epoch_s", "starts_late_s", "ends_early_s", "every"):
         values = getattr(config, name)
         _require(len(values) in (0, config.cameras), f"{name} needs one value per camera, got {len(values)}")
@@ -160,7 +164,7 @@ def _check_cameras(config: SimulationConfig) -> None:
 
 
 def _check_scene(config: SimulationConfig) -> None:
-    """Raises ValueError where the patient cannot be away or hidden as set."""
+    """Raise ValueError where the patient cannot be away or hidden as set."""
     times = [time_s for span in config.away_s for time_s in span]
     _require(times == sorted(times), f"away_s must be spans in the order of time, got {config.away_s}")
     held = config.equipment != "none" or config.movement_file is not None
@@ -188,7 +192,7 @@ def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationCon
 
 
 def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
-    """``config`` with a patient who is easily lost: away at first or later, hidden behind a curtain, or seated.
+    """Return ``config`` with a patient who is easily lost: away at first or later, hidden behind a curtain, or seated.
 
     The standing frame is left out where the patient walks or sits. Raises ValueError for other equipment in the way of
     walking, and for captured movements, which have no motions.
@@ -208,7 +212,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
 
 
 def rough_recorder(config: SimulationConfig) -> SimulationConfig:
-    """``config`` recorded by devices that were not made to work together; how far apart is drawn from its seed."""
+    """Return ``config`` recorded by unsynchronised devices; the size of the differences is drawn from its seed."""
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROUGH_KEY,)))
     others = config.cameras - 1
     return replace(
@@ -222,7 +226,9 @@ def rough_recorder(config: SimulationConfig) -> SimulationConfig:
 
 
 def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
-    """The paper's experiment: one camera, one person, a hole at the body's centre in random frames (Section V)."""
+    """Return the paper's experiment: one camera, one person, a hole at the body's centre in random frames (Section
+    V).
+    """
     return SimulationConfig(
         seed=seed,
         seconds=seconds,
@@ -236,12 +242,14 @@ def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) 
 
 
 def single(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
-    """One camera, one person, nothing in the way."""
+    """Return ``config`` with one camera, one person and no occluder."""
     return SimulationConfig(seed=seed, seconds=seconds, fps=fps, cameras=1, equipment="none", stool=False, therapists=0)
 
 
 def room(seed: int, seconds: float = 10.0, fps: float = 15.0, movement_file: Path | None = None) -> SimulationConfig:
-    """A real room seen by one camera at an unknown place; some patients do captured movements where a file is given."""
+    """Return a real room seen by one camera at an unknown place; some patients do captured movements where a file is
+    given.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PLAN_KEY,)))
     height_m, sensor = rng.uniform(1.5, 1.9), draw_sensor(rng)
     plan = draw_room_config(rng, sensor, height_m)

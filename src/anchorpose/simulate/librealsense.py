@@ -18,12 +18,12 @@ from anchorpose.simulate.sensor import SensorSpec, sense
 HALF: Final = 2  # pixels of the imager joined to one
 # The filter's own settings are not in the recordings; these draw silhouettes out as the real ones are: 12 pixels
 SMOOTHING: Final = 0.3  # weight of a pixel relative to the filter's carried value
-JOINED_PX: Final = 25.0  # of disparity: only surfaces within half a metre of the camera keep their edges
+JOINED_PX: Final = 25.0  # step of disparity: only surfaces within half a metre of the camera keep their edges
 PASSES: Final = 2
 FILLED_PX: Final = 16  # widest gap filled by the nearest values in the row or column
 STEPS: Final = 8.0  # steps to which a pixel of disparity is rounded at the end
 TEMPORAL: Final = 0.4  # weight of a frame relative to the one before
-STILL_PX: Final = 0.6  # of disparity: larger changes are taken over unchanged
+STILL_PX: Final = 0.6  # change of disparity: larger changes are taken over unchanged
 MEMORY: Final = 4  # frames; the weight of older ones is below a tenth
 
 

@@ -97,7 +97,7 @@ def head(rng: np.random.Generator, here: Situation) -> Offsets:
 
 
 def rails(rng: np.random.Generator, here: Situation) -> Offsets:
-    """A hand leaves its rail and comes back; without rails, hands held as if on them."""
+    """Return offsets that take one hand off its rail; without rails, both hands are held as if on them."""
     if here.in_frame:
         side = SIDES[rng.integers(2)]
         return ((f"pull_{side}", -1.0), (f"elbow_{side}", rng.uniform(-0.2, 0.6)))
@@ -128,7 +128,7 @@ ARM_MOTIONS: dict[str, Callable[[np.random.Generator, Situation], Offsets]] = {
 
 
 def timed(rng: np.random.Generator, offsets: Offsets, start_s: float, pace: float) -> Movement:
-    """A movement of about a second each way at normal pace."""
+    """Return a movement of about a second each way at normal pace."""
     rise_s, fall_s = rng.uniform(0.8, 1.5, 2) * pace
     return Movement(offsets, start_s, rise_s, rng.uniform(0.1, 0.9) * pace, fall_s)
 
@@ -139,7 +139,7 @@ class GivingWay(Movement):
     __slots__ = ()
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Twice as fast as on the average when it is caught."""
+        """Return the course from 0 to 1; at the catch it is twice as fast as on the average."""
         x = np.clip(x, 0.0, 1.0)
         return np.asarray(np.where(x < 2.0 / 3.0, 1.5 * x**2, 1.0 - 3.0 * (1.0 - x) ** 2))
 
@@ -151,13 +151,15 @@ class Beating(Movement):
     frequency_hz: float
 
     def strength(self, times_s: np.ndarray) -> np.ndarray:
-        """(t,) -1 to 1."""
+        """Return the strength (t,), -1 to 1."""
         beat = np.sin(2.0 * np.pi * self.frequency_hz * (times_s - self.start_s))
         return np.asarray(beat * Movement.strength(self, times_s))
 
 
 def buckle(rng: np.random.Generator, start_s: float) -> Movement:
-    """One knee gives way within 0.2 to 0.45 s, and the pelvis sinks on that side; the leg straightens in a second."""
+    """Let one knee give way within 0.2 to 0.45 s; the pelvis sinks on this side, and the leg straightens in a
+    second.
+    """
     way, drop_m = float(rng.choice([-1.0, 1.0])), float(rng.uniform(0.07, 0.10))  # 1: the right knee
     offsets = (("pelvis_up", -drop_m), ("pelvis_side", 0.2 * way), ("pelvis_right", -0.03 * way))
     fall_s, caught_s = rng.uniform(0.2, 0.45), rng.uniform(0.2, 0.5)

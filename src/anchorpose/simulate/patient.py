@@ -30,7 +30,7 @@ from anchorpose.simulate.timeline import (
     yaw_towards,
 )
 
-FARTHEST_FORWARD_M = 0.3  # of the feet: from there steps lead back
+FARTHEST_FORWARD_M = 0.3  # mean distance of the feet ahead, beyond which steps lead back
 SWAY_M = 0.005  # amplitude of each wave of the sway
 TREMOR_RAD = 0.004
 PALM_ABOVE_BONE_M = 0.018  # m from the hand's bone to the skin of the palm
@@ -38,9 +38,9 @@ GRIP_TILT_RAD = 0.5
 WRIST_TO_GRIP_M = 0.06  # the ball of the hand lies on the rail
 SIT_CHANCE = 0.4  # probability that a mixed programme with a stool begins or ends on it
 LONG_AGO_S = -100.0
-OUTSIDE_M = 2.4  # beside the place to train: out of the front camera's view
+OUTSIDE_M = 2.4  # distance from the place of training: out of the front camera's view
 STANCE_M = 0.26
-WALK_S = 3.0  # from outside to the place of training
+WALK_S = 3.0  # time of the walk from outside to the place of training
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -207,7 +207,7 @@ def _stature_m(asset: BodyAsset, coefficients: np.ndarray) -> float:
 
 
 def _stature_gain_m(asset: BodyAsset) -> float:
-    """Metres of height that one unit of the first coefficient adds."""
+    """Return the metres of height that one unit of the first coefficient adds."""
     step = np.zeros(asset.shape_count)
     step[0] = 1.0
     return _stature_m(asset, step) - _stature_m(asset, 0.0 * step)

@@ -18,12 +18,12 @@ from anchorpose.simulate.carried_pelvis import KneeBend, Legs, carried_pelvis
 
 SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # along Z
-FULL_REACH = 0.985  # of a limb's length: a straight limb has no defined plane
-STRAIGHT_REACH = 1.0 - 1e-6  # of a leg whose knee is bent as given: by 0.2 degrees at least
+FULL_REACH = 0.985  # share of a limb's length: a straight limb has no defined plane
+STRAIGHT_REACH = 1.0 - 1e-6  # share of the length of a leg whose knee is bent as given: by 0.2 degrees at least
 HEIGHT_SOFTNESS_M = 0.004  # how gently a straightening leg stops the pelvis
 SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))
 NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))
-CLAVICLE_SHARE = 0.25  # of the arm's elevation beyond the first 30 degrees (scapulohumeral rhythm)
+CLAVICLE_SHARE = 0.25  # share of the arm's elevation beyond the first 30 degrees (scapulohumeral rhythm)
 ELBOW_BEHIND_M = 0.3  # an upper arm: hands on rails beside the hips have their elbows behind them
 
 
@@ -88,12 +88,12 @@ def rest_limb(body: BodyMesh, names: tuple[str, str, str]) -> RestLimb:
 
 
 def pose_bones(body: BodyMesh, posture: Posture) -> np.ndarray:
-    """(t, b, 4, 4) float64 T_world_rest of every bone."""
+    """Return (t, b, 4, 4) float64 T_world_rest of every bone."""
     return _Poser(body, len(posture.pelvis_m)).run(posture)
 
 
 def palm_normal(body: BodyMesh, side: int) -> np.ndarray:
-    """(3,) out of the palm in the rest pose."""
+    """Return the direction (3,) out of the palm in the rest pose."""
     name = SIDES[side]
     fingers = body.bone_tails[body.asset.bone(f"{name}FingerBase")] - body.bone_heads[body.asset.bone(f"{name}Hand")]
     thumb = body.bone_tails[body.asset.bone(f"{name[0]}Thumb")] - body.bone_heads[body.asset.bone(f"{name}Hand")]
@@ -102,7 +102,7 @@ def palm_normal(body: BodyMesh, side: int) -> np.ndarray:
 
 
 def finger_direction(body: BodyMesh, side: int) -> np.ndarray:
-    """(3,) from the wrist to the fingers in the rest pose."""
+    """Return the direction (3,) from the wrist to the fingers in the rest pose."""
     name = SIDES[side]
     return unit(body.bone_tails[body.asset.bone(f"{name}FingerBase")] - body.bone_heads[body.asset.bone(f"{name}Hand")])
 
@@ -146,7 +146,7 @@ class _Poser:
         self._set(name, parent if local is None else parent @ local)
 
     def _feet(self, posture: Posture) -> tuple[np.ndarray, np.ndarray]:
-        """Ankles (t, 2, 3) and turns of the feet (t, 2, 3, 3)."""
+        """Return ankles (t, 2, 3) and turns of the feet (t, 2, 3, 3)."""
         turn = turns_about(UP, posture.foot_yaw) @ turns_about(RIGHT, -posture.heel_lift)
         heads = self.body.bone_heads
         offsets = np.array([heads[self._bone(f"{s}Foot")] - heads[self._bone(f"{s}ToeBase")] for s in SIDES])
@@ -238,7 +238,7 @@ class _Poser:
     def _pulled(
         self, posture: Posture, side: int, limb: RestLimb, upper: np.ndarray, fore: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The arm drawn towards the hand's target, the elbow behind and outside of the line to it, as elbows bend."""
+        """Draw the arm towards the hand's target, the elbow behind and outside of the line to it, as elbows bend."""
         pull = posture.pull[:, side, None]
         if not pull.any():
             return upper, fore
@@ -252,14 +252,14 @@ class _Poser:
 
 
 def full_reach(posture: Posture) -> float:
-    """Share of its length to which a leg may straighten."""
+    """Return the share of its length to which a leg may straighten."""
     return FULL_REACH if posture.captured is None else posture.captured.straight_leg
 
 
 def _reach(
     limb: RestLimb, start_m: np.ndarray, goal_m: np.ndarray, pole: np.ndarray, full: float = FULL_REACH
 ) -> tuple[np.ndarray, np.ndarray]:
-    """World turns (t, 3, 3) of both bones so that the limb ends at the goal, its middle joint towards ``pole``.
+    """Return world turns (t, 3, 3) of both bones so that the limb ends at the goal, its middle joint towards ``pole``.
 
     A goal out of reach is pointed at.
     """

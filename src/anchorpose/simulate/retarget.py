@@ -30,7 +30,7 @@ STRAIGHT_LEG: Final = 0.998  # share of a leg's length: knees bent by 7 degrees
 PELVIS_S: Final = 0.06  # window over which the pelvis' course is smoothed
 KNEE_SHOWS_M: Final = 0.05  # a knee this far off the line from hip to ankle shows its direction
 AIR_M: Final = 0.12  # a foot this high in the air keeps its angle to the shank
-TOES_DOWN_RAD: Final = 0.25  # of a hanging foot
+TOES_DOWN_RAD: Final = 0.25  # angle of the toes of a hanging foot
 FINGERS_RAD: Final = 0.25
 
 _UP_RIGHT: Final = orthonormal_frame(UP, RIGHT)

@@ -30,7 +30,7 @@ class SensorSpec:
     filtered: bool = False  # two pixels become one, then smoothing over space and time (librealsense.py)
     wiggle_m: float = 0.0012  # amplitude of the smooth error that a time-of-flight camera keeps over a session
     dots: int = 0  # laser points from which the maker's software computes the image; 0: every pixel measures
-    lens: str = "pinhole"  # of ``LENSES``
+    lens: str = "pinhole"  # one of ``LENSES``
 
 
 SENSORS = {

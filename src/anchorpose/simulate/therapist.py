@@ -32,20 +32,20 @@ from anchorpose.simulate.timeline import (
 STANCE_M = 0.28
 CROUCHES = np.linspace(0.0, 1.0, 21)
 SHOULDERS_ABOVE_HOLD_M = 0.22
-COMFORTABLE_REACH = 0.85  # of the arm's length, from shoulder to hold
-DISTANCES_M = np.linspace(0.3, 1.1, 33)  # from the balls of the feet to the holds
+COMFORTABLE_REACH = 0.85  # share of the arm's length, from shoulder to hold
+DISTANCES_M = np.linspace(0.3, 1.1, 33)  # distances from the balls of the feet to the holds
 FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows; the arms do the rest
 FARTHEST_FOLLOW_M = 0.25
-LEAN_M = 0.12  # as far as a therapist follows a patient who does a captured movement
-LOWEST_PELVIS_M = 0.30  # above the floor, of a therapist who crouches
+LEAN_M = 0.12  # largest distance over which a therapist follows a patient who does a captured movement
+LOWEST_PELVIS_M = 0.30  # lowest height of the pelvis of a therapist who crouches, above the floor
 FLATTENING = -0.45  # radians by which the fingers, curled at rest, straighten at each joint to lie on the skin
 HELD_M = 0.005  # a wrist this near to its goal counts as holding
 
-PASSING_M = (0.6, 1.5)  # from the camera that a person passes
-BESIDE_M = 3.2  # where they come from and go to: outside the room
-SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # of the course, against the way across
-CLEAR_M = 0.7  # from the other cameras, where there is such a course
-HALFWAY = (0.35, 0.65)  # of the recording: when people who pass are in front of the camera
+PASSING_M = (0.6, 1.5)  # distance of the passer-by from the camera that they pass
+BESIDE_M = 3.2  # distance from the crossing to the start and the goal of the course: outside the room
+SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # slants of the course, against the way across
+CLEAR_M = 0.7  # clearance of the course from the other cameras, where possible
+HALFWAY = (0.35, 0.65)  # share of the recording after which people who pass are in front of the camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +56,7 @@ class Therapist:
     hold: Hold | None
 
     def bones(self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray) -> np.ndarray:
-        """(t, b, 4, 4) T_world_rest, hands on the patient, whose bones (t, b, 4, 4) move."""
+        """Return (t, b, 4, 4) T_world_rest, hands on the patient, whose bones (t, b, 4, 4) move."""
         if self.hold is None:
             return self.actor.bones(times_s)
         person = self.actor.person
@@ -74,7 +74,7 @@ class Therapist:
     def held_joints(
         self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray, bones: np.ndarray
     ) -> np.ndarray:
-        """(t, 2) int: the patient's joint that each hand holds, -1 where it does not, or is left behind."""
+        """Return (t, 2) int: the patient's joint that each hand holds, -1 where it does not, or is left behind."""
         if self.hold is None:
             return np.full((len(times_s), 2), -1)
         person, wrist_bones = self.actor.person, [self.actor.person.body.asset.bone(f"{side}Hand") for side in SIDES]
@@ -87,7 +87,7 @@ class Therapist:
 def draw_therapists(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor
 ) -> tuple[Therapist, ...]:
-    """As many as the configuration asks for, each with a task of their own; the third of three only walks by."""
+    """Draw as many therapists as the configuration asks for, each with a task; the third of three only walks by."""
     tasks = [next(task for task in TASKS if task.name == name) for name in config.therapist_tasks]
     for index in rng.permutation(len(TASKS)):
         seat = config.stool or config.equipment == "wheelchair" or config.movement_file is None
@@ -136,13 +136,13 @@ def _draw_holder(
 
 
 def grasp(start_s: float, comes_s: float, holds_s: float, goes_s: float) -> Movement:
-    """Both hands come to the patient, stay there with flat fingers, and go."""
+    """Bring both hands to the patient, keep them there with flat fingers, and take them away."""
     hands = (("pull_left", 1.0), ("pull_right", 1.0), ("fingers_left", FLATTENING), ("fingers_right", FLATTENING))
     return Movement(hands, start_s, comes_s, holds_s, goes_s)
 
 
 def _draw_passer(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Therapist:
-    """Someone who walks through between the front camera and the patient, or behind the patient."""
+    """Draw someone who walks through between the front camera and the patient, or behind the patient."""
     way = rng.choice([-1.0, 1.0])
     x = rng.uniform(1.1, 1.5) if rng.random() < 0.6 else -rng.uniform(0.8, 1.2)
     start, goal = np.array([x, -way * 2.2]), np.array([x + rng.uniform(-0.3, 0.3), way * 2.2])
@@ -154,7 +154,9 @@ def _draw_passer(rng: np.random.Generator, config: SimulationConfig, person: Per
 def draw_passer_by(
     rng: np.random.Generator, config: SimulationConfig, cameras: tuple[Camera, ...], camera: int | None = None
 ) -> Therapist:
-    """A person who walks across the line from a camera, drawn where None, to the patient in mid-recording."""
+    """Draw a person who walks, in mid-recording, across the line from a camera to the patient; the camera is drawn
+    where None.
+    """
     person = draw_person(rng, config.clothing_m)
     chosen = cameras[int(rng.integers(len(cameras))) if camera is None else camera]
     towards = -chosen.position_m[[0, 2]]
@@ -174,7 +176,8 @@ def draw_passer_by(
 
 
 def _clear_course(courses: np.ndarray, crossing_m: np.ndarray, others_m: np.ndarray, slant: float) -> int:
-    """The index of the course (n, 2) nearest to a slant that keeps clear of other cameras (k, 2) and of the patient.
+    """Return the index of the course (n, 2) nearest to a slant that keeps clear of other cameras (k, 2) and of the
+    patient.
 
     If none keeps clear, it is the course that stays farthest from all.
     """
@@ -185,7 +188,7 @@ def _clear_course(courses: np.ndarray, crossing_m: np.ndarray, others_m: np.ndar
 
 
 def _walker(rng: np.random.Generator, person: Person, footwork: Footwork) -> Therapist:
-    """Someone who only walks."""
+    """Return a person who only walks."""
     return Therapist(Actor(person, resting_channels(person, in_frame=False), [], footwork, draw_waves(rng)), None)
 
 
@@ -203,14 +206,14 @@ def _visit(
 
 
 def _sideways(rng: np.random.Generator, spot: np.ndarray) -> np.ndarray:
-    """(2,) unit x, z: away from the patient, to the left or the right."""
+    """Return the horizontal direction (2,), x and z, away from the patient, to the left or the right."""
     way = np.sign(spot[1]) if abs(spot[1]) > 0.35 else rng.choice([-1.0, 1.0])
     direction = np.array([np.sign(spot[0]) * rng.uniform(0.0, 0.5), way])
     return direction / np.linalg.norm(direction)
 
 
 def crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
-    """From standing (0) to deep crouching on raised heels (1)."""
+    """Return the offsets from standing (0) to deep crouching on raised heels (1)."""
     both = [("knee_out", 0.5 * crouch), ("heel", 0.9 * max(0.0, crouch - 0.3))]
     return (
         ("pelvis_up", -0.6 * crouch),
@@ -223,7 +226,7 @@ def crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
 
 
 def choose_spot(person: Person, base: np.ndarray, hold: Hold) -> tuple[float, np.ndarray]:
-    """How deep to crouch and where to stand (x, z) so that the farther hand reaches in comfort."""
+    """Return how deep to crouch and where to stand (x, z) so that the farther hand reaches in comfort."""
     shoulders, arm_m = _crouched_shoulders(person, base)
     across = np.cross(hold.facing, UP)
     offset = hold.places_m - hold.reference_m
@@ -239,7 +242,9 @@ def choose_spot(person: Person, base: np.ndarray, hold: Hold) -> tuple[float, np
 
 
 def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, float]:
-    """Shoulders (c, 2, 3) of the therapist at the origin, facing +X, at each depth of crouching; length of the arm."""
+    """Return shoulders (c, 2, 3) of the therapist at the origin, facing +X, at each depth of crouching; length of the
+    arm.
+    """
     asset, body = person.body.asset, person.body
     crouching = [Movement(crouch_offsets(crouch), LONG_AGO_S, 1.0, 1e3, 1.0) for crouch in CROUCHES]
     channels = np.concatenate([channel_values(base, [movement], np.zeros(1)) for movement in crouching], axis=1)
@@ -263,7 +268,7 @@ def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray, farthest_m: f
 
 
 def _hand_goals(person: Person, hold: Hold, place_m: np.ndarray, normal: np.ndarray) -> HandGoals:
-    """Palms flat on the skin, fingers away from the therapist and upwards."""
+    """Return palms flat on the skin, fingers away from the therapist and upwards."""
     wrists, turns = np.zeros_like(place_m), np.zeros((*place_m.shape, 3))
     for side in (0, 1):
         along, palm = finger_direction(person.body, side), palm_normal(person.body, side)

@@ -70,12 +70,12 @@ class Movement:
         return self.start_s + self.rise_s + self.hold_s + self.fall_s
 
     def strength(self, times_s: np.ndarray) -> np.ndarray:
-        """(t,) 0 to 1."""
+        """Return the strength (t,), 0 to 1."""
         coming = self.coming((times_s - self.start_s) / self.rise_s)
         return coming - ease((times_s - self.start_s - self.rise_s - self.hold_s) / self.fall_s)
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """The course from 0 at the start to 1; x (t,) in shares of ``rise_s``."""
+        """Return the course from 0 at the start to 1; x (t,) in shares of ``rise_s``."""
         return ease(x)
 
 
@@ -111,13 +111,13 @@ class FootTrack:
 
 
 def ease(x: np.ndarray) -> np.ndarray:
-    """Minimum-jerk course from 0 to 1 (Flash and Hogan 1985, doi:10.1523/JNEUROSCI.05-07-01688.1985)."""
+    """Return minimum-jerk course from 0 to 1 (Flash and Hogan 1985, doi:10.1523/JNEUROSCI.05-07-01688.1985)."""
     x = np.clip(x, 0.0, 1.0)
     return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
 
 
 def channel_values(base: np.ndarray, movements: list[Movement], times_s: np.ndarray) -> np.ndarray:
-    """(c, t) channels: the resting values (c,) and all movements added."""
+    """Return (c, t) channels: the resting values (c,) and all movements added."""
     values = np.repeat(base[:, None], len(times_s), axis=1)
     for movement in movements:
         strength = movement.strength(times_s)
@@ -127,7 +127,7 @@ def channel_values(base: np.ndarray, movements: list[Movement], times_s: np.ndar
 
 
 def foot_track(footwork: Footwork, times_s: np.ndarray) -> FootTrack:
-    """Feet at the given times; a foot that does not step does not move at all."""
+    """Return feet at the given times; a foot that does not step does not move at all."""
     ball = np.zeros((len(times_s), 2, 3))
     ball[:, :, [0, 2]] = footwork.places_m
     yaw = np.tile(footwork.yaws, (len(times_s), 1))
@@ -145,7 +145,7 @@ def foot_track(footwork: Footwork, times_s: np.ndarray) -> FootTrack:
 
 
 def body_course(footwork: Footwork, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Between the feet, smoothed over time: where the body is, (t, 2) x and z, and which way it faces, (t,)."""
+    """Return where the body is, (t, 2) x and z, and which way it faces, (t,): between the feet, smoothed over time."""
     weights = np.hanning(9)[1:-1]
     place, yaw = np.zeros((len(times_s), 2)), np.zeros(len(times_s))
     for weight, lag in zip(weights / weights.sum(), np.linspace(-BODY_LAG_S, BODY_LAG_S, len(weights)), strict=True):
@@ -156,7 +156,7 @@ def body_course(footwork: Footwork, times_s: np.ndarray) -> tuple[np.ndarray, np
 
 
 def walk(footwork: Footwork, goal_m: np.ndarray, facing: float, start_s: float, stance_m: float) -> Footwork:
-    """``footwork`` with a walk appended: straight to ``goal_m`` (x, z), turning to ``facing`` on the last steps."""
+    """Append a walk to ``footwork``: straight to ``goal_m`` (x, z), turning to ``facing`` on the last steps."""
     places, yaws = final_stance(footwork)
     here = places.mean(axis=0)
     gap = goal_m - here
@@ -182,18 +182,18 @@ def walk_seconds(footwork: Footwork, goal_m: np.ndarray, facing: float, stance_m
 
 
 def walk_until(footwork: Footwork, goal_m: np.ndarray, facing: float, at_s: float, stance_m: float) -> Footwork:
-    """``footwork`` with a walk appended that arrives at a time."""
+    """Append a walk to ``footwork`` that arrives at a time."""
     return walk(footwork, goal_m, facing, at_s - walk_seconds(footwork, goal_m, facing, stance_m), stance_m)
 
 
 def yaw_towards(here_m: np.ndarray, there_m: np.ndarray) -> float:
-    """Radians to the left that lead from one place (x, z) to another."""
+    """Return the radians to the left that lead from one place (x, z) to another."""
     gap = there_m - here_m
     return float(np.arctan2(-gap[1], gap[0]))
 
 
 def final_stance(footwork: Footwork) -> tuple[np.ndarray, np.ndarray]:
-    """Places (2, 2) and yaws (2,) of the feet after the last step."""
+    """Return places (2, 2) and yaws (2,) of the feet after the last step."""
     places, yaws = footwork.places_m.copy(), footwork.yaws.copy()
     for step in footwork.steps:
         places[step.side], yaws[step.side] = step.place_m, step.yaw
@@ -201,12 +201,12 @@ def final_stance(footwork: Footwork) -> tuple[np.ndarray, np.ndarray]:
 
 
 def stand(middle_m: np.ndarray, yaw: float, stance_m: float) -> Footwork:
-    """Both feet beside a place (x, z), which take no step."""
+    """Return both feet beside a place (x, z), without steps."""
     return Footwork(stance_places(middle_m, yaw, stance_m), np.full(2, yaw))
 
 
 def stance_places(middle_m: np.ndarray, yaw: float, stance_m: float) -> np.ndarray:
-    """(2, 2) x, z of the left and right foot of someone who stands at ``middle_m`` and faces ``yaw``."""
+    """Return (2, 2) x, z of the left and right foot of someone who stands at ``middle_m`` and faces ``yaw``."""
     right = np.array([np.sin(yaw), np.cos(yaw)])
     return middle_m + np.array([[-0.5], [0.5]]) * stance_m * right
 
@@ -229,19 +229,19 @@ class HandGoals:
 
 
 def standing_pelvis_m(body: BodyMesh) -> float:
-    """Height of the pelvis's centre above the floor in the rest pose."""
+    """Return the height of the pelvis's centre above the floor in the rest pose."""
     return float(body.bone_heads[body.asset.bone("Hips"), 1])
 
 
 def ball_ahead_m(body: BodyMesh) -> float:
-    """How far the balls of the feet are ahead of the pelvis in upright standing."""
+    """Return how far the balls of the feet are ahead of the pelvis in upright standing."""
     return float(body.bone_heads[body.asset.bone("LeftToeBase"), 0] - body.bone_heads[body.asset.bone("Hips"), 0])
 
 
 def posture_from(
     body: BodyMesh, channels: np.ndarray, footwork: Footwork, times_s: np.ndarray, goals: HandGoals
 ) -> Posture:
-    """The posture at ``times_s`` (t,) for channels (c, t)."""
+    """Return the posture at ``times_s`` (t,) for channels (c, t)."""
     feet = foot_track(footwork, times_s)
     place, yaw = body_course(footwork, times_s)
     pelvis_m, pelvis_turn = _pelvis(body, channels, place, yaw)
@@ -273,7 +273,7 @@ def posture_from(
 
 
 def _pelvis(body: BodyMesh, channels: np.ndarray, place: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pelvis (t, 3) and its turn from rest (t, 3, 3) of a body at places (t, 2) that faces yaw (t,)."""
+    """Return pelvis (t, 3) and its turn from rest (t, 3, 3) of a body at places (t, 2) that faces yaw (t,)."""
 
     def channel(name: str) -> np.ndarray:
         return np.asarray(channels[CHANNEL_INDEX[f"pelvis_{name}"]])
@@ -286,10 +286,10 @@ def _pelvis(body: BodyMesh, channels: np.ndarray, place: np.ndarray, yaw: np.nda
 
 
 def _both(channels: np.ndarray, name: str) -> np.ndarray:
-    """(t, 2) a channel of the left and the right side."""
+    """Return a channel (t, 2) of the left and the right side."""
     return np.stack([channels[CHANNEL_INDEX[f"{name}_left"]], channels[CHANNEL_INDEX[f"{name}_right"]]], axis=1)
 
 
 def _three(channels: np.ndarray, name: str) -> np.ndarray:
-    """(t, 3) bend forward, bend to the right, turn to the left."""
+    """Return the channels (t, 3): bend forward, bend to the right, turn to the left."""
     return np.stack([channels[CHANNEL_INDEX[f"{name}_{way}"]] for way in ("flex", "side", "turn")], axis=1)

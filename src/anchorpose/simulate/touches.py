@@ -15,9 +15,8 @@ from anchorpose.simulate.render import Figure
 
 TOUCH_M: Final = 0.03  # between two people's skin
 JOINT_REGION_M: Final = 0.12  # a joint is touched where skin this near to it is touched
-EQUIPMENT_TOUCH_M: Final = (
-    0.01  # of skin to a rigid surface: the folds of the clothes, as deep as ``clothing_m`` has them
-)
+# distance of touching skin from a rigid surface: the folds of the clothes, as deep as ``clothing_m`` has them
+EQUIPMENT_TOUCH_M: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +33,7 @@ class Touch:
 
 
 def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...], frame: int) -> Touch:
-    """Contacts in one frame, clothes included: skin to skin within 3 cm, skin to equipment within 1 cm."""
+    """Return the contacts in one frame, clothes included: skin to skin within 3 cm, skin to equipment within 1 cm."""
     from scipy.spatial import cKDTree
 
     body = clinic.patient.person.body
@@ -60,7 +59,7 @@ def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...
 
 
 def bones_on_equipment(clinic: Clinic, patient_m: np.ndarray, bone: np.ndarray, time_s: float) -> np.ndarray:
-    """(parts, b) bool: bones with skin within ``EQUIPMENT_TOUCH_M`` of each part, or inside it.
+    """Return (parts, b) bool: bones with skin within ``EQUIPMENT_TOUCH_M`` of each part, or inside it.
 
     patient_m (v, 3): the patient's dressed skin, world; bone (v,): the bone that each vertex moves with. Equipment that
     was pushed is where it was pushed to.

@@ -29,9 +29,9 @@ from anchorpose.simulate.touches import Touch, touches
 
 EQUIPMENT_FILE: Final = "equipment.json"
 PNG_COMPRESSION: Final = 2  # noise does not compress; more effort triples the time for 3 % of the size
-PASSER_HIDES: Final = 0.25  # of the pixels that one camera would see of the patient
-JITTER_LIMIT: Final = 0.4  # of a period: beyond half of one, stamps could change places
-JITTER_SPREADS: Final = 2.0  # where the normal distribution of the jitter is cut
+PASSER_HIDES: Final = 0.25  # share of the patient's pixels of one camera that a passer-by hides
+JITTER_LIMIT: Final = 0.4  # share of a period: beyond half of one, stamps could change places
+JITTER_SPREADS: Final = 2.0  # standard deviations at which the normal distribution of the jitter is cut
 
 
 def simulate_recording(
@@ -95,7 +95,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
 
 
 def _write_documents(recording: Path, clinic: Clinic) -> None:
-    """recording.json; equipment.json where there is equipment; events.tsv and events.json of a session."""
+    """Write recording.json; equipment.json where there is equipment; events.tsv and events.json of a session."""
     equipment, cameras, missing = clinic.equipment, clinic.cameras, clinic.config.body.missing
     if not clinic.config.pose_known:
         cameras = tuple(replace(camera, T_world_camera=None) for camera in cameras)
@@ -126,7 +126,7 @@ class Sight:
 
 
 def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight: Sight, contacts: list[Touch]) -> None:
-    """The truth that tracking is measured against, by frame of the first camera, world frame, metres.
+    """Write the truth that tracking is measured against, by frame of the first camera, world frame, metres.
 
     occluded (t,): a hole was cut, or a person who passes by hides over ``PASSER_HIDES`` of the patient from a camera.
     Beyond the format's own keys: patient_pixels (t,) of all cameras together; seen_share (t, 21, cameras) of the skin

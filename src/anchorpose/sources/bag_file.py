@@ -26,7 +26,8 @@ ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 SQLITE_MAGIC: Final = b"SQLite format 3\0"
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
-_LARGEST_BYTES: Final = 1 << 30  # of an unpacked message: a hundred times a usual one; damage can ask for more
+# largest size of an unpacked message: a hundred times a usual one; damage can ask for more
+_LARGEST_BYTES: Final = 1 << 30
 _MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # values of the field "op" in ROS 1
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
@@ -85,7 +86,7 @@ class BagFile(ABC):
         return (self._damage,) if self._damage else ()
 
     def count(self, topic: str) -> int | None:
-        """Return the number of messages of a topic; None where only reading the whole file would tell."""
+        """Return the number of messages of a topic; None where they can be counted only by reading the whole file."""
         counts = [self._counts[number] for number in self._on((topic,))]
         return None if None in counts else sum(count or 0 for count in counts)
 
@@ -268,7 +269,7 @@ class BagFolder:
         return tuple(note for file in self._files for note in file.notes)
 
     def count(self, topic: str) -> int | None:
-        """Return how many messages a topic has in all files; None as ``BagFile.count``."""
+        """Return the number of messages of a topic in all files; None if counting requires reading a whole file."""
         counts = [file.count(topic) for file in self._files]
         return None if None in counts else sum(count or 0 for count in counts)
 

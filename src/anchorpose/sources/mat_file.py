@@ -32,7 +32,7 @@ _CLASSES: Final = {6: "f8", 7: "f4", 11: "u2"}
 """Classes of arrays that can be depth: double, single and uint16."""
 
 _COMPLEX: Final = 0x800
-_HEAD_BYTES: Final = 4096  # of a compressed array: its class, shape and name
+_HEAD_BYTES: Final = 4096  # bytes of the head of a compressed array: its class, shape and name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +48,7 @@ class MatArray:
 
     @property
     def size_bytes(self) -> int:
-        """Bytes in memory."""
+        """Return the bytes in memory."""
         return math.prod(self.shape) * self.dtype.itemsize
 
     def read(self) -> np.ndarray:

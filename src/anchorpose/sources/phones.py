@@ -45,7 +45,7 @@ from anchorpose.sources.source import (
     read_matrix,
 )
 
-VIDEO: Final = (1920, 1440)  # of ARKit's camera on these devices; checked by the principal point
+VIDEO: Final = (1920, 1440)  # size of the image of ARKit's camera on these devices; checked by the principal point
 
 OFF_CENTRE: Final = 0.1  # share of the width: real lenses are within 0.02
 
@@ -68,7 +68,7 @@ _REMEDY: Final = "export it again from Record3D"
 
 
 def _is_stray(path: Path, head: bytes) -> bool:
-    """Return whether a folder has the app's files."""
+    """Return whether a path is a folder of the app Stray Scanner, by the files in it."""
     return all((path / name).is_file() for name in ("camera_matrix.csv", "odometry.csv")) and (path / "depth").is_dir()
 
 

@@ -76,7 +76,7 @@ def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.nd
 
 
 def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
-    """Return the surface without the edges that a contact made; its ``skin`` is that of ``assign_skin``.
+    """Return the surface without edges between touching limbs; it must have the ``skin`` of ``assign_skin``.
 
     A contact is a connected set of edges whose ends are far apart on the body; it is cut if at least half of them fold
     inwards, step, or show skin at its expected place.

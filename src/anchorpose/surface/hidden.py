@@ -53,7 +53,8 @@ def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32
     return np.float32(row), np.float32(column), z
 
 
-REACH_M: Any = np.float32(0.12)  # from a node to the skin point it shows: the prediction of a fast hand is this far off
+# distance from a node to the skin point it shows: the prediction of a fast hand is this far off
+REACH_M: Any = np.float32(0.12)
 MAX_TURN_DEG: Final = 70.0  # between their normals; the far side of a wrist faces the other way
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
 OFF_PLANE_WEIGHT: Any = np.float32(3.0)  # weight of a distance along the normal: skin points are samples of a surface

@@ -15,7 +15,8 @@ from scipy.spatial import KDTree
 from anchorpose.surface.links import add_links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
-MAX_DEPARTURE: Final = 0.35  # from either tangent plane, over the gap's width: a shin bends less, two legs far more
+# departure from either tangent plane, over the gap's width: a shin bends less, two legs far more
+MAX_DEPARTURE: Final = 0.35
 SLACK_M: Final = 0.015  # soft tissue and noise beside a narrow bar
 MARGIN_PX: Final = 4  # pixels of readings lost or removed beside the bar
 

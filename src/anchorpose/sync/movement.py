@@ -123,13 +123,13 @@ def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray,
 
 
 def _mean_misfit(ours: Signals, turned: Signals, clock: Clock) -> float:
-    """Return the distance of the mean vectors over the mean size of ours; turned: theirs in our axes and unit."""
+    """Return the distance of the mean vectors over the mean size of ours; turned: the sensor's in our axes and unit."""
     x, y = _in_common(ours, turned, clock)
     return float(np.linalg.norm(x.mean(axis=0) - y.mean(axis=0)) / np.linalg.norm(x, axis=1).mean())
 
 
 def _in_common(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
-    """Return ours (c, 3) and theirs (c, k) where both are known; raises NoCommonMovement where there is none."""
+    """Return our values (c, 3) and the sensor's (c, k) where both are known; raises NoCommonMovement without any."""
     at_s = clock.reference_time_s(ours.time_s)
     found = np.stack([np.interp(at_s, theirs.time_s, y, np.nan, np.nan) for y in theirs.values.T], axis=1)
     both = np.isfinite(found).all(axis=1) & np.isfinite(ours.values).all(axis=1)

@@ -88,7 +88,7 @@ def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | N
 
 
 def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) -> np.ndarray:
-    """Return offsets and the times of ours at which they hold (c, 2): each onset of theirs less an anchor of ours."""
+    """Return candidate offsets and our times (c, 2) at which they hold: onsets of the other clock less one of ours."""
     anchors = ours_s[np.unique(np.linspace(0, len(ours_s) - 1, ANCHORS).astype(int))]
     tried = np.array([(theirs - anchor, anchor) for anchor in anchors for theirs in theirs_s])
     return tried if near_s is None else tried[np.abs(tried[:, 0] - near_s) <= RIVAL_DISTANCE_S]
@@ -97,7 +97,7 @@ def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) 
 def _matched(
     ours_s: np.ndarray, theirs_s: np.ndarray, offset_s: float, anchor_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices (k,) of matching onsets, ours and theirs; far from the anchor clocks may have drifted."""
+    """Return the indices (k,) of matching onsets of both clocks; far from the anchor clocks may have drifted."""
     within_s = TOLERANCE_S + 2.0 * DRIFT_SIGMA * np.abs(ours_s - anchor_s)
     found = nearest_within(ours_s + offset_s, theirs_s, within_s)
     return np.flatnonzero(found >= 0), found[found >= 0]

@@ -137,8 +137,8 @@ class Matcher:
     """
 
     def __init__(self, find: Callable[[np.ndarray], np.ndarray], node_count: int, subsets: np.ndarray) -> None:
-        """Take ``find``, which returns the matches (k, s) of nodes (k,), independent of other nodes; subsets (s,
-        n_s).
+        """Store ``find``, which returns the matches (k, s) of nodes (k,) by each of s subsets, one node independently
+        of others.
         """
         self.subsets = subsets
         # as in ``Hypotheses``; also -1 where not computed yet

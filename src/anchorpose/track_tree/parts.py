@@ -22,7 +22,8 @@ from anchorpose.surface.surface import Nodes
 LEAST_PAIRS: Final = 6  # pairs of a part; with fewer a rigid motion follows the noise of single nodes
 PAIR_ROUNDS: Final = 8  # rounds of reweighting the pairs; the fit settles in five
 LEAST_SCALE_M: Final = 0.01  # pairs within a node's spacing of their fit are equally good
-SURFACE_SIGMA_M: Final = 0.02  # of a node off its part's skin: clothes, sensor, and shared errors of neighbours
+# distance of a node from its part's skin: clothes, sensor, and shared errors of neighbours
+SURFACE_SIGMA_M: Final = 0.02
 # radians, largest departure of a step from the pairs, with SHIFT_SIGMA_M: unconstrained directions must not slide
 TURN_SIGMA: Final = 0.15
 SHIFT_SIGMA_M: Final = 0.02  # metres, see TURN_SIGMA

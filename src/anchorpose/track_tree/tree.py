@@ -20,7 +20,8 @@ class TreeConfig:
     """
 
     missed_cost_m: Positive = 0.10  # m per frame, twice the anchor bound; a branch that costs more is not a match
-    max_branches: Count = 200  # of 10 + 100 + 1000; on 3650 nodes with ten noisy subsets no exact search visited 50
+    # branches that are visited at most; on 3650 nodes with ten noisy subsets no exact search visited 50
+    max_branches: Count = 200
 
 
 class Support(IntEnum):

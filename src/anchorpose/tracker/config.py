@@ -30,7 +30,7 @@ HEIGHTS_M: Final = (1.2, 2.2)  # m; a height outside is beyond the shape model a
 class Method(StrEnum):
     """The way in which a frame's matches become a pose."""
 
-    ARTICULATED = "articulated"  # all parts at once, joined, on the learnt body
+    ARTICULATED = "articulated"  # all parts are registered at once, joined, on the learnt body
     PARTS = "parts"  # the paper's method: every part separately, from frame to frame
 
 

@@ -71,7 +71,7 @@ def is_loopback(host: str) -> bool:
 
 
 MOST: Final = 48  # open at once; systems allow a program 256 open files or more, and depth images are written beside
-MOST_PER_CLIENT: Final = 24  # from one address: four windows, each with the six connections of a browser
+MOST_PER_CLIENT: Final = 24  # connections from one address: four windows, each with the six connections of a browser
 CLOSING_S: Final = 1.0  # a connection that was shut down is closed at once
 
 

@@ -26,7 +26,7 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.document import parse_json
 from anchorpose.viewer.access import Connections, Guard, is_loopback, new_token
 
-MOST_BYTES: Final = 64 * 1024  # of a request's body: a correction has some hundred
+MOST_BYTES: Final = 64 * 1024  # largest size of a request's body: a correction has some hundred bytes
 IDLE_S: Final = 20.0  # a connection without a request for so long is closed; browsers open another one
 PATIENCE_S: Final = 120.0  # a browser that takes nothing of an answer for so long is gone
 
@@ -54,12 +54,12 @@ class Response:
 
 
 def json_response(value: Any) -> Response:
-    """Raises ValueError where a number is NaN: JSON has none."""
+    """Return a JSON response; raises ValueError where a number is NaN, which JSON does not have."""
     return Response(json.dumps(value, allow_nan=False).encode(), JSON)
 
 
 def describe_error(error: Exception) -> str:
-    """What the page may know of an error: the name of a file without its folder, which may name the patient."""
+    """Describe an error for the page: a file by its name without its folder, which may name the patient."""
     if isinstance(error, InputError):
         return str(InputError(error.path.name, error.problem, error.remedy))
     if isinstance(error, OSError):
@@ -76,7 +76,8 @@ class GuardedServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
-    request_queue_size = 128  # of connections to be accepted: where it is full, a browser tries again after a second
+    # number of connections waiting to be accepted: beyond it, a browser tries again after a second
+    request_queue_size = 128
     page: ClassVar[str]
     program: ClassVar[str]
 
@@ -95,22 +96,22 @@ class GuardedServer(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """With the token, which every request must carry."""
+        """Return the address with the token, which every request must carry."""
         everywhere = self.host in ("0.0.0.0", "::")  # none of which can be opened
         name = socket.gethostname() if everywhere else self.host
         return f"http://{f'[{name}]' if ':' in name else name}:{self.guard.port}/{self.guard.token}/"
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
-        """Whether there is room for one more connection; it is closed otherwise."""
+        """Return whether there is room for one more connection; without room, the connection is closed."""
         return self.connections.add(request, client_address[0])
 
     def close_request(self, request: Any) -> None:
-        """Closes a connection, which is not counted from then on."""
+        """Close a connection, which is not counted from then on."""
         super().close_request(request)
         self.connections.remove(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Silent about a browser that disconnects (a tab was closed)."""
+        """Ignore a browser that disconnects (a tab was closed)."""
         if not isinstance(sys.exception(), ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
 
@@ -122,12 +123,12 @@ class GuardedHandler(BaseHTTPRequestHandler):
     server: GuardedServer
 
     def handle_one_request(self) -> None:
-        """The next request of a connection, which is closed where none comes."""
+        """Handle the next request of a connection, which is closed where none comes."""
         self.connection.settimeout(IDLE_S)
         super().handle_one_request()
 
     def do_GET(self) -> None:
-        """A file of the page, or what ``answer_get`` has of this name."""
+        """Answer with a file of the page, or with the response that ``answer_get`` has for this name."""
         name = self.admitted()
         if name is None:
             return
@@ -138,11 +139,11 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.answer_get(name)
 
     def answer_get(self, name: str) -> None:
-        """Answers a request for what is not a file."""
+        """Answer a request for anything but a file."""
         raise NotImplementedError
 
     def do_POST(self) -> None:
-        """What changes something: only the page itself may, with a JSON object."""
+        """Answer a request that changes something: only the page itself may send it, with a JSON object."""
         name = self.admitted()
         if name is None:
             return
@@ -157,12 +158,13 @@ class GuardedHandler(BaseHTTPRequestHandler):
         self.answer(lambda: self.answer_post(name, _object(text)))
 
     def answer_post(self, name: str, body: dict[str, Any]) -> Response:
-        """What is sent after a change; raises as ``answer`` says."""
+        """Return the response after a change; raises the errors that ``answer`` handles."""
         raise KeyError(name)
 
     def answer(self, make: Callable[[], Response]) -> None:
-        """Sends what ``make`` returns; a refusal where it raises KeyError, or AnchorposeError, ValueError, TypeError or
-        OSError with a sentence."""
+        """Send the return value of ``make``; a refusal where it raises KeyError, or AnchorposeError, ValueError,
+        TypeError or OSError with a sentence.
+        """
         try:
             response = make()
         except KeyError:
@@ -173,7 +175,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.send(HTTPStatus.OK, response)
 
     def admitted(self) -> str | None:
-        """The requested name where token and host are right; otherwise None, and a refusal has been sent."""
+        """Return the requested name where token and host are right; otherwise None, and a refusal has been sent."""
         name = self.server.guard.path_within(self.path)
         if name is None or not self.server.guard.host_is_ours(self.plain_headers()):
             self.refuse(HTTPStatus.FORBIDDEN, f"Open the address that '{self.server.program}' printed.")
@@ -183,18 +185,18 @@ class GuardedHandler(BaseHTTPRequestHandler):
         return name
 
     def refuse(self, status: HTTPStatus, sentence: str) -> None:
-        """Ends the connection after a sentence."""
+        """End the connection after a sentence."""
         self.close_connection = True  # a body may not have been read
         self.send(status, Response(json.dumps({"error": sentence}).encode(), JSON))
 
     def send(self, status: HTTPStatus, response: Response) -> None:
-        """The whole answer."""
+        """Send the whole answer."""
         with suppress(ConnectionError):
             self.send_head(status, response.kind, {"Content-Length": str(len(response.content))})
             self.wfile.write(response.content)
 
     def send_head(self, status: HTTPStatus, kind: str, more: Mapping[str, str]) -> None:
-        """Status and headers; more: beside those that every answer has."""
+        """Send status and headers; more: headers beside those of every answer."""
         self.send_response(status)
         self.send_header("Content-Type", kind)
         for name, value in more.items():
@@ -209,11 +211,11 @@ class GuardedHandler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def plain_headers(self) -> dict[str, str]:
-        """Those that decide who is let in."""
+        """Return the headers that decide whether a request is admitted."""
         return {key: self.headers.get(key, "") for key in ("Host", "Origin", "Content-Type")}
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Silent: the address, with its token, must not be logged."""
+        """Log nothing: the address, with its token, must not be logged."""
 
 
 def _object(text: bytes) -> dict[str, Any]:
@@ -225,14 +227,17 @@ def _object(text: bytes) -> dict[str, Any]:
 
 @cache
 def load_assets() -> dict[str, Response]:
-    """The files of the pages by their names in the address: no part of an address ever becomes a path on the disk."""
+    """Return the files of the pages by their names in the address: no part of an address ever becomes a path on the
+    disk.
+    """
     return dict(_walk(resources.files("anchorpose.viewer").joinpath("static"), ""))
 
 
 @cache
 def content_policy(page: str) -> str:
-    """What a page (by its name) may load: its own files, and the one inline script (the import map), allowed by its
-    hash."""
+    """Return what a page (by its name) may load: its own files, and the one inline script (the import map), allowed by
+    its hash.
+    """
     scripts = re.findall(rb"<script type=\"importmap\">(.*?)</script>", load_assets()[page].content, re.DOTALL)
     hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(text).digest()).decode()}'" for text in scripts)
     return (
@@ -251,7 +256,7 @@ def _walk(folder: Traversable, prefix: str) -> Iterator[tuple[str, Response]]:
 
 @contextmanager
 def opened_page(address: str) -> Iterator[None]:
-    """Opens ``address`` in the browser through a file that only this user can read, deleted when the block ends.
+    """Open ``address`` in the browser through a file that only this user can read, deleted when the block ends.
 
     Every user of the computer can list the arguments of programs, so the secret address must not be one of them.
     """

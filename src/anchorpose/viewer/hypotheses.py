@@ -51,7 +51,7 @@ class HypothesisWorker:
 
     @property
     def status(self) -> WorkStatus:
-        """As of now: what the process has sent since it was last asked for is read."""
+        """Return the present state, after reading what the process has sent since the last call."""
         with self._lock:
             while self._work is not None and self._work[1].poll():
                 self._receive(self._work[1])
@@ -59,12 +59,14 @@ class HypothesisWorker:
 
     @property
     def data(self) -> bytes:
-        """The result of ``hypotheses_of``, packed; empty unless the work is done."""
+        """Return the result of ``hypotheses_of``, packed; empty unless the work is done."""
         with self._lock:
             return self._data
 
     def start(self, position: int, recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None) -> None:
-        """Starts on the frame of this number; patient_xz_m: the patient's place in the results, None where lost."""
+        """Start the work on the frame of this number; patient_xz_m: the patient's place in the results, None where
+        lost.
+        """
         self.cancel()
         context = multiprocessing.get_context("spawn")  # the server has threads, whose locks must not be copied
         ours, theirs = context.Pipe(duplex=False)
@@ -76,7 +78,7 @@ class HypothesisWorker:
         theirs.close()
 
     def cancel(self) -> None:
-        """Ends the work, if there is any."""
+        """End the work, if there is any."""
         with self._lock:
             work, self._work = self._work, None
             if work is None:
@@ -101,7 +103,7 @@ class HypothesisWorker:
 def hypotheses_of(
     recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None, tick: Any
 ) -> tuple[bytes, tuple[str, ...]]:
-    """The nodes of a frame and where each subset of anchors finds them in the next, packed; and messages.
+    """Return the nodes of a frame and their matches in the next frame by each subset of anchors, packed; and messages.
 
     Arrays: nodes (m, 3) and reached (m, s, 3) float32 world metres, NaN where a subset finds no match; best (m,) int32:
     the subset on the best branch, -1 where none; asked (m,) uint8: whether the track tree follows the node.

@@ -52,7 +52,9 @@ class Blinded:
 
 
 def blind(review: Review, trials: Sequence[Trial]) -> Blinded:
-    """The trials in the given order, without names, angles, contacts, notes, frame numbers and times of the session."""
+    """Return the trials in the given order, without names, angles, contacts, notes, frame numbers and times of the
+    session.
+    """
     parts = [trial_rows(trial, review.joints.time_s) for trial in trials]
     ends = np.cumsum([part.stop - part.start for part in parts]).tolist()
     rows = np.concatenate([np.arange(part.start, part.stop) for part in parts])
@@ -80,7 +82,9 @@ def blind(review: Review, trials: Sequence[Trial]) -> Blinded:
 
 
 def _page_time_s(time_s: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
-    """(n,) times of the page: each part of the session's times begins ``APART_S`` after the one before has ended."""
+    """Return (n,) times of the page: each part of the session's times begins ``APART_S`` after the one before has
+    ended.
+    """
     found, now_s = list[np.ndarray](), 0.0
     for part in parts:
         found.append(now_s + time_s[part] - time_s[part.start])
@@ -104,7 +108,7 @@ class ScoreFile:
             raise InputError(path, problem, "move that file away to begin again")
 
     def current(self) -> Ratings:
-        """What the file holds now."""
+        """Return the present content of the file."""
         found = read_ratings(self.path)
         require_session(self.path, found, self.session)
         if found.rater != self.rater:
@@ -173,7 +177,7 @@ def open_rating(results: Path, recording: Path | None, rater: str, host: str, po
 
 
 def require_initials(results: Path, rater: str) -> str:
-    """The rater's initials in capitals; raises InputError about the results that are to be rated."""
+    """Return the rater's initials in capitals; raises InputError about the results that are to be rated."""
     try:
         return parse_initials(rater)
     except ValueError as error:
@@ -189,7 +193,7 @@ def _trials_of(results: Path, review: Review) -> Trials:
 
 
 def _shown(results: Path, trials: Trials, review: Review) -> list[int]:
-    """The numbers of the trials that have at least two tracked frames; raises InputError where there is none."""
+    """Return the numbers of the trials that have at least two tracked frames; raises InputError where there is none."""
     parts = {trial.number: trial_rows(trial, review.joints.time_s) for trial in trials.rows}
     found = [number for number, part in parts.items() if part.stop - part.start >= LEAST_FRAMES]
     if not found:

@@ -53,7 +53,7 @@ class Review:
 
     @property
     def matched_share(self) -> np.ndarray:
-        """(n,) share of the followed points found again in the next frame, NaN where none was followed."""
+        """Return (n,) share of the followed points found again in the next frame, NaN where none was followed."""
         shares = (self.run.get("association") or {}).get("matched_share", [])
         count = len(self.joints.frame)
         if len(shares) != count:
@@ -62,7 +62,7 @@ class Review:
 
 
 def open_review(results: Path, recording: Path | None) -> Review:
-    """Raises InputError where the results cannot be read, or the recording is not the one they were made of."""
+    """Open a review; raises InputError where the results are unreadable, or were made from another recording."""
     if not results.is_dir():
         raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
     joints, run = JOINTS.read(results / JOINTS.file), read_run(results / RUN_FILE)
@@ -94,7 +94,7 @@ def _if_there(table: FrameTable[Any], results: Path) -> Any:
 
 
 def describe(review: Review) -> dict[str, Any]:
-    """What the viewer's page must know before it shows a frame, for JSON; positions are rows of the results."""
+    """Return what the viewer's page needs before it shows a frame, for JSON; positions are rows of the results."""
     return {
         **describe_scene(review),
         "name": review.name,
@@ -115,7 +115,7 @@ def describe(review: Review) -> dict[str, Any]:
 
 
 def describe_scene(review: Review) -> dict[str, Any]:
-    """What any page must know to draw the frames of a review: nothing here tells what was found in them."""
+    """Return what any page needs to draw the frames of a review, without any result of tracking."""
     depth_frames = review.depth_frames
     return {
         "frames": len(review.joints.frame),
@@ -174,7 +174,7 @@ class WorstFrame:
 
 
 def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
-    """The moments that the pose explains least, as in run.json and in the report, the worst first."""
+    """Return the moments that the pose explains least, as in run.json and in the report, the worst first."""
     rows = {int(number): row for row, number in enumerate(table.frame)}
     return tuple(WorstFrame(rows[moment.frame], moment.reason, None) for moment in worst_moments(table))
 
@@ -182,7 +182,7 @@ def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
 def worst_frames(
     joints: JointTable, matched_share: np.ndarray, dropped: Sequence[dict[str, Any]]
 ) -> tuple[WorstFrame, ...]:
-    """Frames to check: lost joints first, then unusable depth images, few matches, and the largest sigma.
+    """Return frames to check: lost joints first, then unusable depth images, few matches, and the largest sigma.
 
     matched_share (n,): NaN where no point was followed. Of each kind the worst frame, then the worst at least a second
     away, and so on.
@@ -222,7 +222,7 @@ POLL_S: Final = 0.005
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Keeps out other threads and programs that lock the same file until the block ends.
+    """Keep out other threads and programs that lock the same file until the block ends.
 
     The operating system holds the lock, so that a program that dies leaves none behind; the empty lock file stays.
     Raises InputError where another program holds it for ``PATIENCE_S``, or where no lock is possible.
@@ -257,7 +257,7 @@ class CorrectionFile:
         self.current()
 
     def current(self) -> Corrections:
-        """What the file holds now; the initial corrections where there is no file yet."""
+        """Return the present content of the file; the initial corrections where there is no file yet."""
         if not self.path.exists():
             return self.initial
         found = read_corrections(self.path)
@@ -265,7 +265,7 @@ class CorrectionFile:
         return found
 
     def add(self, given: dict[str, Any]) -> Corrections:
-        """Adds a correction, given without its times and its ``when``, which are filled in here; raises InputError."""
+        """Add a correction, given without its times and its ``when``, which are filled in here; raises InputError."""
         timed = {**given, "when": now_utc()}
         for frame, time_key in (("first_frame", "start_s"), ("last_frame", "end_s"), ("frame", "time_s")):
             if frame in given:
@@ -277,8 +277,9 @@ class CorrectionFile:
         return after
 
     def take_back(self, given: dict[str, Any]) -> Corrections:
-        """Moves an ``entry``, given as it stands in the file, to the withdrawn ones, by ``who``; raises InputError, or
-        ValueError where there is no such entry."""
+        """Move an ``entry``, given as it stands in the file, to the withdrawn ones, by ``who``; raises InputError, or
+        ValueError where there is no such entry.
+        """
         withdrawal = parse_withdrawal(Path("correction"), {**given, "when": now_utc()})
         with locked(self.path):
             after = self.current().taken_back(withdrawal)
@@ -292,7 +293,7 @@ class CorrectionFile:
 
 
 def valid_corrections(corrections: Corrections) -> dict[str, Any]:
-    """The valid corrections, as the page reads them."""
+    """Return the valid corrections, as the page reads them."""
     return {
         "unusable": as_json(corrections.unusable),
         "joints": as_json(corrections.joints),

@@ -145,7 +145,7 @@ class ReviewServer(GuardedServer):
         super().__init__(host, port, _Handler)
 
     def server_close(self) -> None:
-        """Ends the work under way as well."""
+        """End the work under way as well."""
         self.api.close()
         super().server_close()
 

@@ -36,7 +36,7 @@ from anchorpose.threads import one_thread
 
 DOCUMENT: Final = "benchmark.json"
 FORMAT: Final = "anchorpose-benchmark"
-REFERENCE: Final = "reference.json"  # beside this module: DOCUMENT of the whole set as made on Linux, x86-64
+REFERENCE: Final = "reference.json"  # file beside this module: DOCUMENT of the whole set as made on Linux, x86-64
 HOLE_SHARE: Final = 0.5  # share of the frames, as in the paper; never the first
 STEP: Final = 2  # every second row and column is a node, as in the tracker's mesh
 TRUTH_UNIT_M: Final = 1e-4  # true joints are compared to a tenth of a millimetre

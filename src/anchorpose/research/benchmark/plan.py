@@ -19,7 +19,7 @@ FPS: Final = 10.0  # the paper's samples are about a tenth of a second apart
 GAPS: Final = {"association-0.1s": 1, "association-0.3s": 3, "association-1s": 10, "association-1.5s": 15}
 """Frames between the two frames of a pair, by task."""
 
-FIRST_FRAMES: Final = (4, 22, 40)  # of the pairs of a recording, the same for every gap
+FIRST_FRAMES: Final = (4, 22, 40)  # first frames of the pairs of a recording, the same for every gap
 CLINIC: Final = "clinic"
 NODES: Final = "nodes"
 TRACKING: Final = {f"tracking-{hole_m:.2f}m": hole_m for hole_m in PAPER_HOLES_M}
@@ -75,7 +75,7 @@ class Group:
 
     @property
     def recordings(self) -> dict[str, str]:
-        """Task to the recording's folder, relative to the benchmark: the name that answers use."""
+        """Return, per task, the folder of its recording relative to the benchmark: the name that answers use."""
         if self.is_clinic:
             return {CLINIC: f"{self.name}/recording"}
         return {task: f"{self.name}/hole-{round(100 * hole_m):03d}" for task, hole_m in TRACKING.items()}

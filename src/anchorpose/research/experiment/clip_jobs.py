@@ -28,16 +28,16 @@ class Part:
     costs: Costs
 
     def tasks(self) -> list[Task]:
-        """The tasks of all clips."""
+        """Return the tasks of all clips."""
         plan = self.spec.plan()
         return [task for clip in self.clips for task in plan.tasks(clip)]
 
     def left_s(self) -> float:
-        """Seconds on one core for the open tasks and the recordings that they need."""
+        """Return the seconds on one core for the open tasks and the recordings that they need."""
         return self.cost_s(self.tasks())
 
     def cost_s(self, tasks: list[Task]) -> float:
-        """Seconds on one core for those of the tasks that are open, and their recordings."""
+        """Return the seconds on one core for those of the tasks that are open, and their recordings."""
         by_clip: dict[str, float] = {}
         for task in tasks:
             if not task.done:

@@ -37,12 +37,12 @@ class Clip:
 
     @property
     def holes_are_cut(self) -> bool:
-        """Whether holes are cut; other scenes have their own occluders."""
+        """Return whether holes are cut; other scenes have their own occluders."""
         return self.scene in (Scene.PAPER, Scene.LOOSE, Scene.REAL)
 
 
 def plan_clips(config: ExperimentConfig, real: Path | None) -> list[Clip]:
-    """All test recordings, by scene."""
+    """Return all test recordings, by scene."""
     clips = [
         Clip(f"{scene}-{seed}", scene, simulation_of(scene, seed, config))
         for scene in config.scenes
@@ -53,13 +53,13 @@ def plan_clips(config: ExperimentConfig, real: Path | None) -> list[Clip]:
 
 
 def real_clips(folder: Path) -> list[Clip]:
-    """The recording folders below ``folder`` that have a reference skeleton."""
+    """Return the recording folders below ``folder`` that have a reference skeleton."""
     found = sorted(path.parent for path in folder.glob("*/skeleton.npz") if (path.parent / "recording.json").is_file())
     return [Clip(f"real-{path.name}", Scene.REAL, None, path) for path in found]
 
 
 def simulation_of(scene: Scene, seed: int, config: ExperimentConfig) -> SimulationConfig:
-    """The settings of a simulated recording."""
+    """Return the settings of a simulated recording."""
     if scene is Scene.PAPER:
         return presets.single(seed, config.seconds, config.fps)
     alone = presets.single(seed, config.scene_seconds, config.fps)
@@ -80,13 +80,14 @@ SURE = 1.0  # confidence of a reference joint that counts
 
 
 def simulated_joints(truth: Path) -> np.ndarray:
-    """(t, 21, 3) metres, world, of a truth.npz."""
+    """Return (t, 21, 3) metres, world, of a truth.npz."""
     joints: np.ndarray = read_arrays(truth, ("joints",), "simulate the recording again")["joints"]
     return joints
 
 
 def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
-    """(t, 21, 3) metres, world, of a skeleton.npz (``names`` of our joints, ``xyz`` (t, m, 4)); NaN where uncertain.
+    """Return (t, 21, 3) metres, world, of a skeleton.npz (``names`` of our joints, ``xyz`` (t, m, 4)); NaN where
+    uncertain.
 
     ``xyz``: camera x right, y up, z away, metres, and confidence; a joint at the origin is missing.
     Raises InputError where the file is not such a skeleton.
@@ -106,12 +107,12 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
     return joints
 
 
-ON_BODY_M = 0.3  # from the middle of a body to its skin; a point farther away is not on it
+ON_BODY_M = 0.3  # distance from the middle of a body to its skin; a point farther away is not on the body
 HOLES_KEY = 7  # a random stream of its own beside those of the recordings
 
 
 def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]) -> np.ndarray:
-    """(frames,) bool: the frames that lose data; never those at which tracking starts, whose pose is given."""
+    """Draw (frames,) bool: the frames that lose data; never those at which tracking starts, whose pose is given."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HOLES_KEY,)))
     chosen: np.ndarray = rng.random(frames) < share
     chosen[list(starts)] = False
@@ -119,7 +120,8 @@ def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]
 
 
 def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.ndarray, radius_m: float) -> np.ndarray:
-    """A copy of the recording folder at ``out`` without the readings nearer than ``radius_m`` to the body's centre.
+    """Return a copy of the recording folder at ``out`` without the readings nearer than ``radius_m`` to the body's
+    centre.
 
     centre_m (t, 3): the mean of the visible body, world, NaN where it was not seen: such a frame stays as it is. That
     mean lies inside the body; the hole is centred on the reading nearest to it, so that the radius holds on the skin.
@@ -144,7 +146,7 @@ def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.
 
 
 def within_hole(file: Path, camera: Camera, centre_m: np.ndarray, radius_m: float) -> np.ndarray | None:
-    """(height, width) bool: pixels of a depth image within the radius of the reading nearest to a world point.
+    """Return (height, width) bool: pixels of a depth image within the radius of the reading nearest to a world point.
 
     None where there is no such reading within reach of a body.
     """

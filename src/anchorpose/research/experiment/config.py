@@ -40,12 +40,12 @@ class Form(StrEnum):
 
     @property
     def refined(self) -> bool:
-        """Whether parts are registered to the surface after their matches."""
+        """Return whether parts are registered to the surface after their matches."""
         return self in (Form.REFINED, Form.REFINED_ALL)
 
     @property
     def rejects(self) -> bool:
-        """Whether bad matches are rejected."""
+        """Return whether bad matches are rejected."""
         return self in (Form.REFINED, Form.MATCHES)
 
 
@@ -65,29 +65,32 @@ class ExperimentConfig:
     tenth of a second apart. Here the frame rate is ten per second.
     """
 
-    first_seed: int = 501  # of the test recordings; each seed is another body, other clothes and other movements
-    recordings: Count = 20  # of 150 frames each: 3,000
+    # first seed of the test recordings; each seed is another body, other clothes and other movements
+    first_seed: int = 501
+    recordings: Count = 20  # number of recordings, 150 frames each: 3,000 frames
     seconds: Positive = 15.0
     fps: Annotated[Positive, Field(le=30)] = 10.0
     holes_m: tuple[float, ...] = PAPER_HOLES_M
-    hole_share: Annotated[Positive, Field(le=1)] = 0.5  # of the frames, drawn at random
-    segment_frames: Annotated[Count, Field(ge=2)] = 10  # from one given pose: methods start again each second
-    segments: Count = 6  # of each recording, drawn at random, the same for every method: 1,080 frames with the default
+    hole_share: Annotated[Positive, Field(le=1)] = 0.5  # share of the frames that get a hole, drawn at random
+    # number of frames from one given pose: methods start again each second
+    segment_frames: Annotated[Count, Field(ge=2)] = 10
+    # segments per recording, drawn at random, the same for every method: 1,080 frames with the default
+    segments: Count = 6
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # between the two frames whose matches are compared
     windows: Count = 2  # moments of each recording, size of hole and gap at which matches are compared with the truth
     forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)  # those with the surface: at every size
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
-    scene_recordings: Count = 3  # of each scene beyond the paper's
+    scene_recordings: Count = 3  # recordings of each scene beyond the paper's
     scene_seconds: Positive = 6.0
     methods: tuple[str, ...] = ()  # keys, or paths of Python files with METHODS; none: all
-    ablation: bool = True  # of anchorpose's own tracker, in the scenes beyond the paper's
-    training_seed: int = 401  # of the recordings that settings are chosen and movements are taken from
+    ablation: bool = True  # also run ablated variants of anchorpose's own tracker, in the scenes beyond the paper's
+    training_seed: int = 401  # seed of the recordings from which settings are chosen and movements are taken
     training_recordings: Count = 4
     training_samples: Annotated[Count, Field(ge=40)] = 200  # frames of reference movements
     training_windows: Count = 2  # moments of each, with and without a hole, on which settings are tried
     tuned: bool = True  # False: every method with its first setting
-    pictures: bool = True  # of matches, hypotheses and tracked joints; False: tables and figures only
-    resamples: Annotated[Count, Field(ge=100)] = 2000  # of the bootstrap over recordings
+    pictures: bool = True  # draw matches, hypotheses and tracked joints; False: tables and figures only
+    resamples: Annotated[Count, Field(ge=100)] = 2000  # resamples of the bootstrap over recordings
 
     def __post_init__(self) -> None:
         if not (
@@ -106,22 +109,24 @@ class ExperimentConfig:
             raise ValueError("the recordings to test and to train on have seeds in common; move first_seed")
 
     def stride(self, gap_s: float) -> int:
-        """Frames from one to the next that its matches are compared with."""
+        """Return the number of frames between two frames whose matches are compared."""
         return round(gap_s * self.fps)
 
     def segments_of(self, scene: Scene) -> int:
-        """Number of segments that methods run on in each simulated recording of a scene."""
+        """Return the number of segments that methods run on in each simulated recording of a scene."""
         seconds = self.seconds if scene is Scene.PAPER else self.scene_seconds
         return min(self.segments, round(seconds * self.fps) // self.segment_frames)
 
     def seeds(self, scene: Scene) -> range:
-        """Seeds of the test recordings of a scene."""
+        """Return seeds of the test recordings of a scene."""
         count = self.recordings if scene is Scene.PAPER else self.scene_recordings
         return range(self.first_seed, self.first_seed + count)
 
 
 def quick() -> ExperimentConfig:
-    """Everything once on very little data, in five minutes: it shows only that everything runs."""
+    """Return a configuration that runs everything once on very little data, in five minutes, only to show that it
+    runs.
+    """
     return ExperimentConfig(
         recordings=1,
         seconds=1.5,

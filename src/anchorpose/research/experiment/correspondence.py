@@ -15,7 +15,7 @@ from anchorpose.simulate.config import SimulationConfig
 
 SEEN_M = 0.025  # two node spacings: a point without a node this near is not seen
 ON_SKIN_M = 0.05  # a node farther from the skin is not the patient's
-SPACING_M = 0.04  # of the points between which distances along the skin are computed
+SPACING_M = 0.04  # spacing of the points between which distances along the skin are computed
 
 REGIONS = {
     "head": ("Head", "Neck"),
@@ -53,11 +53,11 @@ class Skin:
         self.performance: Performance = self.clinic.act(self.clinic.true_times_s(0))
 
     def at(self, frame: int) -> np.ndarray:
-        """(v, 3) metres, world."""
+        """Return (v, 3) metres, world."""
         return np.asarray(self.performance.figures(frame)[0].skin_m, dtype=np.float64)
 
     def follow(self, nodes_m: np.ndarray, frame: int, other: int, other_nodes_m: np.ndarray) -> TruePlaces:
-        """The true places of a frame's nodes (m, 3) in another frame, whose surface has nodes (n, 3)."""
+        """Return the true places of a frame's nodes (m, 3) in another frame, whose surface has nodes (n, 3)."""
         here, there = self.at(frame), self.at(other)
         distance, vertex = cKDTree(here).query(nodes_m)
         place = there[vertex] + (nodes_m - here[vertex])
@@ -68,12 +68,12 @@ class Skin:
         return TruePlaces(vertex, place, seen)
 
     def vertex_at(self, places_m: np.ndarray, frame: int) -> np.ndarray:
-        """(m,) vertex of the skin nearest to each place."""
+        """Return (m,) vertex of the skin nearest to each place."""
         vertex: np.ndarray = cKDTree(self.at(frame)).query(places_m)[1]
         return vertex
 
     def along_skin_m(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """(m,) distance along the skin between vertices; far apart, too short by up to the sample's spacing."""
+        """Return (m,) distance along the skin between vertices; far apart, too short by up to the sample's spacing."""
         rest, sample, between = self._sampled
         straight = np.linalg.norm(rest[one] - rest[other], axis=1)
         near_one, near_other = self._nearest[one], self._nearest[other]
@@ -84,7 +84,7 @@ class Skin:
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The skin at rest (v, 3), a sample of its vertices (s,), and their distances (s, s) along the mesh."""
+        """Return the skin at rest (v, 3), a sample of its vertices (s,), and their distances (s, s) along the mesh."""
         body = self.clinic.patient.person.body
         rest, faces = body.vertices, body.asset.faces
         cell = np.unique(np.floor(rest / SPACING_M).astype(np.int64), axis=0, return_index=True)[1]
@@ -101,12 +101,12 @@ class Skin:
 
     @cached_property
     def region(self) -> np.ndarray:
-        """(v,) index into ``REGIONS`` of the body part that each vertex moves with."""
+        """Return (v,) index into ``REGIONS`` of the body part that each vertex moves with."""
         return np.array([region_of(name) for name in self._bone_names])[self._main_bone]
 
     @cached_property
     def side(self) -> np.ndarray:
-        """(v,) -1 on a left limb, 1 on a right one, 0 on head and trunk."""
+        """Return (v,) -1 on a left limb, 1 on a right one, 0 on head and trunk."""
         limb = [region_of(name) > LAST_WITHOUT_SIDE for name in self._bone_names]
         sign = [
             (name[0] == "R") - (name[0] == "L") if on_limb else 0
@@ -124,7 +124,7 @@ class Skin:
 
 
 def region_of(bone: str) -> int:
-    """Index into ``REGIONS`` of a bone's region. Raises ValueError for a bone without one."""
+    """Return the index into ``REGIONS`` of a bone's region. Raises ValueError for a bone without one."""
     name = bone.removeprefix("Left").removeprefix("Right")
     names = {name, bone, name[1:]}  # LHipJoint and LThumb name their side by one letter
     fits = [

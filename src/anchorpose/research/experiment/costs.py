@@ -12,9 +12,9 @@ from anchorpose.research.experiment.method import Family, Method
 from anchorpose.research.experiment.plan import Kind, Task
 
 COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # therapists; three cameras
-USUAL_FORM_S: Final = 0.02  # of a frame in one form of the framework, without the method
+USUAL_FORM_S: Final = 0.02  # time of a frame in one form of the framework, without the method
 USUAL_OWN_S: Final = 0.15
-MAKING: Final = 2.0  # to simulate a frame and to track it for the reference, in multiples of ``own_s``
+MAKING: Final = 2.0  # time to simulate a frame and to track it for the reference, in multiples of ``own_s``
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Costs:
     own_s: float
 
     def of(self, task: Task, config: ExperimentConfig) -> float:
-        """Seconds of a task."""
+        """Return the seconds of a task."""
         clip, method = task.clip, task.method
         factor = COST_FACTOR.get(clip.scene, 1.0)
         frames = 40 if clip.simulation is None else clip.simulation.frames  # a real recording is not open yet
@@ -46,14 +46,14 @@ class Costs:
         return factor * tracked * self.alone_s[method.key] * len(task.forms)
 
     def making(self, clip: Clip) -> float:
-        """Seconds to simulate a clip and to find its reference."""
+        """Return the seconds to simulate a clip and to find its reference."""
         if clip.simulation is None:
             return 10.0
         return 5.0 + MAKING * self.own_s * clip.simulation.frames * clip.simulation.cameras
 
 
 def _forms(config: ExperimentConfig) -> int:
-    """Number of forms that a method runs in on a recording of the paper's scene, over all sizes of hole."""
+    """Return the number of forms that a method runs in on a recording of the paper's scene, over all sizes of hole."""
     ends = min(len(config.holes_m), 2)
     between = sum(form.refined for form in config.forms)
     return ends * len(config.forms) + between * (len(config.holes_m) - ends)

@@ -34,7 +34,8 @@ PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_ra
 
 
 def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
-    """Meshes of the depth images with their holes; prediction by the best sub-list; each part registered by itself.
+    """Return the paper's configuration: meshes keep their holes, the best sub-list predicts, each part is registered
+    alone.
 
     motions: the file of the training samples' movements.
     """
@@ -52,12 +53,12 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
 
 
 def paper_room(recording: Recording, reference: Reference, movements: Path) -> Room:
-    """The room of a recording by the reference's clocks, the same in every form and at every stride."""
+    """Return the room of a recording by the reference's clocks, the same in every form and at every stride."""
     return prepare_room(align_clocks(recording, reference.clocks), paper_config(movements))
 
 
 def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
-    """All that is known before the first frame is tracked, with the configuration of ``paper_config``.
+    """Return all that is known before the first frame is tracked, with the configuration of ``paper_config``.
 
     stride: only every so many frames of the recording are looked at. With a stride over one the patient is expected at
     the last place: reference movements do not predict a second ahead, and are too short at such a rate.
@@ -69,7 +70,7 @@ def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int =
 
 
 def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, stride: int = 1) -> PaperTracker:
-    """A tracker of the patient from a frame (position in the recording) on, in which the pose is given.
+    """Return a tracker of the patient from a frame (position in the recording) on, in which the pose is given.
 
     The joints in the frames before, every ``stride``-th, are given too, as far back as there is no gap: the motion
     dynamics need a past.
@@ -83,7 +84,7 @@ def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, s
 
 
 def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True) -> Start:
-    """The start in a frame in which the pose is given, made once for runs that observe the same in it."""
+    """Return the start in a frame in which the pose is given, made once for runs that observe the same in it."""
 
     def make() -> Start:
         pose, frame_set = given.reference.pose(frame), given.frame(frame)
@@ -97,13 +98,15 @@ def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True)
 
 
 def _observing(config: TrackConfig) -> TrackConfig:
-    """The configuration without what comes after an observation: prediction, matches and tree."""
+    """Return the configuration without the stages after an observation: prediction, matches and tree."""
     follow = replace(config.follow, look_ahead=1, tree_nodes=1)
     return replace(config, tree=TreeConfig(), gate=GateConfig(), motion=MotionConfig(), follow=follow)
 
 
 def follow_segment(tracker: PaperTracker, later: Sequence[FrameSet]) -> np.ndarray:
-    """(n, 21, 3) metres, world: the joints in each of the later frames, also where the tracker calls them lost."""
+    """Return (n, 21, 3) metres, world: the joints in each of the later frames, also where the tracker calls them
+    lost.
+    """
     joints = []
     for frame_set in later:
         if tracker.follow(frame_set):

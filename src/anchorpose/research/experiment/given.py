@@ -58,11 +58,11 @@ class Reference:
 
     @property
     def found(self) -> np.ndarray:
-        """(t,) bool: the patient was found."""
+        """Return (t,) bool: the patient was found."""
         return np.isfinite(self.root_m).all(axis=1)
 
     def pose(self, frame: int) -> Pose:
-        """The pose in a frame in which the patient was found."""
+        """Return the pose in a frame in which the patient was found."""
         return Pose(self.rotations[frame], self.root_m[frame])
 
 
@@ -102,7 +102,7 @@ def make_reference(recording: Recording, config: TrackConfig, labelled: bool = T
 
 
 def in_its_world(recording: Recording, reference: Reference) -> Recording:
-    """The recording, or its copy with holes, with the reference's camera poses as given poses."""
+    """Return the recording, or its copy with holes, with the reference's camera poses as given poses."""
     cameras = tuple(
         replace(camera, T_world_camera=T) for camera, T in zip(recording.cameras, reference.T_world_camera, strict=True)
     )
@@ -110,7 +110,7 @@ def in_its_world(recording: Recording, reference: Reference) -> Recording:
 
 
 def to_arrays(reference: Reference) -> dict[str, np.ndarray]:
-    """The reference as arrays, for a file."""
+    """Return the reference as arrays, for a file."""
     return {
         "T_world_camera": reference.T_world_camera,
         "coefficients": reference.shape.coefficients,
@@ -126,7 +126,7 @@ def to_arrays(reference: Reference) -> dict[str, np.ndarray]:
 
 
 def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
-    """The reference that ``to_arrays`` took apart."""
+    """Return the reference from the arrays of ``to_arrays``."""
     shape = FittedShape(arrays["coefficients"], arrays["offset_m"], tuple(arrays["missing"].tolist()))
     poses = arrays["T_world_camera"]
     labels = tuple(arrays[f"labels_{number}"] for number in range(len(poses)))
@@ -146,7 +146,7 @@ class GivenFrames:
     def __init__(
         self, room: Room, reference: Reference, uncut: GivenFrames | None = None, cut: np.ndarray | None = None
     ):
-        """cut (t,) bool: the frames that lost readings, all where None."""
+        """Store the frames; cut (t,) bool: the frames that lost readings, all where None."""
         self.room, self.reference = room, reference
         self._starts: dict[tuple[int, Hashable], Start] = {}
         self._uncut = uncut
@@ -159,11 +159,11 @@ class GivenFrames:
         return len(self.room.recording.streams[0].files)
 
     def _same_as_uncut(self, position: int) -> GivenFrames | None:
-        """The frames before holes were cut, where the one at a position is the same."""
+        """Return the frames before holes were cut, where the one at a position is the same."""
         return None if self._cut[position] else self._uncut
 
     def start(self, position: int, observing: Hashable, make: Callable[[], Start]) -> Start:
-        """The start at a position for those who observe the same in it, made where there is none yet."""
+        """Return the start at a position for those who observe the same in it, made where there is none yet."""
         same, key = self._same_as_uncut(position), (position, observing)
         if same is not None:
             return same.start(position, observing, make)
@@ -172,7 +172,7 @@ class GivenFrames:
         return self._starts[key]
 
     def frame(self, position: int) -> FrameSet:
-        """The frame at a position in the recording."""
+        """Return the frame at a position in the recording."""
         same = self._same_as_uncut(position)
         if same is not None:
             return same.frame(position)
@@ -183,7 +183,8 @@ class GivenFrames:
     def observe(
         self, frame_set: FrameSet, expected: Expectation | None, height_m: float, run: Run, anchored: bool
     ) -> Observation:
-        """What a frame shows of the patient: a surface that is given, and anchors by the method's own expectation.
+        """Return what a frame shows of the patient: a surface that is given, and anchors by the method's own
+        expectation.
 
         anchored: False where nothing looks at the anchors, which are then not looked for.
         """
@@ -203,7 +204,7 @@ class GivenFrames:
         return self._surfaces[key]
 
     def _views(self, position: int) -> tuple[View | None, ...]:
-        """The given labels of each camera's pixels, but for readings that a hole has taken since."""
+        """Return the given label of each camera's pixels, without readings that a hole has removed since."""
         before = None if self._uncut is None else self._uncut.frame(position)
         views = list[View | None]()
         for number, depth_m in enumerate(self.frame(position).depths_m):

@@ -58,7 +58,7 @@ class Matches:
 
 
 def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Window | None:
-    """The window from a frame on; None where the patient was not found in it or is not seen in the next.
+    """Return the window from a frame on; None where the patient was not found in it or is not seen in the next.
 
     stride: frames from one observation to the next, of ``run_in`` too.
     """
@@ -74,7 +74,7 @@ def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Wi
 
 
 def match_window(method: Method, setting: object, window: Window) -> Matches:
-    """The method's matches in a window, with and without the tree."""
+    """Return the method's matches in a window, with and without the tree."""
     if method.associate is None:
         raise ValueError(f"{method.key} has no association")
     config, associate = method.configure(window.config, setting), method.associate(setting)
@@ -99,7 +99,7 @@ def match_window(method: Method, setting: object, window: Window) -> Matches:
 
 
 def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
-    """``wanted`` of the frames, drawn at random, in order; the same for each method and size of hole."""
+    """Draw ``wanted`` of the frames at random, in order; the same for each method and size of hole."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(11,)))
     count = min(wanted, len(frames))
     return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))
@@ -135,7 +135,7 @@ class Truth:
 
 
 def truth_of(window: Window, skin: Skin) -> Truth:
-    """The nodes whose place is seen in the next frame too, at most ``COMPARED``; the same for every method."""
+    """Return the nodes whose place is seen in the next frame too, at most ``COMPARED``; the same for every method."""
     now, after = (seen.surface.points_m.astype(np.float64) for seen in window.observations[:2])
     places = skin.follow(now, window.frame, window.frame + window.stride, after)
     seen = np.flatnonzero(places.seen)
@@ -146,7 +146,7 @@ def truth_of(window: Window, skin: Skin) -> Truth:
 
 
 def score(method: Method, setting: object, window: Window, truth: Truth) -> MatchErrors:
-    """The errors of the method's matches in a window."""
+    """Return the errors of the method's matches in a window."""
     matches = match_window(method, setting, window)
     direct = _matched(matches, window, truth)
     tree, every = (_chosen(one, window, truth) for one in (matches.tree, matches.every))
@@ -174,7 +174,9 @@ def warm_up(method: Method, setting: object, window: Window) -> None:
 
 
 def _anchors_s(method: Method, setting: object, window: Window) -> float:
-    """Seconds on one core for two frames' anchors and distances, if the method uses those of the observation."""
+    """Return the seconds on one core for two frames' anchors and distances, if the method uses those of the
+    observation.
+    """
     if method.family is not Family.PROPOSED:
         return 0.0
     config, start = method.configure(window.config, setting), time.process_time()
@@ -186,14 +188,14 @@ def _anchors_s(method: Method, setting: object, window: Window) -> float:
 
 
 def _chosen(tree: GlobalHypothesis, window: Window, truth: Truth) -> np.ndarray:
-    """(m, 3) positions that a tree chose for the compared nodes, NaN without a match."""
+    """Return (m, 3) positions that a tree chose for the compared nodes, NaN without a match."""
     place = np.full((len(window.observations[0].surface), 3), np.nan)
     place[tree.node] = tree.matched_m
     return place[truth.node]
 
 
 def _matched(matches: Matches, window: Window, truth: Truth) -> np.ndarray:
-    """(m, 3) positions of the compared nodes' only hypotheses, NaN without one."""
+    """Return (m, 3) positions of the compared nodes' only hypotheses, NaN without one."""
     found = np.full((len(truth.node), 3), np.nan)
     node = matches.direct[truth.node]
     found[node >= 0] = window.observations[1].surface.points_m[node[node >= 0]]
@@ -206,7 +208,7 @@ def _straight_mm(matched_m: np.ndarray, truth: Truth) -> np.ndarray:
 
 
 def _skin_mm(matched_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
-    """(m,) along the skin, at least the straight distance: both ends are known only to the nearest vertex."""
+    """Return (m,) along the skin, at least the straight distance: both ends are known only to the nearest vertex."""
     known = np.isfinite(matched_m).all(axis=1)
     distance = np.full(len(matched_m), np.nan, np.float32)
     vertex = truth.skin.vertex_at(matched_m[known], frame)

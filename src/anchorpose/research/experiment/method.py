@@ -35,8 +35,9 @@ OWN: Final = "own"
 NEXT: Final = "next"
 """Key of its next generation, the paper's future work."""
 
-CACHED_BYTES: Final = 400_000_000  # of descriptors: the largest of twelve frames, most of a whole segment
-CACHED_PAIRS: Final = 48  # whose matches are kept: those of a segment for two sizes of hole in all forms
+CACHED_BYTES: Final = 400_000_000  # bytes of stored descriptors: the largest of twelve frames, most of a whole segment
+# pairs of frames whose matches are stored: those of a segment for two sizes of hole in all forms
+CACHED_PAIRS: Final = 48
 
 
 class Family(StrEnum):
@@ -46,7 +47,7 @@ class Family(StrEnum):
     LOCAL = "local"  # local appearance
     SPECTRAL = "spectral"  # local, from the surface's spectrum
     MESH = "mesh"  # local, on the mesh
-    GLOBAL = "global"  # all distances
+    GLOBAL = "global"  # the method uses all distances
     LEARNT = "learnt"  # places on the body by a network
     NONE = "none"  # no association: the framework by itself
     TRACKER = "tracker"  # not in the framework: this project's own tracker
@@ -89,7 +90,7 @@ class DescriptorSetting:
 
 
 def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callable[[Any], Associate]:
-    """Each node is matched with the node of the next frame whose descriptor is nearest (paper, Section V-A).
+    """Match each node with the node of the next frame whose descriptor is nearest (paper, Section V-A).
 
     describe: (n, d) descriptors of a frame's seen nodes under a configuration, NaN rows where undefined.
     """
@@ -117,7 +118,9 @@ Content = Callable[[Observation], bytes]
 
 
 def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[..., np.ndarray]:
-    """The same function of frames, computed once for those with the same content, as long as there is room for it."""
+    """Return the same function of frames, computed once for frames of the same content, as long as there is room to
+    store it.
+    """
     recent: dict[bytes, np.ndarray] = {}
 
     def known(*seen: Observation) -> np.ndarray:
@@ -131,7 +134,9 @@ def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[...
 
 
 def associate_once(method: Method, setting: Any) -> Associate:
-    """The method's association, made once for two frames that show the same, whatever the form of the framework."""
+    """Return the method's association, made once for two frames that show the same, whatever the form of the
+    framework.
+    """
     if method.associate is None:
         raise ValueError(f"{method.key} has no association that the framework could use")
     associate, content = method.associate(setting), whole_content if method.anchored else _surface_content
@@ -148,18 +153,18 @@ def associate_once(method: Method, setting: Any) -> Associate:
 
 
 def whole_content(seen: Observation) -> bytes:
-    """A digest of the surface and the anchors of a frame."""
+    """Return a digest of the surface and the anchors of a frame."""
     return _surface_content(seen) + _digest(seen.anchors.node)
 
 
 def _surface_content(seen: Observation) -> bytes:
-    """A digest of the surface."""
+    """Return a digest of the surface."""
     whole = seen.whole
     return _digest(seen.surface.points_m, whole.points_m, whole.ring, whole.link_node, whole.link_length_m)
 
 
 def seen_content(seen: Observation) -> bytes:
-    """A digest of the seen nodes and their normals, which do not depend on how the mesh is cut or closed."""
+    """Return a digest of the seen nodes and their normals, which do not depend on how the mesh is cut or closed."""
     return _digest(seen.surface.points_m, seen.surface.normals)
 
 
@@ -172,7 +177,7 @@ NO_SUBSET: Final = np.empty((1, 0), np.int64)
 
 
 def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
-    """The methods of these keys or files, in this order; all of the package where none is named.
+    """Return the methods of these keys or files, in this order; all of the package where none is named.
 
     A file is a Python module with ``METHODS``, a tuple of one. Raises InputError for an unknown key and a file without
     a method.
@@ -189,7 +194,7 @@ def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
 
 
 def shipped_methods() -> tuple[Method, ...]:
-    """All METHODS of the modules in ``methods``, by family."""
+    """Return all METHODS of the modules in ``methods``, by family."""
     from anchorpose.research.experiment import methods
 
     modules = [importlib.import_module(f"{methods.__name__}.{m.name}") for m in pkgutil.iter_modules(methods.__path__)]

@@ -25,19 +25,20 @@ from anchorpose.geodesics.paths import unfolded
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.surface.surface import Surface
 
-NODES: Final = 400  # of the frame, 5 cm apart; 250 do almost as well
+NODES: Final = 400  # nodes of the frame that are used, 5 cm apart; 250 do almost as well
 TRIED: Final = 1200  # skin points, 4 cm apart
 LEAST_DISTANCES: Final = 3  # tell places apart (paper, Section IV-D)
-SIGMA_M: Final = 0.02  # of a distance: the front's own error and the anchors' jitter
-SIGMA_PER_M: Final = 0.02  # of its length: arms and legs bend, the body may be of another size
+SIGMA_M: Final = 0.02  # error of a distance: the front's own error and the anchors' jitter
+SIGMA_PER_M: Final = 0.02  # error per metre of distance: arms and legs bend, the body may be of another size
 TURN_SIGMA: Final = 0.6  # ten turns are four directions, so each counts for less than its own error of 0.4
 LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])  # distances of a frame than the body's: medians of
 # simulated people. Anchors lie inside head and feet; paths to a hand go over the seen side of the arm only
 ROUNDS: Final = 2  # of matching; after the first the frame's own medians stand for ``LONGER_M``
 ALMOST: Final = 2.0  # squared deviations: skin so little worse than the best would do as well
-CLEAR_M: Final = 0.10  # of the places that would do: as far as one side of a thigh from the other
+CLEAR_M: Final = 0.10  # largest spread of the candidate places: as far as one side of a thigh from the other
 LEAST_NODES: Final = 40  # a tenth of them: fewer matches are no pose, and no median
-SETTLED_M: Final = 1e-4  # of a distance on the body; what is left is a hundredth of the sigma
+# change of a distance on the body at which it has settled; the remaining error is a hundredth of the sigma
+SETTLED_M: Final = 1e-4
 MOST_SWEEPS: Final = 30
 
 MIRRORED: Final = np.array(
@@ -80,7 +81,7 @@ class SkinMatches:
 
 @lru_cache(maxsize=4)
 def own_surface(body: Body) -> OwnSurface:
-    """Distances and turns of a body's skin points; kept for the last bodies."""
+    """Return distances and turns of a body's skin points; kept for the last bodies."""
     vertices, points = body.mesh.vertices, body.points
     distance = skin_distance(vertices, points.asset.faces, points.vertex[anchor_points(points)])
     around = points.asset.faces[points.faces_of].reshape(len(points.vertex), -1)
@@ -89,7 +90,7 @@ def own_surface(body: Body) -> OwnSurface:
 
 
 def skin_distance(vertices: np.ndarray, faces: np.ndarray, sources: np.ndarray) -> np.ndarray:
-    """(s, v) metres along a triangle mesh from each source to each vertex; inf where nothing leads there.
+    """Return (s, v) metres along a triangle mesh from each source to each vertex; inf where nothing leads there.
 
     Along the edges first, then across the triangles, as fast marching does (``geodesics.paths.unfolded``), until
     nothing changes.
@@ -128,7 +129,8 @@ def _relax(points: np.ndarray, start: np.ndarray, opposite: np.ndarray, order: n
 def turns(
     places_m: np.ndarray, normals: np.ndarray, nodes: np.ndarray, around: np.ndarray, distance_m: np.ndarray
 ) -> np.ndarray:
-    """(k, 10): sine of the angle between the directions away from each two anchors, counter-clockwise from outside.
+    """Return (k, 10): sine of the angle between the directions away from each two anchors, counter-clockwise from
+    outside.
 
     places_m (n, 3), distance_m (n, 5) of all nodes; nodes (k,) the chosen ones and normals (k, 3) theirs; around
     (k, f): nodes near each, -1 for none. NaN where an anchor's distances around a node are not known.
@@ -151,14 +153,14 @@ def turns(
 
 
 def _sideways(normals: np.ndarray) -> np.ndarray:
-    """(k, 3) unit vectors perpendicular to unit normals (k, 3)."""
+    """Return (k, 3) unit vectors perpendicular to unit normals (k, 3)."""
     axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
     across = np.cross(axis, normals)
     return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
 
 
 def match_skin(body: Body, seen: SeenGeodesics, mirrored: bool = False) -> SkinMatches:
-    """The skin point that each of some seen nodes shows, by its distances and turns.
+    """Return the skin point that each of some seen nodes shows, by its distances and turns.
 
     mirrored: with the anchors of left and right exchanged. Nodes with fewer than three distances have no match, and
     neither have those of which several places of the skin would do.
@@ -190,21 +192,22 @@ def _finite_or_nan(values: np.ndarray) -> np.ndarray:
 
 
 def _table(own: np.ndarray) -> np.ndarray:
-    """(2 c, p) float32 of the features (p, c) of the body, for ``_off2``."""
+    """Return (2 c, p) float32 of the features (p, c) of the body, for ``_off2``."""
     known = np.nan_to_num(own)
     return np.ascontiguousarray(np.hstack([known**2, known]).T, dtype=np.float32)
 
 
 def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """(k, p) float32: sums of ((seen - own) / sigma)^2 over the columns of seen and sigma (k, c) that are not NaN, but
-    for a number that is the same for all p."""
+    """Return (k, p) float32: sums of ((seen - own) / sigma)^2 over the columns of seen and sigma (k, c) that are not
+    NaN, but for a number that is the same for all p.
+    """
     known = np.isfinite(seen)
     weight, value = np.where(known, 1.0 / sigma**2, 0.0), np.where(known, seen, 0.0)
     return np.asarray(np.hstack([weight, -2.0 * weight * value]).astype(np.float32) @ table)
 
 
 def _longer(off_m: np.ndarray) -> np.ndarray:
-    """(5,) by how much the distances (k, 5) to each anchor are longer than the body's, all in all."""
+    """Return (5,) by how much the distances (k, 5) to each anchor exceed the body's: the median over the nodes."""
     known = np.isfinite(off_m).sum(axis=0)
     longer = LONGER_M.copy()
     for anchor in np.flatnonzero(known >= LEAST_NODES):
@@ -213,7 +216,7 @@ def _longer(off_m: np.ndarray) -> np.ndarray:
 
 
 def _spread(off2: np.ndarray, least: np.ndarray, places_m: np.ndarray) -> np.ndarray:
-    """(k,) metres: one standard deviation of the places (p, 3) almost as near as the nearest, ``least`` (k,)."""
+    """Return (k,) metres: one standard deviation of the places (p, 3) almost as near as the nearest, ``least`` (k,)."""
     near = (off2 < least[:, None] + np.float32(ALMOST)).astype(np.float32)
     sums = near @ np.column_stack([places_m, (places_m**2).sum(axis=1), np.ones(len(places_m))]).astype(np.float32)
     mean = sums[:, :4] / sums[:, 4:]

@@ -54,19 +54,21 @@ class PaperTracker(PatientTracker):
         super().__init__(run, start)
 
     def use_shape(self, shape: FittedShape) -> None:
-        """As in ``PatientTracker``; a tracker starts again every second, always with the same body."""
+        """Set the shape as in ``PatientTracker``; a tracker starts again every second, always with the same body."""
         self.shape = shape
         self.body, self.map = _body_of(shape)
 
     def follow(self, frame_set: FrameSet | None) -> bool:
-        """As ``step``, without states and uncertainty, which are not compared; whether a frame was registered."""
+        """Follow as in ``step``, without states and uncertainty, which are not compared; return whether a frame was
+        registered.
+        """
         ready = self._look(frame_set)
         if ready:
             self._advance()
         return ready
 
     def _observe(self, number: int) -> Observation:
-        """As in ``PatientTracker``; but which pixels are the patient's is given."""
+        """Observe as in ``PatientTracker``, with the patient's pixels given."""
         expected = self.expect(self.predict(number)[-1])
         return self.given.observe(self.window.frames[number], expected, self.height_m, self.run, self.way.anchored)
 
@@ -90,7 +92,7 @@ class PaperTracker(PatientTracker):
         return found
 
     def _with_limbs(self, pose: Pose) -> Pose:
-        """The pose with lost limbs brought back, where the method does that."""
+        """Return the pose with lost limbs brought back, where the method does that."""
         if not self.way.own_surface:
             return pose
         seen = self.window[1]
@@ -104,14 +106,14 @@ def _body_of(shape: FittedShape) -> tuple[Body, BodyMap]:
 
 
 HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
-BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # of each step: a limb comes from far at first
-BACK_SIGMA_M: Final = 0.05  # of a match of the own surface
-HELD_SIGMA_M: Final = 0.01  # of the skin of all other parts, which stays
-HELD_EVERY: Final = 4  # of their skin points
+BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # scale of the robust kernel in each step: a limb comes from far at first
+BACK_SIGMA_M: Final = 0.05  # error of a match of the own surface
+HELD_SIGMA_M: Final = 0.01  # error of the skin of all other parts, which stays in place
+HELD_EVERY: Final = 4  # step between the skin points of these parts that are held
 
 
 def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
-    """The pose with every arm moved whose hand the frame shows elsewhere (``own_surface.match_skin``).
+    """Return the pose with every arm moved whose hand the frame shows elsewhere (``own_surface.match_skin``).
 
     The rest of the body stays where it is.
     """
@@ -133,7 +135,7 @@ def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
 
 
 def _with_fingers(body: Body, bones: Sequence[int]) -> list[int]:
-    """The bones and all that hang on them."""
+    """Return the bones and all their descendants."""
     found = list(bones)
     for bone, parent in enumerate(body.points.asset.bone_parents):
         if parent in found and bone not in found:

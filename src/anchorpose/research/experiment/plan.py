@@ -49,7 +49,7 @@ class ResultStore:
         self.folder = folder
 
     def path(self, kind: str, *asked: object) -> Path:
-        """The file of a result; asked: values whose ``repr`` contains everything that the result depends on."""
+        """Return the file of a result; asked: values whose ``repr`` contains everything that the result depends on."""
         text = "\n".join([experiment_code(), repr(versions()), kind, *map(repr, asked)])
         return self.folder / kind / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
 
@@ -67,13 +67,13 @@ class ResultStore:
 
 
 def read(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a stored result."""
+    """Return the arrays of a stored result."""
     with np.load(path, allow_pickle=False) as file:
         return {name: file[name] for name in file.files}
 
 
 def experiment_code() -> str:
-    """The digest of all code that a result of the experiment may depend on."""
+    """Return the digest of all code that a result of the experiment may depend on."""
     return code_digest(PRESENTING)
 
 
@@ -106,7 +106,7 @@ class Task:
 
     @property
     def done(self) -> bool:
-        """Whether its result is stored already."""
+        """Return whether its result is stored already."""
         return self.path.is_file()
 
 
@@ -127,7 +127,7 @@ class Plan:
     training: bool = False
 
     def tasks(self, clip: Clip) -> Iterator[Task]:
-        """All tasks of a clip."""
+        """Yield all tasks of a clip."""
         if self.training:
             yield from self._tried(clip)
             return
@@ -146,16 +146,16 @@ class Plan:
 
     @property
     def windows(self) -> int:
-        """Number of moments of each recording and size of hole at which matches are compared."""
+        """Return the number of moments of each recording and size of hole at which matches are compared."""
         return self.config.training_windows if self.training else self.config.windows
 
     @property
     def gaps_s(self) -> tuple[float, ...]:
-        """Between the two frames whose matches are compared; settings are chosen on the shortest."""
+        """Return the times between the two frames whose matches are compared; settings are chosen on the shortest."""
         return self.config.gaps_s[:1] if self.training else self.config.gaps_s
 
     def holes(self, clip: Clip) -> tuple[float, ...]:
-        """Sizes of hole of the clip; for loose clothes only the smallest and the largest."""
+        """Return sizes of hole of the clip; for loose clothes only the smallest and the largest."""
         if self.training:
             return (0.0, TUNING_HOLE_M)
         if clip.scene is Scene.LOOSE:
@@ -163,8 +163,9 @@ class Plan:
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 
     def forms(self, clip: Clip, hole_m: float, method: Method) -> tuple[Form, ...]:
-        """The forms of the framework in the paper's scene: all with no hole and the largest, between those with the
-        surface; elsewhere the first."""
+        """Return the forms of the framework in the paper's scene: all with no hole and the largest, between those with
+        the surface; elsewhere the first.
+        """
         every = self.config.forms
         if clip.scene is not Scene.PAPER or method.family is Family.TRACKER:
             return every[:1]
@@ -172,17 +173,17 @@ class Plan:
         return tuple(form for form in every if at_end or form.refined)
 
     def methods_on(self, clip: Clip) -> tuple[Method, ...]:
-        """All methods; in some scenes also the ablation of this project's tracker."""
+        """Return all methods; in some scenes also the ablation of this project's tracker."""
         own = any(method.family is Family.TRACKER for method in self.methods)
         ablated = own and self.config.ablation and clip.scene in ABLATION_SCENES
         return (*self.methods, *(ABLATED if ablated else ()))
 
     def has_windows(self, clip: Clip) -> bool:
-        """Whether matches are compared with the truth: in the paper's scene, as in the paper."""
+        """Return whether matches are compared with the truth: in the paper's scene, as in the paper."""
         return clip.scene is Scene.PAPER
 
     def reference(self, clip: Clip) -> Path:
-        """The file of a clip's reference."""
+        """Return the file of a clip's reference."""
         return self.store.path("reference", identity(clip))
 
     def _task(self, kind: Kind, clip: Clip, hole_m: float, method: Method, setting: object) -> Task:
@@ -208,7 +209,7 @@ class PlanSpec:
     training: bool = False
 
     def plan(self) -> Plan:
-        """The plan itself."""
+        """Return the plan itself."""
         if self.code != experiment_code():
             raise AnchorposeError("the program was changed while it ran; start the experiment again.")
         methods = load_methods(self.wanted)
@@ -226,7 +227,7 @@ class PlanSpec:
 
 
 def identity(clip: Clip) -> str:
-    """What a clip's content depends on: its simulation, or its files."""
+    """Return what a clip's content depends on: its simulation, or its files."""
     if clip.simulation is not None or clip.folder is None:
         return repr(clip.simulation)
     return _content(clip.folder)

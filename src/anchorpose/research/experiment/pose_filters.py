@@ -21,13 +21,13 @@ from anchorpose.research.experiment.config import Update
 from anchorpose.track_tree.global_hypothesis import PAIR_SIGMA_M, GlobalHypothesis, part_motion, skin_places
 from anchorpose.tracker.observation import Observation
 
-PAIR_SCALE_M: Final = 3.0 * PAIR_SIGMA_M  # at which a match has a quarter of its weight
+PAIR_SCALE_M: Final = 3.0 * PAIR_SIGMA_M  # distance at which a match has a quarter of its weight
 FAR_M: Final = 1000.0  # a scale at which no row loses weight
-KALMAN_STEPS: Final = 4  # of Gauss and Newton: an iterated extended Kalman filter; it settles in three
+KALMAN_STEPS: Final = 4  # steps of Gauss and Newton: an iterated extended Kalman filter; it settles in three
 PARTICLES: Final = 200  # three for each parameter of the pose, so that their covariance has full rank
 COMPARED: Final = 120  # matches that a particle is compared with, in place of all: a particle then costs 0.1 ms
 EFFECTIVE: Final = 0.5  # least effective share of the particles after a step of tempering
-SPREAD: Final = 0.3  # of the kernel that particles are drawn from again, in their own standard deviations
+SPREAD: Final = 0.3  # width of the kernel from which particles are drawn again, in their own standard deviations
 
 
 def match_rows(
@@ -38,7 +38,7 @@ def match_rows(
     predicted: PoseBelief,
     robust: bool,
 ) -> Constraints:
-    """Where the matches put the skin points beside their nodes; robust: distant matches count less."""
+    """Return rows that place the skin points beside their matched nodes; robust: distant matches count less."""
     T_next_now = part_motion(now.transforms, body.transforms(predicted.pose))
     places = skin_places(now, hypothesis, window, T_next_now)
     found = np.isfinite(places).all(axis=1)
@@ -49,7 +49,7 @@ def match_rows(
 def update_by_rows(
     update: Update, body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
 ) -> PoseBelief:
-    """The belief after the measurement; without matches the prediction. seed: of the particles."""
+    """Return the belief after the measurement; without matches the prediction. seed: of the particles."""
     if not len(rows):
         return predicted
     if update is Update.KALMAN:
@@ -58,7 +58,7 @@ def update_by_rows(
 
 
 def kalman_update(body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig) -> PoseBelief:
-    """The belief after the update of an iterated extended Kalman filter."""
+    """Return the belief after the update of an iterated extended Kalman filter."""
     expected, pose = (predicted.pose, predicted.information), predicted.pose
     for _ in range(KALMAN_STEPS):
         pose = damped_step(body, pose, rows, expected, config.rows_per_observation)
@@ -72,7 +72,7 @@ def kalman_update(body: Body, rows: Constraints, predicted: PoseBelief, config: 
 def particle_update(
     body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
 ) -> PoseBelief:
-    """The belief as the mean and covariance of particles, drawn from the prediction and weighed by the matches.
+    """Return the belief as the mean and covariance of particles, drawn from the prediction and weighed by the matches.
 
     Sixty-six parameters leave one particle with all the weight, so the likelihood is tempered (Neal 2001,
     doi:10.1023/A:1008923215028): in each step as much of it as leaves half of the particles effective, which are then
@@ -92,7 +92,7 @@ def particle_update(
 
 
 def _some_matches(rows: Constraints) -> Constraints:
-    """The rows of ``COMPARED`` matches, three each."""
+    """Return the rows of ``COMPARED`` matches, three each."""
     match = 3 * thin(len(rows) // 3, COMPARED)[:, None] + np.arange(3)
     chosen = np.zeros(len(rows), bool)
     chosen[match.ravel()] = True
@@ -100,7 +100,7 @@ def _some_matches(rows: Constraints) -> Constraints:
 
 
 def _cost(body: Body, predicted: PoseBelief, change: np.ndarray, rows: Constraints) -> float:
-    """Squared deviations of the rows under Geman and McClure's kernel, after a change of the predicted pose."""
+    """Return squared deviations of the rows under Geman and McClure's kernel, after a change of the predicted pose."""
     points, of = body.points, rows.point[::3]
     transforms = body.transforms(predicted.pose.moved(change, points.moving))
     placed = skin(points.bones[of], points.influence[of], transforms, body.rest_m[of], body.rest_normals[of])[0]
@@ -114,7 +114,7 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
 
 
 def _tempered(log_weight: np.ndarray, left: float) -> float:
-    """The largest share of the likelihood, ``left`` at most, that keeps ``EFFECTIVE`` of the particles."""
+    """Return the largest share of the likelihood, ``left`` at most, that keeps ``EFFECTIVE`` of the particles."""
 
     def effective(share: float) -> float:
         return 1.0 / float((_weights(share * log_weight) ** 2).sum())
@@ -129,7 +129,7 @@ def _tempered(log_weight: np.ndarray, left: float) -> float:
 
 
 def _drawn_again(states: np.ndarray, weight: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Equally weighted particles with the mean and covariance of the weighted ones."""
+    """Draw equally weighted particles with the mean and covariance of the weighted ones."""
     mean, covariance = weight @ states, np.cov(states.T, aweights=weight)
     place = (rng.random() + np.arange(len(states))) / len(states)
     kept = states[np.minimum(np.searchsorted(np.cumsum(weight), place), len(states) - 1)]

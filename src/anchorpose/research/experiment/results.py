@@ -124,7 +124,8 @@ MISSED_MM: Final = 100.0
 
 
 def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
-    """Mean distance from the truth after the track tree, over all nodes of all windows, each at most ``MISSED_MM``.
+    """Return the mean distance from the truth after the track tree, over all nodes of all windows, each at most
+    ``MISSED_MM``.
 
     The cap is there because the framework's registration is robust to outliers. tree_mm: of each window (m,), NaN
     without a match. NaN without nodes.
@@ -134,7 +135,9 @@ def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """The settings with their scores; the first of the best is chosen, and the first of all where none has a score."""
+    """Return the settings with their scores; the first of the best is chosen, and the first of all where none has a
+    score.
+    """
     known = np.where(np.isfinite(scores_mm), scores_mm, np.inf)
     best = int(np.argmin(known))
     return tuple(
@@ -144,5 +147,5 @@ def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[Trie
 
 
 def setting_text(setting: object) -> str:
-    """A setting as text."""
+    """Return a setting as text."""
     return "no settings" if setting is None else repr(setting)

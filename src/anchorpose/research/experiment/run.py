@@ -53,7 +53,9 @@ KINDS: Final[tuple[tuple[str, tuple[str, ...], Speed], ...]] = (
 
 
 def training_clips(config: ExperimentConfig) -> list[Clip]:
-    """The training recordings, each of one kind and another body; together ``training_samples`` frames or more."""
+    """Return the training recordings, each of one kind and another body; together ``training_samples`` frames or
+    more.
+    """
     seconds = max(config.training_samples / config.training_recordings, config.segment_frames + 1) / config.fps
     clips = []
     for number in range(config.training_recordings):
@@ -147,13 +149,13 @@ def _chosen(tried: AllTried) -> tuple[tuple[str, int], ...]:
 
 
 def _undone(job: Part) -> list[str]:
-    """A sentence for each clip with missing results, whatever the reason."""
+    """Return a sentence for each clip with missing results, whatever the reason."""
     missing = Counter(task.clip.name for task in job.tasks() if not task.done)
     return [f"{name}: {count} results are missing." for name, count in missing.items()]
 
 
 def _require_own_folder(out: Path) -> None:
-    """Raises InputError unless the folder is new, empty or an experiment's."""
+    """Raise InputError unless the folder is new, empty or an experiment's."""
     mark = out / MARK_FILE
     is_own = mark.is_file() and read_json(mark).get("format") == FORMAT
     if out.exists() and not is_own and (not out.is_dir() or any(out.iterdir())):
@@ -168,7 +170,7 @@ def _make_own_folder(out: Path) -> None:
 
 
 def _untuned_plan(cache: Path, trainers: Sequence[Clip], config: ExperimentConfig) -> PlanSpec:
-    """The plan with the first setting of each method; writes the reference movements."""
+    """Return the plan with the first setting of each method; writes the reference movements."""
     path = cache / "movements.npz"
     partial = path.with_suffix(".partial.npz")
     write_movements(partial, list(trainers), config.training_samples)
@@ -187,7 +189,7 @@ def _untuned_plan(cache: Path, trainers: Sequence[Clip], config: ExperimentConfi
 
 
 def _tried(training: Part, methods: Sequence[Method]) -> AllTried:
-    """The settings of every method with several, and their scores on the training recordings."""
+    """Return the settings of every method with several, and their scores on the training recordings."""
     windows: dict[tuple[str, object], list[np.ndarray]] = {}
     for task in training.tasks():
         if task.done:
@@ -214,7 +216,7 @@ def _collect(tasks: Sequence[Task]) -> tuple[tuple[Tracked, ...], tuple[Matched,
 
 
 def _windows_of(task: Task, arrays: dict[str, np.ndarray]) -> Iterator[Matched]:
-    """A method's matches, window by window."""
+    """Yield a method's matches, window by window."""
     for number, frame in enumerate(arrays["frame"].tolist()):
         own = arrays["window"] == number
         yield Matched(

@@ -59,7 +59,9 @@ class TrackedJoints:
 
 
 def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
-    """The first frame of each whole segment in which the patient's pose is known: elsewhere no pixels are given."""
+    """Return the first frame of each whole segment in which the patient's pose is known: elsewhere no pixels are
+    given.
+    """
     return [start for start in range(0, frames - length + 1, length) if found[start : start + length].all()]
 
 
@@ -78,14 +80,14 @@ class Trial:
     windows: dict[SurfaceConfig, list[tuple[Window, Truth]]] = field(default_factory=dict)
 
     def within(self, forms: Sequence[Form]) -> Trial:
-        """In some of the forms only."""
+        """Return the trial with only some of the forms."""
         return replace(self, runs={form: self.runs[form] for form in forms})
 
 
 def track_segments(
     method: Method, setting: object, trials: Sequence[Trial], starts: Sequence[int], length: int
 ) -> list[TrackedJoints]:
-    """The method in every trial, started again at each start; the first frames are left out.
+    """Track with the method in every trial, started again at each start; the first frames are left out.
 
     All trials use the same descriptors and matches where they see the same.
     """
@@ -104,7 +106,7 @@ def track_segments(
 
 
 def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
-    """This project's tracker on the whole recording: it finds the patient and learns the body itself.
+    """Track the whole recording with this project's tracker, which finds the patient and learns the body itself.
 
     It is the same in every form. The joints are those of its pose, also where it calls them lost.
     """
@@ -134,7 +136,7 @@ class PreparedClip:
 
     @property
     def seed(self) -> int:
-        """The seed of all random draws for this recording, from its name."""
+        """Return the seed of all random draws for this recording, from its name."""
         return crc32(self.clip.name.encode())
 
 
@@ -157,7 +159,7 @@ def work_on(clip: Clip, plan: Plan) -> None:
 
 @contextmanager
 def prepare_clip(clip: Clip, plan: Plan) -> Iterator[PreparedClip]:
-    """The clip with its reference; a simulated recording is deleted afterwards, since it can be made again."""
+    """Yield the clip with its reference; a simulated recording is deleted afterwards, since it can be made again."""
     with TemporaryDirectory(prefix="anchorpose-") as folder:
         if clip.simulation is not None:
             made = Path(folder) / "simulated"
@@ -188,7 +190,7 @@ def _prepare(clip: Clip, folder: Path, truth: Path, plan: Plan) -> PreparedClip:
 
 @contextmanager
 def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recording, np.ndarray]]:
-    """The recording with holes of a radius (0: itself), and (t,) bool: the frames that lost readings."""
+    """Yield the recording with holes of a radius (0: itself), and (t,) bool: the frames that lost readings."""
     if hole_m == 0:
         yield prepared.recording, np.zeros(len(prepared.in_hole), bool)
         return
@@ -201,7 +203,7 @@ def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recordin
 
 @contextmanager
 def open_trials(prepared: PreparedClip, plan: Plan, holes_m: Sequence[float]) -> Iterator[dict[float, Trial]]:
-    """The recording with holes of every one of these sizes. Raises InputError as ``cut_holes``."""
+    """Yield the recording with holes of every one of these sizes. Raises InputError as ``cut_holes``."""
     with ExitStack() as stack:
         room = paper_room(prepared.recording, prepared.reference, plan.movements)
         uncut, trials = GivenFrames(room, prepared.reference), {}
@@ -234,7 +236,7 @@ def _match(task: Task, prepared: PreparedClip, trial: Trial, plan: Plan) -> None
 
 
 def _track(tasks: Sequence[Task], prepared: PreparedClip, trials: Mapping[float, Trial], plan: Plan) -> None:
-    """Tasks of one method that differ in the size of the hole."""
+    """Run the tasks of one method that differ in the size of the hole."""
     method, setting, length = tasks[0].method, tasks[0].setting, plan.config.segment_frames
     starts, of_tasks = _segments(prepared, plan), [trials[task.hole_m] for task in tasks]
     if method.family is Family.TRACKER:
@@ -248,14 +250,14 @@ def _track(tasks: Sequence[Task], prepared: PreparedClip, trials: Mapping[float,
 
 
 def _segments(prepared: PreparedClip, plan: Plan) -> list[int]:
-    """The starts of the segments that every method runs on, drawn at random."""
+    """Return the starts of the segments that every method runs on, drawn at random."""
     return draw_some(prepared.starts, plan.config.segments, prepared.seed)
 
 
 def windows_of(
     method: Method, setting: object, prepared: PreparedClip, trial: Trial, plan: Plan
 ) -> list[tuple[Window, Truth]]:
-    """The windows on the meshes of a method, gap by gap, with the true correspondence; none of a real recording.
+    """Return the windows on the meshes of a method, gap by gap, with the true correspondence; none of a real recording.
 
     Methods with the same kind of mesh share them.
     """
@@ -280,7 +282,9 @@ def _windows_over(
 
 
 def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[int]:
-    """The first frames of the windows, the same for every size of hole; a hole, if cut, is in one of the two frames."""
+    """Return the first frames of the windows, the same for every size of hole; a hole, if cut, is in one of the two
+    frames.
+    """
     found, hole = prepared.reference.found, prepared.in_hole
     here = np.arange(max(len(found) - stride, 0))
     touched = hole[:-stride] | hole[stride:] if prepared.clip.holes_are_cut else np.ones(len(here), bool)
@@ -288,7 +292,7 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Only the frames that the other methods track: those of the segments but for the given ones."""
+    """Return only the frames that the other methods track: those of the segments but for the given ones."""
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
         kept[start + 1 : start + length] = True
@@ -303,7 +307,7 @@ def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarra
 def _matched_arrays(
     windows: Sequence[Window], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray, plan: Plan
 ) -> dict[str, object]:
-    """The nodes of all windows one after another; window (m,): the window of each."""
+    """Return the nodes of all windows one after another; window (m,): the window of each."""
     height_m = np.nan if prepared.skin is None else prepared.skin.clinic.patient.person.height_m
     gap_of = {plan.config.stride(gap_s): gap_s for gap_s in plan.gaps_s}
     return {

@@ -24,7 +24,8 @@ _FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
 class FpfhConfig:
     """Histograms of 3 times 11 bins."""
 
-    radius_m: Positive = 0.15  # of a simplified histogram, so a node sees 30 cm; errors at 10 cm are twice as large
+    # radius of a simplified histogram, so a node sees 30 cm; errors at 10 cm are twice as large
+    radius_m: Positive = 0.15
     own_histogram: bool = False  # True adds the node's own, as the paper and Open3D do; PCL leaves it out
 
 

@@ -64,8 +64,9 @@ class GmdsConfig:
     first_candidates: Count = 60  # 10 cm apart on a body
     candidates: Count = 200  # 5 cm apart
     starts: Count = 24  # maps of the first samples to continue with: mirrored, limbs swapped, coarse
-    finalists: Count = 3  # of these that are refined to nodes
-    cap_m: Positive = 0.15  # of a change: if a hand starts or stops touching the body, all distances to it change
+    finalists: Count = 3  # number of candidates that are refined to nodes
+    # cap on the change of a distance: if a hand starts or stops touching the body, all distances to it change
+    cap_m: Positive = 0.15
     sweeps: Count = 10  # over all samples, at most; usually they settle after four
     min_piece: Share = 0.03  # share of the nodes: a forearm; smaller pieces have no shape that could be recognised
     max_branches: Count = 300_000  # a tenth of a second

@@ -24,7 +24,7 @@ from anchorpose.surface.surface import Surface
 
 MIN_SLACK: Final = 1e-5  # share of the mean edge: two sides of every triangle exceed the third by at least this
 FLIPS_PER_EDGE: Final = 50  # far more than any mesh needs: flips end by themselves, except for rounding
-TOLERANCE: Final = 1e-9  # of a cotangent
+TOLERANCE: Final = 1e-9  # tolerance of a cotangent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +90,9 @@ def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.
 
 
 def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """tail (h,) node, after (h,) the next half-edge of its triangle, twin (h,) the one it is glued to; h = 6 f."""
+    """Return, per half-edge, tail (h,) node, after (h,) the next half-edge of its triangle, twin (h,) the opposite
+    half-edge; h = 6 f.
+    """
     corners = np.concatenate([triangles, triangles[:, [0, 2, 1]]])
     tail = corners.ravel()
     half = np.arange(len(tail)).reshape(-1, 3)

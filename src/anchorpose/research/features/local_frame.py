@@ -12,7 +12,7 @@ from numba import njit
 from anchorpose.research.features.neighbours import Neighbours, as_points
 
 FEWEST = 5  # neighbours; axes of fewer are noise, and the authors' program gives up there, too
-SWEEPS = 12  # of Jacobi rotations, which converge quadratically: six reach the last digit
+SWEEPS = 12  # sweeps of Jacobi rotations, which converge quadratically: six reach the last digit
 
 
 def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarray | None = None) -> np.ndarray:

@@ -30,13 +30,13 @@ TwoOrMore = Annotated[int, Field(ge=2)]
 class MeshHogConfig:
     """Settings of MeshHOG; the numbers are the authors' except for both radii and the smoothing."""
 
-    radius_m: Positive = 0.20  # of 0.1 to 0.3 m the one that distinguishes most places of a body at 0.1 s per frame
+    radius_m: Positive = 0.20  # radius from 0.1 to 0.3 m that distinguishes most places of a body at 0.1 s per frame
     curvature_radius_m: Positive = 0.07  # larger than the noise of a depth camera, resolves a forearm
     function: ScalarFunction = ScalarFunction.MEAN_CURVATURE
     directions: Annotated[int, Field(ge=4)] = 36  # bins of the histogram that gives the first axis
     smoothing: Annotated[int, Field(ge=0)] = 16  # rounds of 1 : 2 : 1: neighbours on a grid lie in eight directions
-    slices: TwoOrMore = 4  # of each of the three planes, by position
-    orientations: TwoOrMore = 8  # in each slice, by direction of the gradient
+    slices: TwoOrMore = 4  # slices of each of the three planes, by position
+    orientations: TwoOrMore = 8  # orientations in each slice, by direction of the gradient
     spread: Positive = 0.3  # sigma of the Gaussian weight, as a share of radius_m
 
     @property

@@ -14,7 +14,7 @@ from numba import njit
 
 ROWS: Final = 1000  # source rows whose distances to all target rows are held at once: 16 MB for 4,000 of them
 COLUMNS: Final = 256  # target rows that a source row meets at once, so that they stay in the processor's cache
-ULP: Final = 2.0**-23  # of float32: twice the relative error of one rounding
+ULP: Final = 2.0**-23  # precision of float32: twice the relative error of one rounding
 
 
 class Metric(StrEnum):
@@ -87,7 +87,7 @@ class _RoughSquares:
         self._size2, self._columns = size2.astype(np.float32), moved.astype(np.float32).T
 
     def apart(self, source: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As above, for source (m, d)."""
+        """Return (m, n) rough squared distances, and (m,) the bound of their error, for source (m, d)."""
         moved = (source - self._mean) / self._unit
         length = np.linalg.norm(moved, axis=1)
         with np.errstate(over="ignore", invalid="ignore"):

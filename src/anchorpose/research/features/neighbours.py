@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-BLOCK: Final = 32  # nodes that are skipped together: a row of a mesh across a limb
+BLOCK: Final = 32  # number of successive nodes that are skipped together: a row of a mesh across a limb
 
 
 class Neighbours(NamedTuple):

@@ -24,7 +24,9 @@ by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)  # as the source that
 
 
 def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
-    """The extrema of a surface with seen nodes, each by the name of the ``named`` anchor at the same end, if any."""
+    """Return the extrema of a surface with seen nodes, each by the name of the ``named`` anchor at the same end, if
+    any.
+    """
     field = by_edges(surface, np.array([surface_center(surface)]))[0]
     extrema, anchors = geodesic_extrema(surface, field, RADIUS_M), no_anchors()
     apart = np.linalg.norm(surface.points_m[extrema][:, None] - named.position_m[None], axis=2)
@@ -37,7 +39,9 @@ def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
 
 
 def paper_descriptor(surface: Surface, named: Anchors) -> np.ndarray:
-    """(n, 5) float32 metres, f of Definition 3: NaN in the column of a missed anchor, inf where it does not reach."""
+    """Return (n, 5) float32 metres, f of Definition 3: NaN in the column of a missed anchor, inf where it does not
+    reach.
+    """
     if surface.seen_count == 0:
         return np.full((len(surface), len(named.node)), np.nan, np.float32)
     return anchor_descriptor(surface, paper_anchors(surface, named), by_edges)

@@ -80,7 +80,9 @@ def _match_all(
     only: np.ndarray,
     unclipped: bool,
 ) -> np.ndarray:
-    """As ``match_by_psi``; reached: a bit per anchor; only (s,): the bits of a filled-up subset, -1 for others."""
+    """Match as ``match_by_psi``; reached: a bit per anchor; only (s,): the bits of a filled-up subset, -1 for
+    others.
+    """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     psi, offset = np.empty(len(target), np.int64), np.empty((len(target), subsets.shape[1]))
     columns, near, possible = np.ascontiguousarray(target.T), np.empty(len(target), np.int8), psi.copy()

@@ -27,7 +27,8 @@ class ShapeContextConfig:
     """Settings; with these cells there are 1980 numbers, see ``cells``."""
 
     radius_m: Positive = 0.20  # a limb with its edges: nearer, the body is a smooth sheet everywhere
-    innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1  # of the radius: end of the first shell, which begins at 0
+    # share of the radius at which the first shell ends; it begins at 0
+    innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1
     density: Positive = 0.2  # share of the radius: within it a point's neighbours share its weight
     azimuths: Count = 12  # these three as in PCL, and in the paper's own experiments
     elevations: Count = 11
@@ -93,7 +94,9 @@ def _contexts(
     weights: np.ndarray,
     azimuths: int,
 ) -> np.ndarray:
-    """density (n,): nodes around each node; inner (shells - 1,): radii between shells; weights as ``_cell_weights``."""
+    """Return the contexts; density (n,): nodes around each node; inner (shells - 1,): radii between shells; weights as
+    ``_cell_weights``.
+    """
     start, node, distance2 = neighbours.start, neighbours.node, neighbours.distance2_m2
     elevations, shells = weights.shape
     result = np.zeros((len(points), azimuths * elevations * shells), np.float32)

@@ -27,9 +27,8 @@ _TWO = np.float32(2.0)
 class ShotConfig:
     """Settings of SHOT, which has 352 numbers."""
 
-    radius_m: Positive = (
-        0.20  # of the sphere and its frame: a limb with its edges; at 15 cm errors are half as large again
-    )
+    # radius of the sphere and its frame: a limb with its edges; at 15 cm errors are half as large again
+    radius_m: Positive = 0.20
     z_by_normal: bool = False  # True turns the frame's z to the side of the normal; the authors count neighbours
 
 

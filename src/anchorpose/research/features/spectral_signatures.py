@@ -96,7 +96,9 @@ def _eigenpairs(laplacian: Laplacian, pairs: int) -> tuple[np.ndarray, np.ndarra
 
 
 def _lowest(matrix: csc_array, pairs: int, shift: float) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenpairs of a symmetric matrix by shift and invert, around a shift just below its lowest eigenvalue of 0."""
+    """Return eigenpairs of a symmetric matrix by shift and invert, around a shift just below its lowest eigenvalue of
+    0.
+    """
     count = matrix.shape[0]
     if LANCZOS_VECTORS * pairs >= count - 1:
         values, vectors = eigh(matrix.toarray())
@@ -187,8 +189,9 @@ def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
 class SiHksConfig:
     """Settings of the scale-invariant heat kernel signature."""
 
-    first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0  # of 1 m²: 0.5 mm², hardly any wave has decayed
-    octaves: Positive = 24.0  # as Bronstein and Kokkinos; up to 4 m², when a body's longest wave has decayed
+    # relative to 1 m²: at 0.5 mm², no wave has decayed much
+    first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0
+    octaves: Positive = 24.0  # value of Bronstein and Kokkinos; up to 4 m², when a body's longest wave has decayed
     steps_per_octave: Count = 16  # as Bronstein and Kokkinos
     frequencies: Count = 6  # the lowest, as Bronstein and Kokkinos
 

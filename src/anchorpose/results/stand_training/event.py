@@ -40,8 +40,10 @@ class EventConfig:
     buckle_deg: Annotated[float, Field(gt=0, lt=90)] = 20.0
     fast_s: Positive = 0.4  # the flexion by buckle_deg takes at most this time
     lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # over the other knee, so that a squat is not a buckle
-    failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3  # of the way from the seat to a straight leg: about 12 cm
-    beyond_m: Positive = 0.05  # of the feet, by the extrapolated centre of mass: errors of the feet's outline
+    # share of the way from the seat to a straight leg: about 12 cm
+    failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3
+    # distance of the extrapolated centre of mass beyond the feet: errors of the feet's outline
+    beyond_m: Positive = 0.05
     times_sigma: Positive = 3.5  # of 3000 independent 0.4 s in ten minutes of two knees, errors alone exceed it in 0.7
 
 

@@ -44,8 +44,9 @@ NONE: Final = "no such oscillation was seen"
 class TremorConfig:
     """Settings of when an oscillation counts."""
 
-    least_deg: Positive = 1.0  # amplitude: half of the way from one end to the other; the eye sees hardly less
-    peak_share: Annotated[float, Field(gt=0, lt=1)] = 0.6  # of the power above 1 Hz; white errors have 0.1 at 30 Hz
+    least_deg: Positive = 1.0  # amplitude: half of the way from one end to the other; the eye sees little less
+    # share of the power above 1 Hz; white errors have 0.1 at 30 Hz
+    peak_share: Annotated[float, Field(gt=0, lt=1)] = 0.6
 
 
 class Window(NamedTuple):

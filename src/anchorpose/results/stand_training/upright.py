@@ -113,7 +113,7 @@ class TransitionConfig:
     seated_leave_deg: Positive = 55.0
     behind_feet_m: Positive = 0.07  # m, centre of mass behind the ankles while seated: a heel plus measurement errors
     rest_s: Positive = 1.0  # s that the pelvis stays within ``rest_height`` of its height in sitting or standing
-    rest_height: Positive = 0.05  # in leg lengths
+    rest_height: Positive = 0.05  # tolerance of the pelvis's height at rest, in leg lengths
     settle_s: Positive = 3.0  # s of sitting and of standing next to the transition, which give their heights
     edge: Positive = 0.05  # share of the rise by which the pelvis must have left an end: there the transition begins
     longest_s: Positive = 20.0  # seconds of a transition; what takes longer is a pause between sitting and standing

@@ -40,7 +40,7 @@ STEEPEST_RAD: Final = float(np.radians(35.0))
 UPWARD_RAD: Final = float(np.radians(8.0))  # largest upward tilt, of a camera on a low shelf
 LARGEST_ROLL_RAD: Final = float(np.radians(4.0))
 AIM_RAD: Final = float(np.radians(9.0))  # between the optical axis and the patient's middle, up or down
-CLEARLY_RAD: Final = float(np.radians(3.0))  # beyond the border, where a part is cut off
+CLEARLY_RAD: Final = float(np.radians(3.0))  # angle beyond the image border at which a part is clearly cut off
 INSIDE_RAD: Final = float(np.radians(1.5))
 SEATED_SHARE: Final = 0.76  # share of the stature: height of the top of the head on a seat
 MIDDLE_SHARE: Final = 0.55  # share of the head's height: the patient's middle, always in view
@@ -60,7 +60,7 @@ class RoomConfig:
     camera_height_m: Annotated[float, Field(ge=LOWEST_M, le=HIGHEST_M)]
     tilt_rad: Annotated[float, Field(ge=-UPWARD_RAD, le=STEEPEST_RAD)]  # down
     roll_rad: Annotated[float, Field(ge=-LARGEST_ROLL_RAD, le=LARGEST_ROLL_RAD)] = 0.0
-    azimuth_rad: float = 0.0  # of the camera seen from the patient: 0 in front, left positive
+    azimuth_rad: float = 0.0  # azimuth of the camera seen from the patient: 0 in front, left positive
     framing: Framing = "whole"
     posture: Posture = "stands"
     seat: Seat = "stool"
@@ -79,7 +79,7 @@ class RoomConfig:
 
     @property
     def passers_by(self) -> int:
-        """People who walk through."""
+        """Return the number of people who walk through."""
         return sum(other.startswith("passes") for other in self.others)
 
     @property

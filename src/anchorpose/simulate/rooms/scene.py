@@ -80,7 +80,7 @@ class _Draft:
 
     config: SimulationConfig
     room: RoomConfig
-    yaw: float  # of the room frame in the world
+    yaw: float  # yaw of the room frame in the world
     outline: Outline
     back: BackWall
     camera_m: np.ndarray  # (3,)

@@ -16,7 +16,7 @@ DOOR_HEIGHT_M: Final = 2.05
 DOOR_WIDTH_M: Final = 0.95
 CORRIDOR_M: Final = 1.3  # width of the corridors beside the room, from which people walk through
 TRIES: Final = 200
-BEHIND_MIRROR_M: Final = 0.004  # of glass; keeps the wall itself out of the image
+BEHIND_MIRROR_M: Final = 0.004  # thickness of the glass; keeps the wall itself out of the image
 
 
 @dataclass(frozen=True, slots=True)

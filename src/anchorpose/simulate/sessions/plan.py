@@ -17,17 +17,20 @@ Incident = Literal["buckle", "failed-stand", "recovery-step", "clonus"]
 INCIDENTS: Final[tuple[Incident, ...]] = ("buckle", "failed-stand", "recovery-step", "clonus")
 
 SHORTEST_TRIAL_S: Final = 10.0  # a failed stand, standing up and holding for two seconds take so long
-PAUSE_S: Final = 4.0  # before every trial, and after the last: time to sit down, or to bend the knees again
+PAUSE_S: Final = 4.0  # pause before every trial, and after the last: time to sit down, or to bend the knees again
 BLOCK: Final = 2  # trials of each condition in a block within which their order is drawn
 
-RESTING_DEG: Final = 30.0  # of knees that nothing extends: beyond the 25 degrees that end an extension, still upright
-HELD_DEG: Final = (9.0, 15.0)  # of knees that hold without stimulation: a patient's own
-SIDES_DEG: Final = 2.0  # by which a patient's left and right knee differ, to either side
-SCATTER_DEG: Final = 1.5  # standard deviation from trial to trial, as of knees that repeat: an assumption
-LEAST_DEG: Final = 1.0  # of a straight knee
-LATENCY_S: Final = (0.8, 1.6)  # from the onset until knees begin to extend
-EXTENDING_S: Final = 1.0  # until they are extended, and until they rest again
-LETS_GO: Final = 0.15  # of the trial before its end: then the knees give back, unless the stimulation holds them longer
+# flexion of knees that nothing extends: beyond the 25 degrees that end an extension, still upright
+RESTING_DEG: Final = 30.0
+HELD_DEG: Final = (9.0, 15.0)  # range of a patient's flexion of knees that hold without stimulation
+SIDES_DEG: Final = 2.0  # largest difference of a patient's left and right knee, to either side
+# standard deviation of knee flexion from trial to trial: an assumption, for knees that repeat well
+SCATTER_DEG: Final = 1.5
+LEAST_DEG: Final = 1.0  # flexion of a straight knee
+LATENCY_S: Final = (0.8, 1.6)  # time from the onset until knees begin to extend
+EXTENDING_S: Final = 1.0  # time until knees are extended, and until they rest again
+# share of the trial before its end at which the knees give back, unless the stimulation holds them longer
+LETS_GO: Final = 0.15
 
 
 @settings
@@ -36,12 +39,13 @@ class SessionConfig:
 
     trials: Annotated[int, Field(ge=2, le=200, multiple_of=2)] = 12
     trial_s: Annotated[float, Field(ge=SHORTEST_TRIAL_S, le=3600)] = 20.0
-    amplitude_v: Positive = 4.0  # with stimulation; 0 V without
-    effect_deg: Annotated[float, Field(ge=0, le=10)] = 5.0  # by which stimulated knees hold straighter
-    effect_s: NotNegative = 0.0  # by which stimulated knees hold longer, at most until the end of the trial
+    amplitude_v: Positive = 4.0  # amplitude with stimulation; 0 V without
+    effect_deg: Annotated[float, Field(ge=0, le=10)] = 5.0  # degrees by which stimulated knees hold straighter
+    effect_s: NotNegative = 0.0  # time by which stimulated knees hold longer, at most until the end of the trial
     helped: When = "off"  # the trials in which therapists hold knees and hips, from beginning to end
     hands_off: When = "on"  # the trials in which the hands are off the rails, from beginning to end
-    incidents: Annotated[int, Field(ge=0)] = 1  # of each of ``INCIDENTS``, in trials drawn by lot, one in a trial
+    # number of each of ``INCIDENTS``, in trials drawn by lot, one in a trial
+    incidents: Annotated[int, Field(ge=0)] = 1
 
     def __post_init__(self) -> None:
         if len(INCIDENTS) * self.incidents > self.trials:
@@ -50,7 +54,7 @@ class SessionConfig:
 
     @property
     def seconds(self) -> float:
-        """Length of the recording."""
+        """Return the length of the recording."""
         return PAUSE_S + self.trials * (self.trial_s + PAUSE_S)
 
 
@@ -76,27 +80,27 @@ class PlannedTrial:
 
     @property
     def condition(self) -> str:
-        """Its trial_type."""
+        """Return the trial_type."""
         return ON if self.amplitude_v > 0 else OFF
 
     @property
     def end_s(self) -> float:
-        """When it has ended."""
+        """Return the time at which the trial ends."""
         return self.onset_s + self.duration_s
 
     @property
     def holds_s(self) -> tuple[float, float]:
-        """From when to when the knees hold."""
+        """Return the times between which the knees hold."""
         return self.extends_s + EXTENDING_S, self.lets_go_s
 
 
-STANDS_AT_S: Final = 5.0  # after the onset of a trial that begins with a stand that fails
+STANDS_AT_S: Final = 5.0  # time after the onset of a trial that begins with a failed stand
 STANDING_UP_S: Final = 1.8
 UP_S: Final = STANDS_AT_S + STANDING_UP_S
 
 
 def draw_plan(rng: np.random.Generator, config: SessionConfig) -> tuple[PlannedTrial, ...]:
-    """The trials in the order of time. What is drawn does not depend on how large the effects are."""
+    """Draw the trials in the order of time. What is drawn does not depend on how large the effects are."""
     stimulated, blocks = _draw_order(rng, config.trials)
     base_deg = rng.uniform(*HELD_DEG) + rng.uniform(-0.5, 0.5) * SIDES_DEG * np.array([1.0, -1.0])
     scatter_deg = rng.normal(0.0, SCATTER_DEG, config.trials)
@@ -126,7 +130,9 @@ def draw_plan(rng: np.random.Generator, config: SessionConfig) -> tuple[PlannedT
 
 
 def _draw_order(rng: np.random.Generator, trials: int) -> tuple[list[bool], list[int]]:
-    """Which trials are stimulated, and their blocks from 1; the very first is not: it names the reference."""
+    """Draw which trials are stimulated, and number their blocks from 1; the first trial has no stimulation: it names
+    the reference.
+    """
     order, blocks = list[bool](), list[int]()
     edges = [*range(0, trials, 2 * BLOCK), trials]
     for number, (first, end) in enumerate(pairwise(edges), 1):
@@ -137,7 +143,7 @@ def _draw_order(rng: np.random.Generator, trials: int) -> tuple[list[bool], list
 
 
 def _draw_incidents(rng: np.random.Generator, config: SessionConfig) -> list[Incident | None]:
-    """What goes wrong in each trial, if anything."""
+    """Draw the incident of each trial, None for a trial without one."""
     found: list[Incident | None] = [None] * config.trials
     places = rng.permutation(config.trials)[: len(INCIDENTS) * config.incidents]
     for number, place in enumerate(places.tolist()):

@@ -7,7 +7,7 @@ from anchorpose.simulate.sessions.plan import SessionConfig
 
 
 def stimulation(seed: int, session: SessionConfig, fps: float = 15.0) -> SimulationConfig:
-    """Three cameras; as long as the session takes."""
+    """Return the preset: three cameras, as long as the session takes."""
     return SimulationConfig(
         seed=seed,
         seconds=session.seconds,

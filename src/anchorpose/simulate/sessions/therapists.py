@@ -16,15 +16,18 @@ from anchorpose.simulate.sessions.plan import PlannedTrial
 from anchorpose.simulate.therapist import STANCE_M, Therapist, choose_spot, crouch_offsets, grasp
 from anchorpose.simulate.timeline import Movement, stand
 
-GRASP_S: Final = 0.4  # in which hands come to the patient before the onset of a trial, and go after its end
-AWAY: Final = (("pelvis_forward", -0.30), ("trunk_flex", -0.35))  # of who does not help, so that nothing touches
-COMES_S: Final = 0.8  # in which a therapist comes nearer before that, and goes back
+GRASP_S: Final = 0.4  # time in which hands come to the patient before the onset of a trial, and go after its end
+# pose of a therapist who does not help, so that nothing touches
+AWAY: Final = (("pelvis_forward", -0.30), ("trunk_flex", -0.35))
+COMES_S: Final = 0.8  # time in which a therapist comes nearer before the grasp, and goes back
 
 
 def draw_session_therapists(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor, plan: Sequence[PlannedTrial]
 ) -> tuple[Therapist, ...]:
-    """One at each side of the patient, as many as the configuration asks for; they stay where they are."""
+    """Draw one therapist at each side of the patient, as many as the configuration asks for; they stay in their
+    places.
+    """
     tasks = [next(task for task in TASKS if task.name == name) for name in config.therapist_tasks]
     return tuple(_draw(rng, config, patient, plan, task) for task in tasks[: config.therapists])
 
@@ -45,7 +48,9 @@ def _draw(
 
 
 def _help(trial: PlannedTrial) -> tuple[Movement, Movement]:
-    """Hands hold through the whole trial; in one that begins seated, from when the patient stands."""
+    """Return movements of hands that hold through the whole trial, or, if it begins seated, from when the patient
+    stands.
+    """
     from_s = trial.onset_s if trial.stands_s is None else trial.extends_s
     lasts_s, near = trial.end_s - from_s, tuple((channel, -amount) for channel, amount in AWAY)
     comes = Movement(near, from_s - GRASP_S - COMES_S, COMES_S, lasts_s + 2.0 * GRASP_S, COMES_S)

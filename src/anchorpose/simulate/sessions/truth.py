@@ -15,7 +15,7 @@ from anchorpose.rotations import unit
 from anchorpose.simulate.sessions.patient import CLONUS_S, Happening, SessionPatient
 from anchorpose.simulate.sessions.plan import PlannedTrial
 
-TRUTH_HZ: Final = 100.0  # of the moments in which a fall is looked at
+TRUTH_HZ: Final = 100.0  # rate at which a fall is sampled
 GRAVITY_M_S2: Final = 9.81
 SOLE_M: Final = 0.03  # skin of feet lower than this is on the floor, soles of shoes included
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
@@ -36,7 +36,7 @@ class TrueEvent:
 
 
 def true_events(patient: SessionPatient) -> tuple[TrueEvent, ...]:
-    """Each incident of the programme, with its depth as the patient's bones have it."""
+    """Return each incident of the programme, with its depth as the patient's bones have it."""
     return tuple(_event(patient, happening) for happening in patient.happenings)
 
 
@@ -58,14 +58,14 @@ def _event(patient: SessionPatient, happening: Happening) -> TrueEvent:
 
 
 def _joints(patient: SessionPatient, times_s: np.ndarray) -> dict[str, np.ndarray]:
-    """(t, 3) of each joint."""
+    """Return the positions (t, 3) of each joint by its name."""
     body: BodyMesh = patient.person.body
     joints_m = np.array([body.joints(bones) for bones in patient.bones(times_s)])
     return {name: joints_m[:, index] for name, index in JOINT_INDEX.items()}
 
 
 def _knee_deg(patient: SessionPatient, side: str, times_s: np.ndarray) -> np.ndarray:
-    """(t,) between thigh and shank, 0 straight."""
+    """Return the angle (t,) between thigh and shank, 0 straight."""
     joints, side = _joints(patient, times_s), side.capitalize()
     hip, knee, ankle = (joints[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     cosine = (unit(knee - hip) * unit(ankle - knee)).sum(axis=1)
@@ -73,7 +73,7 @@ def _knee_deg(patient: SessionPatient, side: str, times_s: np.ndarray) -> np.nda
 
 
 def _risen(patient: SessionPatient, seated_s: float, highest_s: float) -> float:
-    """Share of the way of the pelvis, from the seat to straight legs."""
+    """Return the share of the way from the seat to straight legs that the pelvis rises."""
     joints = _joints(patient, np.array([seated_s, highest_s]))
     sides = ("Left", "Right")
     height_m = np.mean([joints[f"Hip{s}"] - joints[f"Ankle{s}"] for s in sides], axis=0)[:, 1]
@@ -83,7 +83,8 @@ def _risen(patient: SessionPatient, seated_s: float, highest_s: float) -> float:
 
 
 def _loss_of_balance(patient: SessionPatient, falls_s: float, strikes_s: float) -> tuple[float, float]:
-    """When the extrapolated centre of mass leaves the outline of the soles, and how far beyond it goes before foot off.
+    """Return the time at which the extrapolated centre of mass leaves the outline of the soles, and how far beyond it
+    goes before foot off.
 
     The centre of mass is the body's centre of volume, extrapolated as Hof et al. 2005
     (doi:10.1016/j.jbiomech.2004.03.025).
@@ -101,14 +102,14 @@ def _loss_of_balance(patient: SessionPatient, falls_s: float, strikes_s: float) 
 
 
 def _centre_of_volume(skin_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(3,) of a closed surface, by its tetrahedra."""
+    """Return the centre of volume (3,) of a closed surface, by its tetrahedra."""
     a, b, c = (skin_m[faces[:, k]] for k in range(3))
     volume = (a * np.cross(b, c)).sum(axis=1)
     return np.asarray((volume[:, None] * (a + b + c)).sum(axis=0) / (4.0 * volume.sum()))
 
 
 def truth_arrays(plan: Sequence[PlannedTrial], patient: SessionPatient) -> dict[str, Any]:
-    """What truth.npz holds of a session, beside what every recording has."""
+    """Return the arrays of a session in truth.npz, beside those of every recording."""
     events = true_events(patient)
     return {
         "event_kind": np.array([event.kind for event in events], dtype=np.str_),
@@ -123,12 +124,14 @@ _OF_TRIALS: Final = ("onset_s", "duration_s", "amplitude_v", "block", "helped", 
 
 
 def events_table(plan: Sequence[PlannedTrial]) -> str:
-    """The text of events.tsv, as ``anchorpose record`` writes it, with the amplitude and the block of every trial."""
+    """Return the text of events.tsv, as ``anchorpose record`` writes it, with the amplitude and the block of every
+    trial.
+    """
     rows = ["onset\tduration\ttrial_type\tamplitude\tblock"]
     rows += [f"{t.onset_s:.4f}\t{t.duration_s:.4f}\t{t.condition}\t{t.amplitude_v:g}\t{t.block}" for t in plan]
     return "\n".join(rows) + "\n"
 
 
 def units_of_events() -> str:
-    """The text of events.json."""
+    """Return the text of events.json."""
     return json.dumps({"amplitude": {"Units": "V", "Description": "amplitude of the stimulator"}}, indent=1) + "\n"

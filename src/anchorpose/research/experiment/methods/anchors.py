@@ -56,13 +56,13 @@ def _as_seen(seen: Observation) -> np.ndarray:
 
 
 def _by_edges(seen: Observation) -> np.ndarray:
-    """(n, 5) distances by Dijkstra's shortest paths along edges, as in the paper."""
+    """Return (n, 5) distances by Dijkstra's shortest paths along edges, as in the paper."""
     along_edges = partial(solve_distance, solver=Solver.DIJKSTRA)
     return anchor_descriptor(seen.whole, seen.anchors, along_edges)[: len(seen.surface)]
 
 
 def by_psi(describe: Callable[[Observation], np.ndarray], size: int, setting: AnchorSetting) -> Associate:
-    """A hypothesis for every subset of ``size`` anchors that both frames measure from.
+    """Return a hypothesis for every subset of ``size`` anchors that both frames measure from.
 
     describe: (n, 5) distances of a frame's seen nodes to the anchors, NaN in the column of a missed one.
     """

@@ -75,7 +75,7 @@ def _both(
     frame_ms: float,
     first_m: float = RADII_M[0],
 ) -> tuple[Method, Method]:
-    """The descriptor with the best of all settings, and with the usual radius, to show the effect of tuning.
+    """Return the descriptor with the best of all settings, and with the usual radius, to show the effect of tuning.
 
     first_m: the radius that is tried first, and taken where nothing is tuned.
     """

@@ -13,7 +13,7 @@ from anchorpose.research.experiment.method import DescriptorSetting, Family, Met
 from anchorpose.research.features.shot import ShotConfig, shot
 from anchorpose.tracker.observation import Observation
 
-SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # as chosen for SHOT alone
+SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # settings as chosen for SHOT alone
 SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VI (future work)"
 
 
@@ -25,7 +25,7 @@ class LearntConfig:
 
 
 def _describe(seen: Observation, config: LearntConfig) -> np.ndarray:
-    """(n, 3) or (n, 3 + 352); NaN where the network sees nobody, or SHOT is undefined."""
+    """Return (n, 3) or (n, 3 + 352); NaN where the network sees nobody, or SHOT is undefined."""
     places = _places(seen)
     if config.local == 0.0:
         return places
@@ -34,7 +34,7 @@ def _describe(seen: Observation, config: LearntConfig) -> np.ndarray:
 
 
 def _places(seen: Observation) -> np.ndarray:
-    """(n, 3) float32 places of the seen nodes on the mean adult of stature 1."""
+    """Return (n, 3) float32 places of the seen nodes on the mean adult of stature 1."""
     surface, evidence = seen.surface, seen.evidence
     places = np.full((len(surface), 3), np.nan, np.float32)
     for number, (view, camera) in enumerate(zip(evidence.views, evidence.cameras, strict=True)):

@@ -23,9 +23,9 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
-SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # as chosen for SHOT alone
+SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # settings as chosen for SHOT alone
 MOST: Final = 9.0  # squared deviations: a distance that an occlusion changed counts no more, nor does an unknown one
-MOST_SHOT: Final = 18.0  # of a signature: a hole beside a node changes it
+MOST_SHOT: Final = 18.0  # largest squared deviations of a signature: a hole beside a node changes it
 GIVEN_UP_M: Final = 0.30  # a hand at 3 m/s is so far off its prediction, and its descriptor shows it all the same
 ROWS: Final = 500  # source nodes that are compared at once: 4 MB per anchor for 2,000 of the other frame
 SUBSET: Final = 3
@@ -54,14 +54,14 @@ SETTINGS: Final = (
 
 
 def _configure(config: TrackConfig, setting: NextSetting) -> TrackConfig:
-    """Holes in the mesh are closed with the expected body, as in this project's tracker."""
+    """Return the configuration in which the expected body closes holes in the mesh, as in this project's tracker."""
     tree = config.tree if config.tree.missed_cost_m == NEVER_M else TreeConfig(missed_cost_m=GIVEN_UP_M)
     hypotheses = HypothesisConfig(trusted_only=False)
     return replace(config, surface=SurfaceConfig(), hypotheses=hypotheses, tree=tree)
 
 
 def _signatures(seen: Observation) -> np.ndarray:
-    """(n, 352), zero where undefined: then unlike everything."""
+    """Return (n, 352), zero where undefined: then unlike everything."""
     return np.nan_to_num(shot(seen.surface.points_m, seen.surface.normals, SHOT))
 
 
@@ -95,7 +95,7 @@ def _associate(setting: NextSetting) -> Associate:
 
 
 def _unlike(source: np.ndarray, target: np.ndarray, sigma: float) -> np.ndarray:
-    """(m, n) float32: squared distances of signatures of unit length, in deviations, at most ``MOST_SHOT``."""
+    """Return (m, n) float32: squared distances of signatures of unit length, in deviations, at most ``MOST_SHOT``."""
     apart2 = 2.0 * source @ target.T
     np.subtract(2.0, apart2, out=apart2)  # in place: new arrays of this size cost more than the arithmetic
     np.maximum(apart2, 0.0, out=apart2)
@@ -111,7 +111,8 @@ Nodes = tuple[np.ndarray, np.ndarray]
 def most_similar(
     local: np.ndarray, seen: Nodes, others: Nodes, subsets: np.ndarray, per2: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(k, s) int32 most similar node of the other frame under each subset, and (k, s) float32 its squared deviations.
+    """Return (k, s) int32 most similar node of the other frame under each subset, and (k, s) float32 its squared
+    deviations.
 
     local (k, n): those of the signatures; seen: distances to the anchors (k, 5) and places (k, 3) of the nodes, others
     (n, 5) and (n, 3); per2: what squared metres of either are divided by. A distance counts ``MOST`` at most, and so
@@ -142,7 +143,7 @@ def most_similar(
 def _base(
     local: np.ndarray, seen: Nodes, others: Nodes, per2: tuple[float, float], node: int, other: int
 ) -> np.float32:
-    """The squared deviations of signature and place."""
+    """Return the squared deviations of signature and place."""
     base = np.float32(0.0)
     for axis in range(3):
         off = seen[1][node, axis] - others[1][other, axis]
@@ -174,7 +175,7 @@ def _add_up(
 
 
 def jitter_m(now: Observation, following: Observation, local: np.ndarray) -> np.ndarray:
-    """(5,) float32 metres, e_1: the anchors' own movement adds the same to the distance of every node.
+    """Return (5,) float32 metres, e_1: the anchors' own movement adds the same to the distance of every node.
 
     It is the median difference between nodes and their matches by the local descriptor alone; 0 for an anchor that is
     not reached in both frames.

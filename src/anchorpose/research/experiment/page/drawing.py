@@ -37,7 +37,7 @@ LOOK: Final = {
 }
 """Colour (Okabe and Ito's) and line of each kind of method."""
 
-PALE: Final = 0.35  # of the intervals: otherwise those of twenty methods would hide the means
+PALE: Final = 0.35  # opacity of the intervals: in full colour those of twenty methods would hide the means
 
 MARKS: Final = "osD^vP*X"
 """For the methods of one kind, in their order."""
@@ -75,13 +75,13 @@ class FigureSpec:
 
 
 def new_figure(width: float, height: float, **grid: Any) -> tuple[Any, Any]:
-    """A figure (inches) and its axes, without global state. Raises MissingPackage."""
+    """Return a figure (inches) and its axes, without global state. Raises MissingPackage."""
     canvas = _matplotlib("matplotlib.figure").Figure(figsize=(width, height), layout="constrained")
     return canvas, canvas.subplots(**grid)
 
 
 def as_picture(figure: FigureSpec, tables: Sequence[Table]) -> DrawnFigure:
-    """The figure as SVG and PNG; the same tables give the same bytes."""
+    """Return the figure as SVG and PNG; the same tables give the same bytes."""
     with _settings(figure.key):
         canvas = figure.draw(tables)
         svg, png = io.StringIO(), io.BytesIO()
@@ -144,20 +144,20 @@ def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
 
 
 def bounds_of(values: Sequence[Estimate]) -> np.ndarray:
-    """(2, n) distances from the mean down and up, for error bars; 0 without an interval."""
+    """Return (2, n) distances from the mean down and up, for error bars; 0 without an interval."""
     below = [value.mean - value.low for value in values]
     above = [value.high - value.mean for value in values]
     return np.maximum(np.nan_to_num(np.array([below, above])), 0.0)
 
 
 def place_legend(canvas: Any, axes: Any) -> None:
-    """Beside the plot, one column."""
+    """Place the legend beside the plot, in one column."""
     handles, labels = axes.get_legend_handles_labels()
     canvas.legend(handles, labels, loc="outside right upper", handlelength=3.2)
 
 
 def draw_lines(axes: Any, table: Table, places: Sequence[float], bars: bool = True) -> None:
-    """One line per method over the columns of a table, with intervals; places: x of each column."""
+    """Draw one line per method over the columns of a table, with intervals; places: x of each column."""
     for number, method in enumerate(table.methods):
         values = [table.value(method.key, column.key) for column in table.columns]
         look = look_of(method, table.methods)
@@ -175,7 +175,7 @@ def draw_lines(axes: Any, table: Table, places: Sequence[float], bars: bool = Tr
 
 
 def draw_dots(axes: Any, table: Table, column: str, methods: Sequence[Method], **change: Any) -> None:
-    """One dot per method, from top to bottom, with its interval."""
+    """Draw one dot per method, from top to bottom, with its interval."""
     for row, method in enumerate(methods):
         value = table.value(method.key, column)
         if np.isnan(value.mean):
@@ -186,13 +186,13 @@ def draw_dots(axes: Any, table: Table, column: str, methods: Sequence[Method], *
 
 
 def name_rows(axes: Any, methods: Sequence[Method]) -> None:
-    """Titles of the methods as the labels of the rows, the first on top."""
+    """Write the titles of the methods as the labels of the rows, the first on top."""
     axes.set_yticks(range(len(methods)), [method.title for method in methods])
     axes.set_ylim(len(methods) - 0.5, -0.5)
 
 
 def draw_heat(axes: Any, table: Table, most: float, text: Callable[[float], str]) -> Any:
-    """A cell for each method and column, with its number."""
+    """Draw a cell for each method and column, with its number."""
     columns, methods = table.columns, table.methods
     values = np.array([[table.value(m.key, c.key).mean for c in columns] for m in methods])
     image = axes.imshow(np.ma.masked_invalid(values), cmap="cividis", vmin=0, vmax=most, aspect="auto")
@@ -208,6 +208,6 @@ def draw_heat(axes: Any, table: Table, most: float, text: Callable[[float], str]
 
 
 def most_of(table: Table) -> float:
-    """The largest mean of a table; 1 without one."""
+    """Return the largest mean of a table; 1 without one."""
     means = [row.value.mean for row in table.rows if np.isfinite(row.value.mean)]
     return max(means, default=1.0) or 1.0

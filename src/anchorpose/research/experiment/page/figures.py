@@ -38,7 +38,7 @@ PANELS = (
 
 
 def _draw_by_joint(tables: Sequence[Table], what: str) -> Any:
-    """A panel for each kind of method; the proposed method is drawn in every panel, for comparison."""
+    """Draw a panel for each kind of method; every panel also has the proposed method, for comparison."""
     table = tables[0]
     present = {method.family for method in table.methods}
     panels = [panel for panel in PANELS if present & set(panel)]
@@ -185,7 +185,7 @@ REGIONS_FIGURES = (
 
 
 def _draw_scenes(tables: Sequence[Table]) -> Any:
-    """A panel for each scene."""
+    """Draw a panel for each scene."""
     table = tables[0]
     methods, columns = table.methods, table.columns
     wide = min(len(columns), 5)
@@ -246,7 +246,7 @@ def _draw_times(tables: Sequence[Table]) -> Any:
 
 
 def _limits(table: Table, column: str) -> tuple[float, float]:
-    """From half of the shortest time to twice the longest."""
+    """Return the limits, from half of the shortest time to twice the longest."""
     means = [row.value.mean for row in table.rows if row.column.key == column and row.value.mean > 0]
     return (min(means) / 2, max(means) * 2) if means else (0.01, 1.0)
 
@@ -274,7 +274,7 @@ FIGURES: tuple[FigureSpec, ...] = (
 
 
 def draw_all(tables: Sequence[Table]) -> list[DrawnFigure]:
-    """Every figure whose tables exist. Raises MissingPackage without matplotlib."""
+    """Draw every figure whose tables exist. Raises MissingPackage without matplotlib."""
     by_key = {table.key: table for table in tables if table.rows}
     return [
         as_picture(figure, [by_key[key] for key in figure.tables])

@@ -38,7 +38,7 @@ Take = Callable[[Matched], np.ndarray]
 
 
 def form_tables(results: ExperimentResults) -> list[Table]:
-    """All tables of this module that have data."""
+    """Return all tables of this module that have data."""
     mean = partial(mean_over, resamples=results.config.resamples)
     median = partial(median_over, resamples=results.config.resamples)
     tables = [
@@ -54,7 +54,7 @@ def form_tables(results: ExperimentResults) -> list[Table]:
 
 
 def _columns(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """A column for each form with no hole and with the largest."""
+    """Return a column for each form with no hole and with the largest."""
     found = []
     for form in results.config.forms:
         holes = Tracking(results, form).holes(Scene.PAPER)
@@ -78,7 +78,7 @@ def _by_form(results: ExperimentResults, key: str, title: str, note: str, summar
 
 
 def _gap_tables(results: ExperimentResults) -> list[Table]:
-    """Matches over longer and longer gaps, of all nodes and of those that moved."""
+    """Return matches over longer and longer gaps, of all nodes and of those that moved."""
     resamples = results.config.resamples
 
     def share(take: Take) -> Take:
@@ -126,7 +126,7 @@ def _by_gap(results: ExperimentResults, key: str, title: str, unit: Unit, summar
 
 
 def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable[[np.ndarray], np.ndarray]) -> Table:
-    """The next generation's error minus every other row's, in the same frames."""
+    """Return the next generation's error minus every other row's, in the same frames."""
     rows = dict[str, list[Row]]()
     for form, hole, column in [*_columns(results), *_all_sizes(results)]:
         tracking = Tracking(results, form)
@@ -146,7 +146,7 @@ def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable
 
 
 def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """The sizes between none and the largest, which the forms with the surface have."""
+    """Return the sizes between none and the largest, which the forms with the surface have."""
     return [
         (form, hole, Column(f"{form} {hole:g}", f"{FORM_NAMES[form]}, {hole:.2f} m"))
         for form in results.config.forms
@@ -156,7 +156,7 @@ def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
 
 
 def _others(methods: Sequence[Method]) -> list[Method]:
-    """All but the next generation; none where it did not run."""
+    """Return all but the next generation; none where it did not run."""
     keys = {method.key for method in methods}
     return [method for method in methods if method.key != NEXT] if NEXT in keys else []
 
@@ -193,7 +193,7 @@ def _minus(results: ExperimentResults, key: str, what: str, take: Take) -> Table
 
 
 def _window_means(matching: Matching, method: str, take: Take, hole_m: float) -> list[np.ndarray]:
-    """Of each recording, the mean error of each of its windows; NaN for one without a match."""
+    """Return, per recording, the mean error of each window; NaN for a window without a match."""
 
     def mean(match: Matched) -> np.ndarray:
         values = take(match)

@@ -25,9 +25,9 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_least, at_most, measured
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
-COMPARABLE: Final = 0.8  # of the paper's nodes: a smaller mesh proves nothing about time
-CLEARLY_LESS: Final = 0.8  # of the error elsewhere: a fifth less
-OFTEN: Final = 0.1  # of the matches of hands and feet are on the other one; by chance it would be one in forty
+COMPARABLE: Final = 0.8  # share of the paper's nodes: a smaller mesh proves nothing about time
+CLEARLY_LESS: Final = 0.8  # share of the error elsewhere: a fifth less
+OFTEN: Final = 0.1  # share of the matches of hands and feet on the opposite limb; by chance it would be one in forty
 INACCURATE_MM: Final = 100.0  # twice the paper's bound on an anchor's error
 SYMMETRIC: Final = ("hand", "foot")
 NAMES: Final = tuple(REGIONS)
@@ -43,7 +43,7 @@ class MatchingClaims:
         self._methods = {method.key: method for method in self._matching.methods}
 
     def all(self) -> list[Claim]:
-        """All claims about matches, in the order of the page."""
+        """Return all claims about matches, in the order of the page."""
         return [
             self.local_distinctive(),
             self.best_in_head(),
@@ -55,7 +55,7 @@ class MatchingClaims:
         ]
 
     def local_distinctive(self) -> Claim:
-        """Fig. result2: judged by the matches, since the surface corrects joints whatever the feature says."""
+        """Judge the claim of Fig. result2 by the matches, since the surface corrects joints with any feature."""
         inside = [NAMES.index("head")]
         outside = [index for index in range(len(NAMES)) if index not in inside]
         checks = []
@@ -77,7 +77,7 @@ class MatchingClaims:
         )
 
     def best_in_head(self) -> Claim:
-        """Section V-A."""
+        """Judge the claim of Section V-A."""
         checks = []
         for method in self._of(*RIVALS):
             parts = [(name, self._region_ratio(method, name)) for name in NAMES if name != "head"]
@@ -104,7 +104,7 @@ class MatchingClaims:
         return ratio_of(above, below, self._resamples)
 
     def swapped(self) -> Claim:
-        """Section V-A."""
+        """Judge the claim of Section V-A."""
         checks = []
         for method in self._of(*RIVALS):
             for name in SYMMETRIC:
@@ -121,7 +121,7 @@ class MatchingClaims:
         )
 
     def inaccurate_elsewhere(self) -> Claim:
-        """Section V-A."""
+        """Judge the claim of Section V-A."""
         elsewhere = [index for index, name in enumerate(NAMES) if name not in ("head", *SYMMETRIC)]
         return Claim(
             "inaccurate-elsewhere",
@@ -132,7 +132,7 @@ class MatchingClaims:
         )
 
     def spectral_inaccurate(self) -> Claim:
-        """Section II."""
+        """Judge the claim of Section II."""
         proposed = [self._methods[PROPOSED]] if PROPOSED in self._methods else []
         context = [check.text() for check in self._inaccuracy(proposed, range(len(NAMES)))]
         return Claim(
@@ -153,7 +153,7 @@ class MatchingClaims:
         return checks
 
     def like_gmds(self) -> Claim:
-        """Section III-A."""
+        """Judge the claim of Section III-A."""
         return Claim(
             "like-gmds",
             "Section III-A",
@@ -164,7 +164,7 @@ class MatchingClaims:
         )
 
     def dijkstra_suffices(self) -> Claim:
-        """Section V."""
+        """Judge the claim of Section V."""
         return Claim(
             "dijkstra-suffices",
             "Section III and V",
@@ -190,7 +190,7 @@ class MatchingClaims:
         return checks
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
-        """Shares of nodes matched: a method that matches only where it is confident has smaller errors."""
+        """Return the shares of nodes matched: a method that matches only where it is confident has smaller errors."""
         lines = []
         for key in keys:
             if key in self._methods:
@@ -200,7 +200,7 @@ class MatchingClaims:
         return tuple(lines)
 
     def _joint_ratio(self, one: str, other: str) -> Estimate:
-        """Ratio of the joint errors over all sizes of hole."""
+        """Return the ratio of the joint errors over all sizes of hole."""
         above: dict[str, list[np.ndarray]] = {}
         below: dict[str, list[np.ndarray]] = {}
         for hole in self._tracking.holes(Scene.PAPER):
@@ -215,7 +215,7 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        """Without those that a filter follows: they are controls."""
+        """Return the methods without those that a filter follows, which are controls."""
         every = self._methods.values()
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 
@@ -226,7 +226,7 @@ def _ratio_check(what: str, value: Estimate) -> Check:
 
 
 def paper_times(results: ExperimentResults) -> Claim:
-    """The paper's times (Section V-B)."""
+    """Judge the claim about the paper's times (Section V-B)."""
     checks, times = [], results.times
     if times is not None:
         enough = times.nodes >= COMPARABLE * PAPER_NODES

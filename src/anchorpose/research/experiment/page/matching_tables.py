@@ -31,7 +31,7 @@ from anchorpose.research.experiment.page.tracking_tables import hole_column
 from anchorpose.research.experiment.results import ExperimentResults, Matched, PaperTimes
 
 CURVE_MM = tuple(range(0, 501, 20))
-CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # of the body's height: 0 to 0.3
+CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # distances as shares of the body's height: 0 to 0.3
 
 NOTE = (
     "The same nodes for every method, of the paper’s scene. “Direct” is the nearest descriptor; a method with several "
@@ -43,7 +43,7 @@ Take = Callable[[Matched], np.ndarray]
 
 
 def matching_tables(results: ExperimentResults) -> list[Table]:
-    """All tables of matches; none without any."""
+    """Return all tables of matches; none without any."""
     matching, resamples = Matching(results), results.config.resamples
     if not matching.windows:
         return []
@@ -120,7 +120,7 @@ def _by_region(
     unit: Unit,
     take: Take | None,
 ) -> Table:
-    """take: None for the error of each method's matches."""
+    """Return the table by region of the body; take: None for the error of each method's matches."""
     rows = []
     for method in matching.methods:
         of_method = take or error_of(matching, method.key)
@@ -141,7 +141,7 @@ def _by_size(matching: Matching, resamples: int, key: str, title: str, take: Tak
 
 
 def _curve(matching: Matching, resamples: int, key: str, title: str, places: Sequence[float], by_height: bool) -> Table:
-    """The share of all nodes matched within each distance; a node without a match is within none."""
+    """Return the share of all nodes matched within each distance; a node without a match is within none."""
     rows = []
     for method in matching.methods:
         within = list(matching.values(method.key, partial(_counts, matching, np.array(places), by_height)).values())
@@ -154,7 +154,7 @@ def _curve(matching: Matching, resamples: int, key: str, title: str, places: Seq
 
 
 def _counts(matching: Matching, places: np.ndarray, by_height: bool, match: Matched) -> np.ndarray:
-    """(1, places) number of nodes of a window matched within each distance along the skin."""
+    """Return (1, places) number of nodes of a window matched within each distance along the skin."""
     distance = match.direct_skin_mm if matching.has_direct(match.method) else match.tree_skin_mm
     known = np.sort(distance[np.isfinite(distance)])
     reach = places * 1000 * match.body_m if by_height else places
@@ -169,7 +169,7 @@ PAPER_EDGES: Final = 36185
 
 
 def time_tables(results: ExperimentResults) -> list[Table]:
-    """Seconds per method."""
+    """Return the seconds per method."""
     rows = _matching_rows(results)
     note = (
         "On one core, for the descriptors of one pair of frames and their matches, with the nodes of that mesh. The "
@@ -179,7 +179,7 @@ def time_tables(results: ExperimentResults) -> list[Table]:
 
 
 def paper_time_lines(times: PaperTimes) -> list[tuple[str, str, str]]:
-    """Rows of the table of times: the step, the time here, the time in the paper."""
+    """Return rows of the table of times: the step, the time here, the time in the paper."""
     return [
         ("image", times.image, "512 x 424"),
         ("nodes of the mesh", f"{times.nodes}", f"{PAPER_NODES}"),

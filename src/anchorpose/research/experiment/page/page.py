@@ -59,7 +59,7 @@ MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
 
 
 def judge_claims(results: ExperimentResults) -> list[Claim]:
-    """All claims, those of the paper's figures first."""
+    """Return all claims, those of the paper's figures first."""
     of_joints = [*TrackingClaims(results).all(), *literal_claims(results)]
     return [*of_joints, *MatchingClaims(results).all(), paper_times(results)]
 
@@ -71,7 +71,7 @@ def compose_page(
     figures: Sequence[DrawnFigure],
     shown: Sequence[PagePicture],
 ) -> str:
-    """The whole page, self-contained; the same input gives the same text."""
+    """Return the whole page, self-contained; the same input gives the same text."""
 
     def part(drawn: Sequence[str], listed: Sequence[str], pictures: Sequence[str] = ()) -> str:
         images = [drawing_html(figure) for key in drawn for figure in figures if figure.key == key]
@@ -151,7 +151,8 @@ PAGE_FILE: Final = "index.html"
 
 
 def write_results(results: ExperimentResults, out: Path) -> None:
-    """tables/*.csv, figures/*.svg and *.png, claims.json and index.html in ``out``; the same results, the same bytes.
+    """Write tables/*.csv, figures/*.svg and *.png, claims.json and index.html into ``out``; the same results give the
+    same bytes.
 
     Existing ones are replaced, each folder and file as a whole and the page last; nothing else is changed. The page
     shows the pictures of ``out / pictures``. Raises MissingPackage without matplotlib and InputError for unusable

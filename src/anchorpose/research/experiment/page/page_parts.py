@@ -49,7 +49,7 @@ class PagePicture:
 
 
 def read_pictures(folder: Path) -> list[PagePicture]:
-    """The PNG files of ``folder / pictures`` in the order of their captions, then those without one by name.
+    """Return the PNG files of ``folder / pictures`` in the order of their captions, then those without one by name.
 
     Raises InputError where the captions cannot be read or name a missing file or section.
     """
@@ -94,7 +94,7 @@ MOST_NAMED: Final = 3
 
 
 def table_html(table: Table, unfolded: bool = False) -> str:
-    """Methods down, columns across; intervals in brackets."""
+    """Return the table with a row per method and a column per quantity; intervals in brackets."""
     head = "".join(f"<th scope='col'>{escape(column.label)}</th>" for column in table.columns)
     values = {(row.method.key, row.column): row.value for row in table.rows}
     rows = []
@@ -117,7 +117,7 @@ def table_html(table: Table, unfolded: bool = False) -> str:
 
 
 def text_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table of text; the first cell of each row is its name."""
+    """Return a table of text; the first cell of each row is its name."""
     top = "".join(f"<th scope='col'>{escape(name)}</th>" for name in head)
     body = "".join(
         f"<tr><th scope='row'>{escape(row[0])}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in row[1:])}</tr>"
@@ -130,7 +130,7 @@ def text_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]])
 
 
 def claims_html(claims: Sequence[Claim]) -> str:
-    """The first table of the page: verdict, claim, how it was judged and every comparison."""
+    """Return the first table of the page: verdict, claim, how it was judged and every comparison."""
     rows = "".join(_claim_row(claim) for claim in claims)
     return (
         "<div class='scroll' tabindex='0' role='region' aria-label='Claims'><table class='text claims'><thead><tr>"
@@ -153,7 +153,7 @@ def _claim_row(claim: Claim) -> str:
 
 
 def _figures(claim: Claim) -> str:
-    """The answers of the comparisons, their range, and those that answer no if there are few."""
+    """Return the answers of the comparisons, their range, and those that answer no if there are few."""
     checks = claim.checks
     if len(checks) < 2:
         return checks[0].text() if checks else "no data"
@@ -170,7 +170,7 @@ def _figures(claim: Claim) -> str:
 
 
 def drawing_html(picture: DrawnFigure) -> str:
-    """A figure as part of the page, in the page's colours, light or dark."""
+    """Return a figure as part of the page, in the page's colours, light or dark."""
     caption = escape(picture.caption)
     return (
         f"<figure class='drawing'><div class='scroll' tabindex='0' role='region' aria-label='{caption}'>"
@@ -179,7 +179,7 @@ def drawing_html(picture: DrawnFigure) -> str:
 
 
 def inline_svg(picture: DrawnFigure) -> str:
-    """The drawing without parts that only a file needs, with unique ids, since all figures share the page."""
+    """Return the drawing without parts that only a file needs, with unique ids, since all figures share the page."""
     svg = picture.svg[picture.svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page has its own; a tenth of the length
@@ -193,7 +193,7 @@ def inline_svg(picture: DrawnFigure) -> str:
 
 
 def pictures_html(pictures: Sequence[PagePicture], sections: Sequence[str]) -> str:
-    """The pictures of some sections, each section with its title; empty without pictures."""
+    """Return the pictures of some sections, each section with its title; empty without pictures."""
     parts = []
     for section in sections:
         shown = "".join(_picture(picture) for picture in pictures if picture.section == section)
@@ -211,7 +211,7 @@ def _picture(picture: PagePicture) -> str:
 
 
 def best_of(table: Table, column: str, keys: Sequence[str]) -> str | None:
-    """The key of the method with the smallest mean in a column; None without any."""
+    """Return the key of the method with the smallest mean in a column; None without any."""
     means = {key: table.value(key, column).mean for key in keys}
     known = {key: mean for key, mean in means.items() if np.isfinite(mean)}
     return min(known, key=lambda key: known[key]) if known else None

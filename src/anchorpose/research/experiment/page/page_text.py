@@ -22,7 +22,7 @@ SETTINGS_KEY = "settings"
 
 
 def tried_settings(results: ExperimentResults) -> list[tuple[str, TriedSetting]]:
-    """(title of the method, setting), by method, the best first."""
+    """Return (title of the method, setting) of each tried setting, by method, the best first."""
     titles = {method.key: method.title for method in results.methods}
     return [
         (titles.get(key, key), one)
@@ -32,7 +32,7 @@ def tried_settings(results: ExperimentResults) -> list[tuple[str, TriedSetting]]
 
 
 def settings_csv(results: ExperimentResults) -> str:
-    """One line per setting."""
+    """Return one line per setting."""
     out = io.StringIO()
     lines = csv.writer(out, lineterminator="\n")
     lines.writerow(["method", "setting", "score_mm", "chosen"])
@@ -70,7 +70,7 @@ LIMITS: Final = (
 
 
 def summary_html(results: ExperimentResults, claims: Sequence[Claim], tables: Sequence[Table]) -> str:
-    """One sentence on the claims and one on the errors."""
+    """Return one sentence on the claims and one on the errors."""
     counts = Counter(claim.verdict for claim in claims)
     verdicts = ", ".join(
         f"{counts[verdict]} {_plural(verdict, counts[verdict])}" for verdict in Verdict if counts[verdict]
@@ -84,7 +84,7 @@ def _plural(verdict: Verdict, count: int) -> str:
 
 
 def _errors(results: ExperimentResults, tables: Sequence[Table]) -> str:
-    """The proposed method, its next generation, and the best of each other kind with the largest hole."""
+    """Return the proposed method, its next generation, and the best of each other kind with the largest hole."""
     errors = next((table for table in tables if table.key == "result1"), None)
     if errors is None:
         return ""
@@ -111,7 +111,7 @@ def _best(errors: Table, column: str, family: Family) -> str | None:
 
 
 def run_html(results: ExperimentResults) -> str:
-    """Recordings, holes, methods with their sources, and how settings were chosen."""
+    """Return recordings, holes, methods with their sources, and how settings were chosen."""
     config = results.config
     others = ", ".join(scene for scene in config.scenes if scene is not Scene.PAPER)
     holes = ", ".join(f"{hole:g} m" for hole in config.holes_m if hole)
@@ -169,7 +169,7 @@ def _settings(results: ExperimentResults) -> str:
 
 
 def limits_html(results: ExperimentResults) -> str:
-    """The limits of these results."""
+    """Return the limits of these results."""
     config = results.config
     seconds = (config.segment_frames - 1) / config.fps
     own = f"A segment lasts {seconds:.2g} s: slower drift is not visible."
@@ -177,7 +177,7 @@ def limits_html(results: ExperimentResults) -> str:
 
 
 def again_html(results: ExperimentResults) -> str:
-    """The command, and the configuration as the file that it reads."""
+    """Return the command, and the configuration as the file that it reads."""
     real = " --real FOLDER" if results.real is not None else ""
     lines = [
         f"{field.name} = {_toml(getattr(results.config, field.name))}" for field in dataclasses.fields(results.config)

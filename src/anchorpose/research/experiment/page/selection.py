@@ -19,17 +19,17 @@ Kept = Mapping[tuple[str, float], np.ndarray]
 
 
 def compared(methods: Iterable[Method]) -> list[Method]:
-    """All methods except the ablated variants of anchorpose's tracker."""
+    """Return all methods except the ablated variants of anchorpose's tracker."""
     return [method for method in methods if method.family is not Family.TRACKER or method.key == OWN]
 
 
 def ablated(methods: Iterable[Method]) -> list[Method]:
-    """anchorpose's tracker and its ablated variants."""
+    """Return anchorpose's tracker and its ablated variants."""
     return [method for method in methods if method.family is Family.TRACKER]
 
 
 def frame_means(error_mm: np.ndarray) -> np.ndarray:
-    """(f,) mean over the joints (f, j) that have an error; NaN in a frame without any."""
+    """Return (f,) mean over the joints (f, j) that have an error; NaN in a frame without any."""
     known = np.isfinite(error_mm)
     count = known.sum(axis=1)
     total = np.where(known, error_mm, 0.0).sum(axis=1)
@@ -42,7 +42,7 @@ HANDS: Final = tuple(index for index, name in enumerate(JOINT_NAMES) if name.sta
 
 
 def without_hands(error_mm: np.ndarray) -> np.ndarray:
-    """(f, 17) the errors (f, 21) of the other joints."""
+    """Return (f, 17) of the errors (f, 21): those of all joints but hands and wrists."""
     return np.delete(error_mm, HANDS, axis=1)
 
 
@@ -60,11 +60,11 @@ class Tracking:
                 self._runs[run.scene, run.method, run.hole_m][run.recording] = _in_order(run)
 
     def holes(self, scene: Scene) -> list[float]:
-        """The sizes of hole in a scene, in metres; 0 is none."""
+        """Return the sizes of hole in a scene, in metres; 0 is none."""
         return sorted({hole for of, _, hole in self._runs if of is scene})
 
     def ran(self, scene: Scene, methods: Iterable[Method]) -> list[Method]:
-        """Those of the methods that tracked a frame in the scene."""
+        """Return those of the methods that tracked a frame in the scene."""
         keys = {
             key
             for (of, key, _), runs in self._runs.items()
@@ -73,11 +73,11 @@ class Tracking:
         return [method for method in methods if method.key in keys]
 
     def runs(self, scene: Scene, method: str, hole_m: float) -> dict[str, Tracked]:
-        """By recording."""
+        """Return the tracked joints by recording."""
         return self._runs.get((scene, method, hole_m), {})
 
     def shared(self, scene: Scene, methods: Iterable[Method]) -> Kept:
-        """The frames that all of the methods ran on, apart from methods that tracked nothing in the scene."""
+        """Return the frames that all of the methods ran on, apart from methods that tracked nothing in the scene."""
         keys = [method.key for method in self.ran(scene, methods)]
         kept: dict[tuple[str, float], np.ndarray] = {}
         for hole in self.holes(scene):
@@ -90,7 +90,9 @@ class Tracking:
     def errors(
         self, scene: Scene, method: str, hole_m: float, kept: Kept | None = None, occluded: bool = False
     ) -> dict[str, np.ndarray]:
-        """(f, 21) millimetres by recording: all frames or the kept ones; only those with a hole if ``occluded``."""
+        """Return (f, 21) millimetres by recording: all frames or the kept ones; only those with a hole if
+        ``occluded``.
+        """
         found = {}
         for recording, run in self.runs(scene, method, hole_m).items():
             chosen = run.occluded.copy() if occluded else np.ones(len(run.frame), bool)
@@ -107,7 +109,7 @@ class Tracking:
         occluded: bool = False,
         kept: Kept | None = None,
     ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Errors (f, 21) of two runs, each a method with a size of hole, in the same frames, by recording.
+        """Return errors (f, 21) of two runs, each a method with a size of hole, in the same frames, by recording.
 
         occluded: only the frames that have a hole in the first. Recordings that one of them lacks are left out.
         """
@@ -125,7 +127,9 @@ class Tracking:
 
 
 def left_out(results: ExperimentResults) -> tuple[int, int]:
-    """Number of segments of the simulated recordings without a known pose to start from, and of all segments."""
+    """Return the number of segments of the simulated recordings without a known pose to start from, and of all
+    segments.
+    """
     config, ran = results.config, dict[tuple[Scene, str], int]()
     for run in results.tracked:
         if run.scene is not Scene.REAL:
@@ -150,7 +154,7 @@ class Matching:
     """All matches of the paper's scene over one gap, in the windows that all methods have."""
 
     def __init__(self, results: ExperimentResults, gap_s: float | None = None) -> None:
-        """gap_s: None for the shortest."""
+        """Select the matches of one gap; gap_s: None for the shortest."""
         gap_s = min(results.config.gaps_s) if gap_s is None else gap_s
         self._matched: dict[str, dict[WindowKey, Matched]] = defaultdict(dict)
         for match in results.matched:
@@ -162,17 +166,17 @@ class Matching:
         self.windows: list[WindowKey] = sorted(set.intersection(*windows)) if windows else []
 
     def holes(self) -> list[float]:
-        """Sizes of hole in metres; 0 is none."""
+        """Return sizes of hole in metres; 0 is none."""
         return sorted({hole for _, hole, _ in self.windows})
 
     def has_direct(self, method: str) -> bool:
-        """Whether the method has a match without the tree; one with several hypotheses cannot choose."""
+        """Return whether the method has a match without the tree; one with several hypotheses cannot choose."""
         return method in self._direct
 
     def values(
         self, method: str, take: Callable[[Matched], np.ndarray], hole_m: float | None = None
     ) -> dict[str, np.ndarray]:
-        """By recording, the values of ``take`` for all windows, concatenated; hole_m: only windows of this size."""
+        """Return, by recording, the values of ``take`` for all windows; hole_m: only windows with this hole."""
         parts: dict[str, list[np.ndarray]] = defaultdict(list)
         for window in self.windows:
             if hole_m in (None, window[1]):
@@ -181,22 +185,22 @@ class Matching:
 
 
 def direct_mm(match: Matched) -> np.ndarray:
-    """Straight distance of the method's own match."""
+    """Return the straight distance of the method's own match."""
     return match.direct_mm
 
 
 def tree_mm(match: Matched) -> np.ndarray:
-    """The same after the track tree."""
+    """Return the straight distance of the match that the track tree chose."""
     return match.tree_mm
 
 
 def every_mm(match: Matched) -> np.ndarray:
-    """After a tree that gives no node up."""
+    """Return the distance after a tree that assigns a match to every node."""
     return match.every_mm
 
 
 def of_moved(take: Callable[[Matched], np.ndarray]) -> Callable[[Matched], np.ndarray]:
-    """The same for the nodes that moved by more than ``MOVED_MM`` only: most nodes hardly do."""
+    """Restrict a quantity to the nodes that moved by more than ``MOVED_MM``: most nodes move less."""
     return lambda match: take(match)[match.moved_mm > MOVED_MM]
 
 
@@ -204,21 +208,25 @@ MOVED_MM: Final = 30.0
 
 
 def penalised_mm(match: Matched) -> np.ndarray:
-    """After the tree, where a node without a match counts ``MISSED_MM``, so that fewer matches are not better."""
+    """Return the distance after the tree; a node without a match counts ``MISSED_MM``, so that fewer matches are not
+    better.
+    """
     return np.where(np.isfinite(match.tree_mm), match.tree_mm, MISSED_MM)
 
 
 def error_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
-    """The error of a method's matches: direct as in the paper, or after the tree for methods without direct ones."""
+    """Return the error of a method's matches: direct as in the paper, or after the tree for methods without direct
+    ones.
+    """
     return direct_mm if matching.has_direct(method) else tree_mm
 
 
 def mirrored_of(match: Matched) -> np.ndarray:
-    """1 where the match is on the other side's limb, 0 where it is not, NaN without a match."""
+    """Return 1 where the match is on the opposite limb, 0 where it is not, NaN without a match."""
     matched = np.isfinite(match.direct_mm) | np.isfinite(match.tree_mm)
     return np.where(matched, match.mirrored.astype(np.float64), np.nan)
 
 
 def in_regions(take: Callable[[Matched], np.ndarray], regions: Sequence[int]) -> Callable[[Matched], np.ndarray]:
-    """The same for the nodes in some regions of the body only."""
+    """Restrict a quantity to the nodes in some regions of the body."""
     return lambda match: take(match)[np.isin(match.region, regions)]

@@ -36,7 +36,8 @@ class Estimate:
 
 
 def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """The mean of all values of all groups, one per recording, whose frames are correlated; NaN values are left out.
+    """Return the mean of all values of all groups, one per recording, whose frames are correlated; NaN values are left
+    out.
 
     Source: Efron 1979 (doi:10.1214/aos/1176344552).
     """
@@ -50,7 +51,9 @@ def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """The ratio of two means over the same recordings, group by group, drawn together; NaN where the lower one is 0."""
+    """Return the ratio of two means over the same recordings, group by group, drawn together; NaN where the lower one
+    is 0.
+    """
     if len(above) != len(below):
         raise ValueError(f"a ratio needs the same recordings above and below, got {len(above)} and {len(below)}")
     sums = [_sums(groups, keep_empty=True) for groups in (above, below)]
@@ -68,7 +71,7 @@ def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples
 
 
 def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """The standard deviation of all values, likewise."""
+    """Return the standard deviation of all values, over groups as in ``mean_over``."""
     sums, counts = _sums(groups)
     squares, _ = _sums([np.asarray(group, dtype=np.float64) ** 2 for group in groups])
     if counts.sum() == 0:
@@ -86,7 +89,9 @@ def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """The median of all values, likewise. The value is exact, its interval is rounded to ``MEDIAN_STEPS`` ranks."""
+    """Return the median of all values, over groups as in ``mean_over``. The value is exact, its interval is rounded to
+    ``MEDIAN_STEPS`` ranks.
+    """
     finite = [np.asarray(group, dtype=np.float64).ravel() for group in groups]
     finite = [kept for group in finite if len(kept := group[np.isfinite(group)])]
     if not finite:
@@ -104,7 +109,7 @@ def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def _with_interval(value: float, drawn: np.ndarray, count: int) -> Estimate:
-    """The percentiles, widened for a small number of recordings.
+    """Return the estimate with its percentiles, widened for a small number of recordings.
 
     The bootstrap of n values is too narrow by sqrt((n - 1) / n), and has the tails of the normal instead of Student's
     distribution (Hesterberg 2015, doi:10.1080/00031305.2015.1089789): for four recordings 95 % would be 82 %. Where all
@@ -179,17 +184,17 @@ class Table:
 
     @property
     def columns(self) -> list[Column]:
-        """In the order of their first appearance."""
+        """Return the columns in the order of their first appearance."""
         return list(dict.fromkeys(row.column for row in self.rows))
 
     @property
     def methods(self) -> list[Method]:
-        """Likewise."""
+        """Return the methods in the order of their first appearance."""
         by_key = {row.method.key: row.method for row in self.rows}
         return list(by_key.values())
 
     def value(self, method: str, column: str) -> Estimate:
-        """The value by the keys of method and column; NaN where the table has none."""
+        """Return the value by the keys of method and column; NaN where the table has none."""
         for row in self.rows:
             if row.method.key == method and row.column.key == column:
                 return row.value
@@ -197,7 +202,7 @@ class Table:
 
 
 def csv_text(table: Table) -> str:
-    """One line per value; empty where a number is unknown."""
+    """Return one line per value; empty where a number is unknown."""
     out = io.StringIO()
     lines = csv.writer(out, lineterminator="\n")
     lines.writerow(["method", "title", "family", table.across, "unit", "mean", "low", "high", "recordings"])
@@ -219,7 +224,7 @@ def csv_text(table: Table) -> str:
 
 
 def format_estimate(value: Estimate, unit: Unit) -> str:
-    """For readers: the mean and the interval, such as "48.2 (45.0 to 51.3)"; a dash for NaN."""
+    """Format for readers: the mean and the interval, such as "48.2 (45.0 to 51.3)"; a dash for NaN."""
     if np.isnan(value.mean):
         return "–"
     if np.isnan(value.low):
@@ -229,7 +234,7 @@ def format_estimate(value: Estimate, unit: Unit) -> str:
 
 
 def format_number(number: float, unit: Unit) -> str:
-    """A number with its useful digits; without the unit, except per cent."""
+    """Return a number with its useful digits; without the unit, except per cent."""
     match unit:
         case Unit.MM:
             return f"{number:.1f}".replace("-", "−")

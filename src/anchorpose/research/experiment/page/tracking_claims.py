@@ -28,7 +28,9 @@ FILTERS: Final = {PROPOSED: ("anchors-filter",), LITERAL: ("paper-kalman", "pape
 
 
 def literal_claims(results: ExperimentResults) -> list[Claim]:
-    """The paper's claims about its feature, of the literal method with nothing rejected; none where it did not run."""
+    """Return the paper's claims about its feature, judged by the literal method without rejection; none where it did
+    not run.
+    """
     if all(method.key != LITERAL for method in results.methods):
         return []
     of_text = TrackingClaims(results, LITERAL, Form.REFINED_ALL)
@@ -48,7 +50,7 @@ class TrackingClaims:
         self._holes = self._tracking.holes(Scene.PAPER)
 
     def of_the_feature(self) -> list[Claim]:
-        """Those about the proposed feature itself."""
+        """Return the claims about the proposed feature itself."""
         return [
             self.proposed_constant(),
             self.proposed_below("local", (Family.LOCAL,)),
@@ -60,7 +62,7 @@ class TrackingClaims:
         ]
 
     def all(self) -> list[Claim]:
-        """All claims about joints, in the order of the page."""
+        """Return all claims about joints, in the order of the page."""
         return [
             self.proposed_constant(),
             self.proposed_below("local", (Family.LOCAL,)),
@@ -77,7 +79,7 @@ class TrackingClaims:
         ]
 
     def proposed_constant(self) -> Claim:
-        """Fig. result1."""
+        """Judge the claim of Fig. result1."""
         return Claim(
             "proposed-constant",
             "Fig. “result1” and its caption",
@@ -87,7 +89,7 @@ class TrackingClaims:
         )
 
     def local_constant(self) -> Claim:
-        """Fig. result1."""
+        """Judge the claim of Fig. result1."""
         return Claim(
             "local-constant",
             "Fig. “result1” and its caption",
@@ -108,7 +110,7 @@ class TrackingClaims:
         return checks
 
     def proposed_below(self, name: str, families: Sequence[Family]) -> Claim:
-        """Fig. result1, Section V-B."""
+        """Judge the claim of Fig. result1, Section V-B."""
         others = self._of(*families)
         return Claim(
             f"proposed-below-{name}",
@@ -119,7 +121,7 @@ class TrackingClaims:
         )
 
     def helps_at_all(self) -> Claim:
-        """What the framework does without any feature."""
+        """Judge what the framework does without any feature."""
         return Claim(
             "helps-at-all",
             "this project’s own question",
@@ -129,7 +131,7 @@ class TrackingClaims:
         )
 
     def filter_instead(self) -> Claim:
-        """Section III: "an EKF, UKF, or particle tracking filter"."""
+        """Judge a filter in place of the tree (Section III: "an EKF, UKF, or particle tracking filter")."""
         others = [method for method in self._methods if method.key in FILTERS[self._proposed]]
         return Claim(
             "tree-below-filter",
@@ -140,7 +142,7 @@ class TrackingClaims:
         )
 
     def next_below_all(self) -> Claim:
-        """The paper's future work."""
+        """Judge a claim about the paper's future work."""
         checks = []
         for form in self._results.config.forms:
             tracking = Tracking(self._results, form)
@@ -156,7 +158,7 @@ class TrackingClaims:
         )
 
     def next_constant(self) -> Claim:
-        """The paper's future work: "greater invariance"."""
+        """Judge a claim about the paper's future work: "greater invariance"."""
         return Claim(
             "next-constant",
             "Section VI (future work)",
@@ -166,7 +168,7 @@ class TrackingClaims:
         )
 
     def own_below_all(self) -> Claim:
-        """This project's tracker."""
+        """Judge a claim about this project's tracker."""
         others = [method for method in self._methods if method.key != OWN]
         return Claim(
             "own-below-all",
@@ -177,7 +179,7 @@ class TrackingClaims:
         )
 
     def tree_helps(self) -> Claim:
-        """Section IV."""
+        """Judge the claim of Section IV."""
         others = [method for method in self._methods if method.key == "anchors-no-tree"]
         return Claim(
             "tree-helps",
@@ -189,7 +191,7 @@ class TrackingClaims:
         )
 
     def proposed_similar(self) -> Claim:
-        """Fig. result2."""
+        """Judge the claim of Fig. result2."""
         checks = [
             Check(what, value, Unit.RATIO, at_most(value, SIMILAR))
             for method in self._methods
@@ -218,7 +220,7 @@ class TrackingClaims:
         return tuple(Check(*self._spread(method), Unit.RATIO, Answer.OPEN).text() for method in methods)
 
     def proposed_adequate(self) -> Claim:
-        """Fig. mhtjoints."""
+        """Judge the claim of Fig. mhtjoints."""
         checks = []
         for hole in self._holes:
             value = mean_over(list(self._tracking.errors(Scene.PAPER, self._proposed, hole).values()), self._resamples)
@@ -255,7 +257,7 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Without those that a filter follows: they are controls."""
+        """Return the methods without those that a filter follows, which are controls."""
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 
@@ -263,13 +265,15 @@ class TrackingClaims:
 def difference(
     tracking: Tracking, one: str, other: str, hole_m: float, resamples: int, occluded: bool = False
 ) -> Estimate:
-    """Mean joint error of one method minus another's, mm, over the joints that both have in the same frames."""
+    """Return the mean joint error of one method minus another's, mm, over the joints that both have in the same
+    frames.
+    """
     pairs = tracking.pairs(Scene.PAPER, (one, hole_m), (other, hole_m), occluded).values()
     return mean_over([frame_means(first - second) for first, second in pairs], resamples)
 
 
 def below_zero(value: Estimate) -> Answer:
-    """Yes where the whole interval is below 0, no where all of it is at or above."""
+    """Return yes where the whole interval is below 0, no where all of it is at or above."""
     if np.isnan(value.low):
         return Answer.OPEN
     if value.high < 0:

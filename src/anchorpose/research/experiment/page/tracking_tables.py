@@ -35,7 +35,7 @@ OTHER_HOLES = (Scene.LOOSE, Scene.REAL)
 
 
 def tracking_tables(results: ExperimentResults) -> list[Table]:
-    """Tables of the paper's scene, of all scenes and of the ablation."""
+    """Return tables of the paper's scene, of all scenes and of the ablation."""
     tracking = Tracking(results)
     tables = [*_paper_tables(results, tracking), _unrejected(results), _scene_table(results, tracking)]
     tables += [_other_holes(results, tracking, scene) for scene in OTHER_HOLES]
@@ -110,7 +110,7 @@ def _paper_tables(results: ExperimentResults, tracking: Tracking) -> list[Table]
 
 
 def _unrejected(results: ExperimentResults) -> Table:
-    """The paper's "result1" in its own form."""
+    """Return the paper's "result1" in its own form."""
     tracking = Tracking(results, Form.REFINED_ALL)
     methods = tracking.ran(Scene.PAPER, compared(results.methods))
     kept = tracking.shared(Scene.PAPER, methods)
@@ -120,19 +120,19 @@ def _unrejected(results: ExperimentResults) -> Table:
 
 
 def of_body(summarise: Summary) -> Summary:
-    """The same of the joints but hands and wrists."""
+    """Return the summary of the joints without hands and wrists."""
     return lambda groups: summarise([without_hands(group) for group in groups])
 
 
 def note_on(kept: Kept) -> str:
-    """What a reader must know about the frames of a table."""
+    """Return what a reader must know about the frames of a table."""
     sizes = {hole for _, hole in kept}
     count = sum(len(chosen) for chosen in kept.values()) // max(len(sizes), 1)
     return f"{SAME_NOTE} {count} frames for each size of hole."
 
 
 def _other_holes(results: ExperimentResults, tracking: Tracking, scene: Scene) -> Table:
-    """The paper's "result1" in another scene."""
+    """Return the paper's "result1" in another scene."""
     methods = tracking.ran(scene, compared(results.methods))
     kept = tracking.shared(scene, methods)
     rows = by_size_rows(tracking, methods, kept, partial(mean_over, resamples=results.config.resamples), scene=scene)
@@ -142,7 +142,7 @@ def _other_holes(results: ExperimentResults, tracking: Tracking, scene: Scene) -
 
 
 def hole_column(hole_m: float, unit: Unit = Unit.MM) -> Column:
-    """The column of a size of hole."""
+    """Return the column of a size of hole."""
     return Column(f"{hole_m:g}", f"{hole_m:.2f} m" if hole_m else "none", unit)
 
 
@@ -155,7 +155,7 @@ def by_size_rows(
     unit: Unit = Unit.MM,
     scene: Scene = Scene.PAPER,
 ) -> tuple[Row, ...]:
-    """A row for every method and size of hole of a scene."""
+    """Return a row for every method and size of hole of a scene."""
     return tuple(
         Row(
             method,
@@ -178,7 +178,7 @@ def _by_joint(tracking: Tracking, methods: Sequence[Method], kept: Kept, summari
 
 
 def errors_of_all_sizes(tracking: Tracking, method: str, kept: Kept | None = None) -> dict[str, np.ndarray]:
-    """(f, 21) millimetres by recording of the paper's scene: every size has the same number of frames."""
+    """Return (f, 21) millimetres by recording of the paper's scene: every size has the same number of frames."""
     parts: dict[str, list[np.ndarray]] = {}
     for hole in tracking.holes(Scene.PAPER):
         for recording, errors in tracking.errors(Scene.PAPER, method, hole, kept).items():
@@ -200,7 +200,9 @@ def _ratios(
 def ratio_to_none(
     tracking: Tracking, method: str, hole_m: float, resamples: int, occluded: bool = False, kept: Kept | None = None
 ) -> Estimate:
-    """A method's mean error with a hole over its own without, in the same frames; occluded: only those with a hole."""
+    """Return a method's mean error with a hole over its own without, in the same frames; occluded: only those with a
+    hole.
+    """
     pairs = tracking.pairs(Scene.PAPER, (method, hole_m), (method, 0.0), occluded, kept).values()
     return ratio_of([with_hole for with_hole, _ in pairs], [without for _, without in pairs], resamples)
 
@@ -217,7 +219,7 @@ def _scene_table(results: ExperimentResults, tracking: Tracking) -> Table:
 
 
 def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept, resamples: int) -> list[Row]:
-    """Without a hole and, where holes are cut, with the largest."""
+    """Return rows without a hole and, where holes are cut, with the largest."""
     holes = tracking.holes(scene)
     return [
         Row(

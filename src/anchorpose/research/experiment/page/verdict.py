@@ -41,7 +41,7 @@ class Check:
     answer: Answer
 
     def text(self) -> str:
-        """For readers."""
+        """Return the comparison as text for readers."""
         unit = {Unit.MM: " mm", Unit.SECONDS: " s"}.get(self.unit, "")
         return f"{self.what}: {format_estimate(self.value, self.unit)}{unit if np.isfinite(self.value.mean) else ''}"
 
@@ -68,7 +68,7 @@ class Claim:
 
 
 def judge(answers: Sequence[Answer]) -> Verdict:
-    """A claim holds if all comparisons answer yes.
+    """Judge a claim: it holds if all comparisons answer yes.
 
     It holds in part if at least half answer yes, or if some answer no but more yes. Otherwise it does not hold if any
     answers no, and is undecided if none does.
@@ -84,7 +84,7 @@ def judge(answers: Sequence[Answer]) -> Verdict:
 
 
 def at_most(value: Estimate, bound: float) -> Answer:
-    """Yes where the whole interval is at or below the bound, no where all of it is above."""
+    """Return yes where the whole interval is at or below the bound, no where all of it is above."""
     if np.isnan(value.low) or np.isnan(value.high):
         return Answer.OPEN
     if value.high <= bound:
@@ -93,12 +93,12 @@ def at_most(value: Estimate, bound: float) -> Answer:
 
 
 def at_least(value: Estimate, bound: float) -> Answer:
-    """Yes where the whole interval is at or above the bound, no where all of it is below."""
+    """Return yes where the whole interval is at or above the bound, no where all of it is below."""
     return at_most(Estimate(-value.mean, -value.high, -value.low, value.count), -bound)
 
 
 def between(value: Estimate, low: float, high: float) -> Answer:
-    """Yes where the whole interval lies within, no where all of it lies outside."""
+    """Return yes where the whole interval lies within, no where all of it lies outside."""
     parts = (at_least(value, low), at_most(value, high))
     if Answer.NO in parts:
         return Answer.NO
@@ -106,14 +106,14 @@ def between(value: Estimate, low: float, high: float) -> Answer:
 
 
 def measured(value: float, bound: float) -> Answer:
-    """For one measurement without an interval, such as a time."""
+    """Return the answer for one measurement without an interval, such as a time."""
     if np.isnan(value):
         return Answer.OPEN
     return Answer.YES if value <= bound else Answer.NO
 
 
 def claims_json(claims: Sequence[Claim]) -> str:
-    """All claims with every comparison; null for unknown numbers."""
+    """Return all claims with every comparison; null for unknown numbers."""
     return json.dumps([_claim(claim) for claim in claims], indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 

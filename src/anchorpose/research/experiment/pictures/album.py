@@ -108,7 +108,7 @@ def _matches(sources: _Sources, methods: Sequence[Method], settings: Mapping[str
 
 
 def _on_these_meshes(method: Method, moment: Moment, settings: Mapping[str, object]) -> bool:
-    """Whether the method matches nodes of the meshes that are drawn; one that closes holes has others."""
+    """Return whether the method matches nodes of the drawn meshes; a method that closes holes has other meshes."""
     if method.associate is None:
         return False
     config = moment.window.config
@@ -118,7 +118,7 @@ def _on_these_meshes(method: Method, moment: Moment, settings: Mapping[str, obje
 def _proposed(
     sources: _Sources, methods: Sequence[Method], settings: Mapping[str, object], start: int
 ) -> Iterator[Picture]:
-    """Tracked joints and hypotheses of the proposed method, where it is among the methods."""
+    """Yield tracked joints and hypotheses of the proposed method, where it is among the methods."""
     for method in methods:
         if method.key == PROPOSED:
             setting, holed, truth_m = settings[method.key], sources.holed, sources.skin.performance.joints_m()
@@ -128,11 +128,13 @@ def _proposed(
                 yield from hypothesis_pictures(sources.view, moment, method, setting)
 
 
-ROUNDS: Final = 5  # of which the median counts
+ROUNDS: Final = 5  # timed rounds; the median is reported
 
 
 def measure_times(frame: int, given: GivenFrames, run: Run) -> PaperTimes | None:
-    """Times of the paper's own steps on one frame, after everything was compiled; None where nobody was found in it."""
+    """Return times of the paper's own steps on one frame, after everything was compiled; None where nobody was found in
+    it.
+    """
     fine = replace(run.config.surface, step=1)
     window = take_window(frame, given, run)
     if window is None:
@@ -155,7 +157,7 @@ def measure_times(frame: int, given: GivenFrames, run: Run) -> PaperTimes | None
 
 
 def _five(surface: Surface) -> np.ndarray:
-    """Five nodes far from the centre and from each other, like anchors."""
+    """Return five nodes far from the centre and from each other, like anchors."""
     chosen = [surface_center(surface)]
     for _ in range(5):
         field = geodesic_distance_to_set(surface, np.array(chosen))
@@ -201,7 +203,7 @@ def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
 
 
 def _made_of(plan: Plan, trainers: Sequence[Clip]) -> str:
-    """The digest of all that the pictures depend on: code, methods, settings, recordings."""
+    """Return the digest of all that the pictures depend on: code, methods, settings, recordings."""
     methods = [(method.key, method.content, plan.settings[method.key]) for method in plan.methods]
     what = (code_digest(), plan.config, methods, plan.movements_digest, [identity(clip) for clip in trainers])
     return plan.store.path("pictures", *what).stem
@@ -243,7 +245,9 @@ PAPER_SIZE: Final = "azure-kinect"  # sees a person with as many pixels as the p
 
 
 def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
-    """The times on an image in which a person is as large as in the paper's, for which a finer camera looks on."""
+    """Return the times on an image in which a person is as large as in the paper's, for which a finer camera looks
+    on.
+    """
     if clip.simulation is None or not plan.config.tuned:
         return None
     seconds = (plan.config.segment_frames + 1) / plan.config.fps
@@ -256,7 +260,9 @@ def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
 
 
 def _moving_frame(prepared: PreparedClip, cut: np.ndarray) -> int | None:
-    """The frame with the fastest motion among those with a hole whose frame before has none; None without one."""
+    """Return the frame with the fastest motion among those with a hole whose frame before has none; None without
+    one.
+    """
     found = prepared.reference.found
     fits = np.flatnonzero(cut[1:-3] & ~cut[:-4] & found[1:-3] & found[:-4]) + 1
     if len(fits) == 0:

@@ -27,12 +27,13 @@ if TYPE_CHECKING:
 
 
 DOTS_PER_INCH: Final = 110
-COLOURS: Final = 256  # what a PNG with a palette can hold
+COLOURS: Final = 256  # number of colours in a PNG with a palette
 BLUE, VERMILLION, GREEN = as_hex(Ink.BLUE), as_hex(Ink.VERMILLION), as_hex(Ink.GREEN)
 BARE: Final = np.array([0.86, 0.86, 0.86])
 """The colour of a mesh that shows only its shape."""
 
-LAMP: Final = np.array([-0.35, 0.45, 0.82])  # to the right, up, towards the viewer: from the viewer's left shoulder
+# direction of the light, to the right, up, towards the viewer: from the viewer's left shoulder
+LAMP: Final = np.array([-0.35, 0.45, 0.82])
 AMBIENT: Final = 0.35
 
 
@@ -53,16 +54,16 @@ class View:
     axes: np.ndarray
 
     def flat_m(self, points_m: np.ndarray, shift_m: float = 0.0) -> np.ndarray:
-        """(..., 2) metres to the right, ``shift_m`` farther than they are, and up."""
+        """Return (..., 2) metres to the right, ``shift_m`` farther than they are, and up."""
         return np.asarray(points_m @ self.axes[:2].T + np.array([shift_m, 0.0]))
 
     def near_m(self, points_m: np.ndarray) -> np.ndarray:
-        """(...) metres towards the viewer."""
+        """Return (...) metres towards the viewer."""
         return np.asarray(points_m @ self.axes[2])
 
 
 def upright_view(camera: Camera) -> View:
-    """The camera's view turned level with the world's Y upwards, however the camera is mounted."""
+    """Return the camera's view turned level with the world's Y upwards, however the camera is mounted."""
     T_world_camera, up = camera.require_pose(), np.array([0.0, 1.0, 0.0])
     towards = -T_world_camera[:3, 2] * [1.0, 0.0, 1.0]
     length = float(np.linalg.norm(towards))
@@ -74,7 +75,9 @@ def upright_view(camera: Camera) -> View:
 
 @contextmanager
 def default_style() -> Iterator[None]:
-    """Within it, figures do not depend on the user's matplotlib settings. Raises MissingPackage without matplotlib."""
+    """Make figures within the block independent of the user's matplotlib settings. Raises MissingPackage without
+    matplotlib.
+    """
     try:
         import matplotlib
     except ImportError as error:
@@ -85,19 +88,19 @@ def default_style() -> Iterator[None]:
 
 
 def _defaults(matplotlib: Any) -> Any:
-    """matplotlib's own defaults, except for the backend, which is not used here."""
+    """Return matplotlib's own defaults, except for the backend, which is not used here."""
     return {key: value for key, value in matplotlib.rcParamsDefault.items() if "backend" not in key}
 
 
 def blank_figure(width_in: float, height_in: float) -> Figure:
-    """A figure without a window."""
+    """Return a figure without a window."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width_in, height_in), dpi=DOTS_PER_INCH, layout="constrained")
 
 
 def as_png(figure: Figure) -> bytes:
-    """With at most ``COLOURS`` colours: a third of the size, so that a page can hold all pictures.
+    """Encode with at most ``COLOURS`` colours: a third of the size, so that a page can hold all pictures.
 
     The same figure gives the same bytes: no date, no version.
     """
@@ -128,7 +131,7 @@ def draw_mesh(axes: Axes, view: View, surface: Surface, colour: np.ndarray = BAR
 
 
 def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) -> None:
-    """Equal scales, limits that contain all the shifted surfaces, no frame."""
+    """Set equal scales, limits that contain all the shifted surfaces, and no frame."""
     places = [view.flat_m(surface.points_m, shift_m) for surface, shift_m in surfaces if len(surface)]
     if places:
         together = np.concatenate(places)
@@ -140,7 +143,7 @@ def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) ->
 
 
 def apart_m(view: View, one: Surface, other: Surface) -> float:
-    """The shift to the right that puts the other surface beside the first."""
+    """Return the shift to the right that puts the other surface beside the first."""
     if len(one) == 0 or len(other) == 0:
         return 1.0
     return float(view.flat_m(one.points_m)[:, 0].max() - view.flat_m(other.points_m)[:, 0].min()) + 0.15
@@ -157,12 +160,14 @@ class Moment:
 
     @property
     def surfaces(self) -> tuple[Surface, Surface]:
-        """The seen surface of the patient in both frames."""
+        """Return the seen surface of the patient in both frames."""
         return self.window.observations[0].surface, self.window.observations[1].surface
 
 
 def take_moment(frame: int, trial: Trial, skin: Skin, name: str, title: str) -> Moment:
-    """The frame and the next one; ValueError where the patient was not found in it."""
+    """Return a frame and the next one; ValueError where the patient was not found in the first or is not seen in the
+    next.
+    """
     window = take_window(frame, trial.given, trial.runs[Form.REFINED])
     if window is None:
         raise ValueError(f"the patient was not found in frame {frame} or is not seen in the next: choose another one")
@@ -171,7 +176,7 @@ def take_moment(frame: int, trial: Trial, skin: Skin, name: str, title: str) -> 
 
 
 def taken_pixels(whole: FrameSet, holed: FrameSet) -> np.ndarray:
-    """(height, width) bool: pixels of the first camera's depth image that the hole removed."""
+    """Return (height, width) bool: pixels of the first camera's depth image that the hole removed."""
     pictures = [each.depths_m[0] for each in (whole, holed)]
     if pictures[0] is None or pictures[1] is None:
         raise ValueError(f"the first camera has no picture of frame {whole.frame}")

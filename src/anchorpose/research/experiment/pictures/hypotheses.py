@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 SECTION: Final = "hypotheses"
-NODES: Final = 5  # of which every possible match is drawn
+NODES: Final = 5  # number of nodes whose possible matches are all drawn
 DRAW_SEED: Final = 23
 MISSED: Final = "#b8b8b8"
 COLOURS: Final = (
@@ -36,12 +36,12 @@ SHORT: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left 
 
 
 def name_subset(subset: np.ndarray) -> str:
-    """The anchors of a subset (n_s,), in words."""
+    """Return the anchors of a subset (n_s,), in words."""
     return ", ".join(SHORT[ANCHOR_NAMES[anchor]] for anchor in subset if anchor >= 0)
 
 
 def hypothesis_pictures(view: View, moment: Moment, method: Method, setting: object) -> list[Picture]:
-    """Every node by the subset that the track tree chose, and all hypotheses of a few nodes."""
+    """Draw every node by the subset that the track tree chose, and all hypotheses of a few nodes."""
     found = match_window(method, setting, moment.window)
     figure = blank_figure(8.4, 4.4)
     draw_chosen(figure.add_subplot(), view, moment, found)
@@ -69,7 +69,7 @@ def hypothesis_pictures(view: View, moment: Moment, method: Method, setting: obj
 
 
 def draw_chosen(axes: Axes, view: View, moment: Moment, found: Matches) -> None:
-    """The nodes of both frames in the colour of the chosen subset."""
+    """Draw the nodes of both frames in the colour of the chosen subset."""
     before, after = moment.surfaces
     shift_m = apart_m(view, before, after)
     start, end = view.flat_m(before.points_m), view.flat_m(after.points_m, shift_m)
@@ -96,7 +96,7 @@ def draw_chosen(axes: Axes, view: View, moment: Moment, found: Matches) -> None:
 
 
 def draw_possible(axes: Axes, view: View, moment: Moment, found: Matches) -> None:
-    """Lines from a few nodes to all of their possible matches."""
+    """Draw lines from a few nodes to all of their possible matches."""
     before, after = moment.surfaces
     shift_m = apart_m(view, before, after)
     start, end = view.flat_m(before.points_m), view.flat_m(after.points_m, shift_m)
@@ -120,7 +120,9 @@ def draw_possible(axes: Axes, view: View, moment: Moment, found: Matches) -> Non
 
 
 def draw_rows(found: Matches, seen: np.ndarray) -> np.ndarray:
-    """(k,) rows of the tree's nodes, drawn at random among those that have a hypothesis and a known true place."""
+    """Return (k,) rows of the tree's nodes, drawn at random among those that have a hypothesis and a known true
+    place.
+    """
     node = found.tree.node
     usable = np.flatnonzero((found.links[0].match[node] >= 0).any(axis=1) & seen[node])
     rng = np.random.default_rng(DRAW_SEED)

@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 SECTION: Final = "matches"
 ALONE = "match"  # one method per picture: files only; the page shows the sheets
-DRAWN_SHARE: Final = 0.01  # as the paper draws them: more lines hide each other
+DRAWN_SHARE: Final = 0.01  # share of the matches that is drawn, as in the paper: more lines hide each other
 RIGHT_M: Final = 0.05  # the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17
 PAPER_ORDER: Final = ("fpfh", "rops", "shot", "shape-context", "hks", "si-hks", "wks", "anchors")
 COLUMNS: Final = 4
-TITLE_LETTERS: Final = 36  # of the sheet
+TITLE_LETTERS: Final = 36  # longest title on the sheet
 BY_TREE: Final = (
     " A method with several hypotheses per node is shown with the one that its track tree chooses, which uses the"
     " predicted movement; all others with the nearest descriptor."
@@ -57,12 +57,12 @@ class Pairs:
 
     @property
     def right(self) -> np.ndarray:
-        """(n,) bool: matched with the right place."""
+        """Return (n,) bool: matched with the right place."""
         return self.error_m < RIGHT_M
 
 
 def pairs_of(method: Method, setting: object, moment: Moment) -> Pairs | None:
-    """A method's matches; None for one that intentionally has none."""
+    """Return a method's matches; None for one that intentionally has none."""
     if method.associate is None:
         return None
     found = match_window(method, setting, moment.window)
@@ -77,7 +77,7 @@ def pairs_of(method: Method, setting: object, moment: Moment) -> Pairs | None:
 
 
 def chosen_match(found: Matches) -> tuple[np.ndarray, bool]:
-    """(n,) one match per node, and whether the tree chose it from several hypotheses."""
+    """Return (n,) one match per node, and whether the tree chose it from several hypotheses."""
     if len(found.links[0].subsets) <= 1:
         return found.direct, False
     match = np.full(len(found.direct), -1, np.int32)
@@ -86,25 +86,29 @@ def chosen_match(found: Matches) -> tuple[np.ndarray, bool]:
 
 
 def on_patient(moment: Moment) -> np.ndarray:
-    """(n,) bool: nodes of the first frame that have a true place in the second, whether it is seen there or not."""
+    """Return (n,) bool: nodes of the first frame that have a true place in the second, whether it is seen there or
+    not.
+    """
     return np.asarray(np.isfinite(moment.truth.place_m).all(axis=1))
 
 
 def draw_nodes(known: np.ndarray) -> np.ndarray:
-    """(k,) one per cent of the nodes, drawn at random among the known ones (n,) bool: the same for all methods."""
+    """Return (k,) one per cent of the nodes, drawn at random among the known ones (n,) bool: the same for all
+    methods.
+    """
     count = min(int(np.ceil(DRAWN_SHARE * len(known))), int(known.sum()))
     rng = np.random.default_rng(DRAW_SEED)
     return np.sort(rng.choice(np.flatnonzero(known), size=count, replace=False))
 
 
 def in_paper_order(pairs: Sequence[Pairs]) -> list[Pairs]:
-    """In the order of the paper's two figures, then all others."""
+    """Return the pairs in the order of the paper's two figures, then all others."""
     rank = {key: number for number, key in enumerate(PAPER_ORDER)}
     return sorted(pairs, key=lambda each: rank.get(each.key, len(rank)))
 
 
 def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[Picture]:
-    """One picture per method, and a sheet of all of them."""
+    """Return one picture per method, and a sheet of all of them."""
     about = (
         f"{moment.title}: the frame on the left, the next one on the right. Lines lead from one per cent of the frame's"
         " nodes, drawn at random, the same for all methods, to their matches: blue and solid within"
@@ -137,7 +141,7 @@ def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[P
 
 
 def draw_pairs(axes: Axes, view: View, moment: Moment, pairs: Pairs) -> None:
-    """Both surfaces side by side, and the lines."""
+    """Draw both surfaces side by side, and the lines."""
     from matplotlib.collections import LineCollection
 
     before, after = moment.surfaces
@@ -159,7 +163,7 @@ def draw_pairs(axes: Axes, view: View, moment: Moment, pairs: Pairs) -> None:
 
 
 def describe_pairs(pairs: Pairs, moment: Moment) -> str:
-    """Shares of the nodes whose true place is seen with a right, a wrong and no match."""
+    """Return the shares of the nodes whose true place is seen with a right, a wrong and no match."""
     seen = moment.truth.seen
     if not seen.any():
         return "no true place is known"
@@ -169,7 +173,7 @@ def describe_pairs(pairs: Pairs, moment: Moment) -> str:
 
 
 def percent(share: float) -> str:
-    """Whole per cent; 0 and 100 only where exact, so that a single wrong line among right ones is not hidden."""
+    """Format whole per cent; 0 and 100 only where exact, so that a single wrong line among right ones is not hidden."""
     if 0.0 < share < 0.01:
         return "< 1 %"
     if 0.99 < share < 1.0:

@@ -34,7 +34,7 @@ CUT_OFF: Final = (0.80, 0.47, 0.65)
 
 
 def draw_light(axes: Axes, view: View, light: Light, node: int, title: str) -> None:
-    """Distortion as colour, the border by region, the anchor as a star."""
+    """Draw distortion as colour, the border by region, the anchor as a star."""
     occlusion = light.occlusion
     _draw_distortion(axes, view, occlusion, light.distortion_m)
     for edges, colour, width in (
@@ -49,7 +49,7 @@ def draw_light(axes: Axes, view: View, light: Light, node: int, title: str) -> N
 
 
 def draw_together(axes: Axes, view: View, lights: Sequence[Light]) -> None:
-    """The least distortion over all anchors, and the union of the bright regions."""
+    """Draw the least distortion over all anchors, and the union of the bright regions."""
     occlusion = lights[0].occlusion
     with np.errstate(invalid="ignore"):
         least = np.min([light.distortion_m for light in lights], axis=0)
@@ -66,7 +66,9 @@ def _draw_distortion(axes: Axes, view: View, occlusion: Occlusion, distortion_m:
 
 
 def colour_of(distortion_m: np.ndarray, tolerance_m: float) -> np.ndarray:
-    """(n, 3) 0 to 1: the bare mesh up to the tolerance, then blues up to ``SHOWN_M``; another colour where cut off."""
+    """Return (n, 3) 0 to 1: the bare mesh up to the tolerance, then blues up to ``SHOWN_M``; another colour where cut
+    off.
+    """
     from matplotlib import colormaps
 
     level = np.clip(np.nan_to_num(distortion_m, nan=0.0, posinf=0.0) / SHOWN_M, 0.0, 1.0)
@@ -85,7 +87,7 @@ def _draw_edges(axes: Axes, view: View, occlusion: Occlusion, edges: np.ndarray,
 
 
 def explain(figure: Figure, *axes: Axes) -> None:
-    """The scale and the legend."""
+    """Draw the scale and the legend."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize, to_hex
@@ -131,7 +133,7 @@ class HoledFrame:
 
     @property
     def hidden(self) -> np.ndarray:
-        """(n,) bool: nodes whose pixel was taken."""
+        """Return (n,) bool: nodes whose pixel was taken."""
         first = self.surface.camera == 0
         row, column = self.surface.pixel[first].T
         hidden = np.zeros(len(self.surface), bool)
@@ -139,16 +141,16 @@ class HoledFrame:
         return hidden
 
     def within(self, radius_m: float) -> np.ndarray:
-        """(n,) bool: nodes that a hole of another size would take."""
+        """Return (n,) bool: nodes that a hole of another size would take."""
         return np.asarray(np.linalg.norm(self.surface.points_m - self.centre_m, axis=1) < radius_m)
 
     def node(self, anchor: str) -> int:
-        """The anchor's node, -1 where it was not found."""
+        """Return the anchor's node, -1 where it was not found."""
         return int(self.anchors.node[ANCHOR_NAMES.index(anchor)])
 
 
 def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
-    """The effect of hiding nodes (n,) bool on distances from each anchor that was found and is seen.
+    """Return the effect of hiding nodes (n,) bool on distances from each anchor that was found and is seen.
 
     Empty where no or all nodes are hidden.
     """
@@ -160,7 +162,9 @@ def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
 
 
 def region_pictures(view: View, holed: HoledFrame) -> list[Picture]:
-    """Pictures of the anchor with the most distorted distances, of all anchors, and of the paper's sizes of hole."""
+    """Return pictures of the anchor with the most distorted distances, of all anchors, and of the paper's sizes of
+    hole.
+    """
     lights = lights_of(holed, holed.hidden)
     if not lights:
         return []
@@ -218,7 +222,7 @@ def _sizes(view: View, holed: HoledFrame, name: str) -> Picture:
 
 
 def describe_distortion(light: Light, radius_m: float) -> str:
-    """Shares of the seen nodes whose distance the hole lengthens, and that it disconnects."""
+    """Return the shares of the seen nodes whose distance the hole lengthens, and that it disconnects."""
     seen = light.distortion_m[~light.occlusion.hidden]
     cut = np.isposinf(seen).mean()
     longer = (seen > light.occlusion.tolerance_m).mean() - cut

@@ -45,14 +45,16 @@ class TrackedFrame:
     joints_m: dict[str, np.ndarray]
 
     def error_m(self, kind: str) -> float:
-        """Mean error of a kind of joints."""
+        """Return the mean error of a kind of joints."""
         return float(np.linalg.norm(self.joints_m[kind] - self.joints_m["truth"], axis=1).mean())
 
 
 def follow(
     start: int, given: GivenFrames, run: Run, method: Method, setting: object, truth_m: np.ndarray
 ) -> list[TrackedFrame]:
-    """A method's joints in the frame after the start and in every ``APART``-th from there. truth_m (t, 21, 3)."""
+    """Return a method's joints in the frame after the start and in every ``APART``-th from there. truth_m (t, 21,
+    3).
+    """
     if method.associate is None:
         raise ValueError(f"{method.key} does not run in the framework")
     config = method.configure(run.config, setting)
@@ -76,13 +78,13 @@ def follow(
 
 
 def _joints(tracker: PatientTracker) -> np.ndarray:
-    """(21, 3) predicted joints of the frame that is registered next."""
+    """Return (21, 3) predicted joints of the frame that is registered next."""
     pose = tracker.predict(1)[0]
     return tracker.body.joints(pose)
 
 
 def tracked_picture(view: View, method: Method, frames: list[TrackedFrame], rate_hz: float, start: int) -> Picture:
-    """The moments side by side."""
+    """Draw the moments side by side."""
     figure = blank_figure(2.9 * len(frames), 5.2)
     for number, each in enumerate(frames):
         axes = figure.add_subplot(1, len(frames), number + 1)
@@ -101,7 +103,7 @@ def tracked_picture(view: View, method: Method, frames: list[TrackedFrame], rate
 
 
 def draw_tracked(axes: Axes, view: View, frame: TrackedFrame) -> None:
-    """One moment."""
+    """Draw one moment."""
     from matplotlib.collections import LineCollection
 
     draw_mesh(axes, view, frame.surface)
