@@ -163,7 +163,7 @@ class LiveSet:
         ]
         main, main_s = self.images[self.reference], times[self.reference]
         if main is None or main_s is None:
-            raise ValueError("a set has its reference image")
+            raise ValueError("a frame set must have the image of its reference camera")
         return FrameSet(
             frame=main.number,
             time_s=main_s,

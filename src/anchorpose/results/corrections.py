@@ -212,7 +212,7 @@ class Corrections:
         ValueError where it does not hold."""
         entry = withdrawal.entry
         if entry not in self.valid:
-            raise ValueError("there is no such correction (any more)")
+            raise ValueError("this correction does not exist, or was withdrawn")
         about = _subject(entry)
         replaced = [  # the withdrawal, one at most, that ``added`` made for the entry: signed as it is
             old

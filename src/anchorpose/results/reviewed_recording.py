@@ -22,7 +22,7 @@ LARGEST_DRIFT: Final = 0.1
 
 def _require_clock(clock: Clock) -> Clock:
     if abs(clock.drift) > LARGEST_DRIFT or max(abs(clock.ahead_s), abs(clock.at_s)) > FARTHEST_TIME_S:
-        raise Unfit("is no clock of a camera", f"write seconds, and a drift of at most {LARGEST_DRIFT:g}")
+        raise Unfit("is not a clock of a camera", f"write seconds, and a drift of at most {LARGEST_DRIFT:g}")
     return clock
 
 

@@ -70,7 +70,7 @@ class MessageFields:
     def take(self, size: int) -> memoryview:
         """Return the next bytes unchanged."""
         if size > len(self._data) - self._place:
-            raise DamagedBag("a message is shorter than what it holds")
+            raise DamagedBag("a message ends before its last field")
         self._place += size
         return self._data[self._place - size : self._place]
 
