@@ -102,7 +102,7 @@ def test_who_the_patient_is_holds_once_and_comes_back(tmp_path: Path) -> None:
     found = read_corrections(tmp_path / "c.json")
     assert (found.patient, found.withdrawn) == (first, (Withdrawal(second, *by),))
     assert found.taken_back(Withdrawal(first, *by)).patient is None
-    with pytest.raises(ValueError, match="no such correction"):
+    with pytest.raises(ValueError, match="does not exist"):
         found.taken_back(Withdrawal(second, *by))
 
 
