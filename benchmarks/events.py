@@ -67,8 +67,8 @@ def recovery_steps() -> Iterator[tuple[JointTable, Truth]]:
             yield tracked(joints_m, sigma_m, seed), [(event.start_s, event.depth or 0.0) for event in exact]
 
 
-def report(kind: str, sessions: Iterator[tuple[JointTable, Truth]]) -> None:
-    """Print a line for a kind of event."""
+def row(title: str, kind: str, sessions: Iterator[tuple[JointTable, Truth]]) -> str:
+    """Return the row of a kind of event."""
     total, events, late_s, within = 0, 0, list[float](), list[bool]()
     for joints, truth in sessions:
         found = found_events(joints, (kind,))
@@ -77,10 +77,8 @@ def report(kind: str, sessions: Iterator[tuple[JointTable, Truth]]) -> None:
             near = [event for event in found if abs(event.start_s - start_s) <= NEAR_S]
             late_s += [event.start_s - start_s for event in near]
             within += [abs((event.depth or 0.0) - depth) <= 1.96 * (event.sigma or 0.0) for event in near]
-    print(
-        f"{kind}: {len(late_s)} of {total} with the onset within {NEAR_S:g} s, {events - len(late_s)} others; onset "
-        f"{np.mean(late_s):+.3f} s, SD {np.std(late_s):.3f} s; depth within 1.96 sigma {np.mean(within):.2f}"
-    )
+    onset = f"{np.mean(late_s):+.3f}, {np.std(late_s):.3f}"
+    return f"| {title} | {len(late_s)} of {total} | {events - len(late_s)} | {onset} | {100 * np.mean(within):.0f} |"
 
 
 def simulated(seed: int, motions: tuple[str, ...], speed: str, seconds: float) -> np.ndarray:
@@ -106,14 +104,18 @@ def false_events() -> None:
                 m.value or 0.0 for m in measures.values() if m.measure.startswith("tremor") and m.unit == "s"
             )
             minutes += 1.0
-    print(f"moving: {false} false events and {tremor_s:.0f} s of tremor in {minutes:.0f} minutes")
+    print(f"\nNothing happens to moving patients: {false} events, {tremor_s:.0f} s of tremor in {minutes:.0f} minutes.")
     for sigma_m in (0.006, 0.012, 0.025):
         false = len(found_events(tracked(still(600.0), sigma_m, 100), EVENT_KINDS))
-        print(f"standing, errors of {1000 * sigma_m:g} mm: {false} in ten minutes")
+        print(f"Ten minutes of standing, errors of {1000 * sigma_m:g} mm: {false} events.")
 
 
 if __name__ == "__main__":
-    report("knee_buckle_left", buckles())
-    report("failed_stand", failed_stands())
-    report("recovery_step_left", recovery_steps())
+    print(
+        f"| | found, with the onset within {NEAR_S:g} s | others found | onset s: mean, SD | depth in 1.96 sigma, % |"
+    )
+    print("|---|--:|--:|--:|--:|")
+    print(row("knees that buckle by 25° to 60° in 0.2 to 0.45 s", "knee_buckle_left", buckles()))
+    print(row("failed stands", "failed_stand", failed_stands()))
+    print(row("recovery steps", "recovery_step_left", recovery_steps()))
     false_events()

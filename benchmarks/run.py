@@ -1,4 +1,5 @@
 """Measure this program: python benchmarks/run.py SUITE... [--quick] [--against COMMIT]
+Measure all figures of README and docs: python benchmarks/run.py --docs [PAGE...] [--from-cache]
 
 Suites (``suites.py`` declares them): SUITES
 
@@ -10,7 +11,8 @@ processor seconds without compiling: compare them only within one run, best of s
 --against: the same recordings by the code of a commit as well, and the differences with 95 % intervals over the
 recordings. --without SOURCE: in place of a commit, the same code with one source of proposals switched off. --quick:
 what a developer runs before every merge that touches tracking; it takes under 20 minutes on two idle cores. --use
-held-out: for the last look only.
+held-out: for the last look only. --docs: what the measured blocks of the pages ask for (``blocks.py``); all changes of
+the program must be committed, and a suite that was measured with this commit is not measured again.
 """
 
 from __future__ import annotations
@@ -28,6 +30,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, get_args
 
+from blocks import Wanted
+from documents import PAGES, fill
+from measurements import Rows
 from probing import run_probe
 from recordings import Ready, digest_of
 from suite import Case, Use
@@ -40,7 +45,6 @@ from anchorpose.body.config import Source
 
 CACHE: Final = Path.home() / ".cache" / "anchorpose-benchmarks"
 QUICK_SUITES: Final = ("easy", "hard", "bodies", "rooms", "starts", "real", "contacts", "kidnapped")
-Rows = dict[str, list[dict[str, float]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +128,17 @@ def _rows(found: Iterator[Sequence[tuple[str, dict[str, float]]]]) -> Rows:
     return rows
 
 
+def _fill_pages(pages: Sequence[str], cache: Path, processes: int | None) -> None:
+    """Write what was measured into the pages; processes: with which to measure before, None for not."""
+
+    def measure_suite(wanted: Wanted) -> Rows:
+        alone = SUITES[wanted.name].alone
+        plan = Plan(wanted.use, wanted.quick, cache, (working_tree(),), again=alone)
+        return run_suite(wanted.name, plan, processes or 1)[0]
+
+    fill(pages, cache, measure_suite if processes else None)
+
+
 def _say(sentence: str) -> None:
     print(sentence, file=sys.stderr, flush=True)
 
@@ -146,7 +161,12 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--cache", type=Path, default=CACHE)
     parser.add_argument("--json", type=Path, help="write all scores of all recordings")
+    parser.add_argument("--docs", nargs="*", metavar="PAGE", help="fill the measured blocks of these pages, or of all")
+    parser.add_argument("--from-cache", action="store_true", help="with --docs: only write what was measured before")
     chosen = parser.parse_args()
+    if chosen.docs is not None:
+        _fill_pages(chosen.docs or PAGES, chosen.cache, None if chosen.from_cache else chosen.processes)
+        return
     names = chosen.suites or (QUICK_SUITES if chosen.quick else parser.error("name a suite, or give --quick"))
     cases_of(names, chosen.use, chosen.quick)
     versions = [working_tree()]

@@ -41,8 +41,10 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """cases: of a use, all or the few of ``--quick``. alone: run one after another, so that times can be compared."""
+    """cases: of a use, all or the few of ``--quick``. alone: run one after another, so that times can be compared.
+    minutes: of a processor, about, for all cases with their simulation; ``--docs`` measures the cheapest first."""
 
     about: str
     cases: Callable[[Use, bool], Iterator[Case]]
     alone: bool = False
+    minutes: int = 10

@@ -9,7 +9,8 @@ from typing import Any, Final, get_args
 
 import scores
 from captured import CapturedBody
-from recordings import DATA, MOVEMENTS, FrontAlone, Real, Simulated
+from real_suites import real, sync
+from recordings import MOVEMENTS, FrontAlone, Real, Simulated
 from room_suites import START_SEED, rooms, start_of, starts
 from stage_suites import calibration, clocks, descriptor, equipment, given_poses, isolation, laboratory, live
 from suite import Case, Probe, Suite, Use
@@ -31,7 +32,7 @@ EASY: Final[dict[str, Callable[[int, float], Config]]] = {
     "clinic: three cameras, frame, two therapists": presets.clinic,
     "the same clinic, front camera alone": lambda seed, seconds: replace(presets.clinic(seed, seconds), cameras=1),
 }
-EASY_SEEDS: Final = {"tuning": 101, "held-out": 141}
+EASY_SEEDS: Final = {"tuning": 101, "held-out": 241}  # held out: used once, for the release; 141 to 144 were looked at
 
 
 def easy(use: Use, quick: bool) -> Iterator[Case]:
@@ -124,7 +125,8 @@ RECIPES: Final[dict[Use, tuple[Recipe, ...]]] = {
 }
 """Held out: other subjects, two movements and one kind of equipment that no recording for tuning has."""
 
-HARD_SEED: Final[dict[Use, int]] = {"tuning": 41_000, "held-out": 42_000}
+HARD_SEED: Final[dict[Use, int]] = {"tuning": 41_000, "held-out": 45_000}
+"""Held out: used once, for the release; 42000 to 42023 were looked at."""
 SUBJECTS: Final[dict[Use, tuple[int, ...]]] = {"tuning": (1, 2, 3, 4, 5), "held-out": (6, 7)}
 ROUNDS: Final = 2  # of each recipe, with another seed
 
@@ -188,30 +190,6 @@ def bodies(use: Use, quick: bool) -> Iterator[Case]:
         yield Case(f"captured body, {title}", CapturedBody(cameras), probe=Probe("captured_body"))
 
 
-# real: labels by eye, and an inertial sensor
-
-PEOPLE: Final = ("people_in_line", "iit_rehab_room", "five_people", "realsense_board")
-
-
-def real(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield labelled sequences, recordings with a sensor on the thigh, and labelled people; the same for both uses."""
-    sequences = scores.labelled_sequences()
-    for sequence in sequences[:: len(sequences) // 6] if quick else sequences:
-        yield Case("MSR Action3D: labels", Real(f"msr_action3d/{sequence}"), scores.against_msr_labels)
-    clips = sorted(path.parent.name for path in DATA.glob("utd_mhad/*/recording.json"))
-    for clip in clips[::8] if quick else clips:
-        title = clip.split("_", 3)[-1].replace("_", " ")
-        yield Case(f"thigh sensor: {title}", Real(f"utd_mhad/{clip}"), scores.against_inertial_sensor)
-    for folder in PEOPLE[2:] if quick else PEOPLE:
-        for person in scores.people_in(folder):
-            yield Case(
-                f"people: {folder}",
-                Real(folder),
-                partial(scores.against_people_labels, person=person),
-                partial(scores.name_labelled, person=person),
-            )
-
-
 # contacts: by body part
 
 
@@ -246,13 +224,8 @@ def kidnapped(use: Use, quick: bool) -> Iterator[Case]:
 
 # facings: how far the likelihood is to be believed
 
-FACINGS: Final = (
-    0,
-    7,
-    14,
-    2,
-    12,
-)  # of the hard scenes: three that show little more than head and arms, two that show more
+# of the hard scenes: three that show little more than head and arms, two that show more
+FACINGS: Final = (0, 7, 14, 2, 12)
 
 
 def facings(use: Use, quick: bool) -> Iterator[Case]:
@@ -291,26 +264,27 @@ def speed(use: Use, quick: bool) -> Iterator[Case]:
 
 
 SUITES: Final[dict[str, Suite]] = {
-    "easy": Suite("the README's rows", easy),
-    "hard": Suite("rehabilitation movements in equipment, therapists, passers-by", hard),
-    "bodies": Suite("builds, heights, clothes, braces, missing limbs", bodies),
-    "rooms": Suite("cluttered rooms, one camera at an unknown place", rooms),
-    "starts": Suite("the first pose from a single frame", starts),
-    "real": Suite("labels by eye and an inertial sensor on real depth", real),
-    "contacts": Suite("contacts with people and equipment, by body part", contacts),
-    "sensors": Suite("every camera, lens and size of hole that can be simulated", sensors),
-    "kidnapped": Suite("wrong poses in mid-recording that the tracker must leave", kidnapped),
-    "facings": Suite("the right body and the same turned round, followed side by side", facings),
-    "tasks": Suite("clinical measures, angles and centre of mass against those of the true joints", tasks),
-    "descriptor": Suite("people and places on the body by the learnt descriptor", descriptor),
-    "isolation": Suite("person labels, pixel by pixel", isolation),
-    "calibration": Suite("poses of cameras, found from the equipment or from people", calibration),
-    "clocks": Suite("clocks of cameras over ten minutes", clocks),
-    "given-poses": Suite("recordings with wrong poses: refused, noted or not noticed", given_poses),
-    "equipment": Suite("proposals of the equipment's model", equipment),
-    "laboratory": Suite("clock and frame of another motion capture system", laboratory),
-    "live": Suite("live tracking against track; needs an idle machine", live, alone=True),
-    "speed": Suite("processor time of every scene class", speed, alone=True),
+    "easy": Suite("the README's rows", easy, minutes=10),
+    "hard": Suite("rehabilitation movements in equipment, therapists, passers-by", hard, minutes=60),
+    "bodies": Suite("builds, heights, clothes, braces, missing limbs", bodies, minutes=45),
+    "rooms": Suite("cluttered rooms, one camera at an unknown place", rooms, minutes=25),
+    "starts": Suite("the first pose from a single frame", starts, minutes=10),
+    "real": Suite("labels by eye and an inertial sensor on real depth", real, minutes=20),
+    "sync": Suite("clocks of inertial sensors on the thigh, right and wrong files", sync, minutes=6),
+    "contacts": Suite("contacts with people and equipment, by body part", contacts, minutes=75),
+    "sensors": Suite("every camera, lens and size of hole that can be simulated", sensors, minutes=25),
+    "kidnapped": Suite("wrong poses in mid-recording that the tracker must leave", kidnapped, minutes=110),
+    "facings": Suite("the right body and the same turned round, followed side by side", facings, minutes=12),
+    "tasks": Suite("clinical measures, angles and centre of mass against those of the true joints", tasks, minutes=25),
+    "descriptor": Suite("people and places on the body by the learnt descriptor", descriptor, minutes=15),
+    "isolation": Suite("person labels, pixel by pixel", isolation, minutes=10),
+    "calibration": Suite("poses of cameras, found from the equipment or from people", calibration, minutes=25),
+    "clocks": Suite("clocks of cameras over ten minutes", clocks, minutes=20),
+    "given-poses": Suite("recordings with wrong poses: refused, noted or not noticed", given_poses, minutes=15),
+    "equipment": Suite("proposals of the equipment's model", equipment, minutes=3),
+    "laboratory": Suite("clock and frame of another motion capture system", laboratory, minutes=5),
+    "live": Suite("live tracking against track; needs an idle machine", live, alone=True, minutes=15),
+    "speed": Suite("processor time of every scene class", speed, alone=True, minutes=6),
 }
 
 

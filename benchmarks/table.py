@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
-from intervals import paired_difference, wilson
-
-Scores = Mapping[str, float]
-Measured = Sequence[Scores]
-"""The scores of all recordings of one row."""
+from intervals import paired_difference
+from remarks import ALL_REMARKS, NOTHING, REMARKS, Measured, Remark, known_values, values_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +21,15 @@ class Column:
     scale: float = 1.0
     digits: int = 1
     worst: Callable[[np.ndarray], float] | None = None
+    align: ClassVar[str] = "--:"
+
+    def cell(self, measured: Measured) -> str:
+        """Return the mean over the recordings, with the worst in brackets."""
+        known = self.scale * known_values(self.name, measured)
+        if not known.size:
+            return NOTHING
+        worst = "" if self.worst is None or known.size < 2 else f" ({self.worst(known):.{self.digits}f})"
+        return f"{known.mean():.{self.digits}f}{worst}"
 
 
 COLUMNS: Final = (
@@ -32,7 +38,7 @@ COLUMNS: Final = (
     Column("hidden_mm", "hidden mm"),
     Column("confident", "confident errors %", 100.0, 2),
     Column("cover_seen", "coverage seen", digits=2),
-    Column("cover_hidden", "hidden", digits=2),
+    Column("cover_hidden", "coverage hidden", digits=2),
     Column("lost", "lost %", 100.0),
     Column("frame_ms", "ms a frame", digits=0, worst=np.max),
     Column("start_s", "start s", digits=1),
@@ -64,15 +70,25 @@ def _column(name: str) -> Column:
     return Column(name, name.replace("_", " "), digits=1 if name.endswith("_mm") else 2, worst=worst)
 
 
-def table(rows: Mapping[str, Measured]) -> str:
-    """Return Markdown: the number of recordings, the mean of each column with the worst in brackets, and the rest."""
-    columns = columns_of(rows, COLUMNS)
-    titles = ["scene", "recordings", *(column.title for column in columns), "also"]
-    lines = [f"| {' | '.join(titles)} |", "|---|" + "--:|" * (len(titles) - 2) + "---|"]
+def table(rows: Mapping[str, Measured], names: Sequence[str] = ()) -> str:
+    """Return Markdown: the number of recordings, the mean of each column with the worst in brackets, and the rest.
+
+    names: the columns and remarks to show instead of all. Raises KeyError for one that nothing was measured of.
+    """
+    shown = [_named(name, rows) for name in names] or [*columns_of(rows, COLUMNS), ALL_REMARKS]
+    titles = ["scene", "recordings", *(one.title for one in shown)]
+    lines = [f"| {' | '.join(titles)} |", "|---|--:|" + "".join(f"{one.align}|" for one in shown)]
     for row, measured in rows.items():
-        cells = [row, str(len(measured)), *(_cell(column, measured) for column in columns), also(measured)]
-        lines.append(f"| {' | '.join(cells)} |")
+        lines.append(f"| {' | '.join((row, str(len(measured)), *(one.cell(measured) for one in shown)))} |")
     return "\n".join(lines)
+
+
+def _named(name: str, rows: Mapping[str, Measured]) -> Column | Remark:
+    """Return a remark, a known column, or a score's own column."""
+    remark = next((one for one in REMARKS if one.name == name), None)
+    if not any(remark.words(of) if remark else any(name in one for one in of) for of in rows.values()):
+        raise KeyError(f"no {name} was measured")
+    return remark or next((one for one in PAIRED if one.name == name), None) or _column(name)
 
 
 def differences(now: Mapping[str, Measured], before: Mapping[str, Measured], title: str) -> str:
@@ -86,68 +102,12 @@ def differences(now: Mapping[str, Measured], before: Mapping[str, Measured], tit
     return "\n".join(lines)
 
 
-def _values(name: str, measured: Measured) -> np.ndarray:
-    return np.array([one.get(name, np.nan) for one in measured], dtype=np.float64)
-
-
-def _cell(column: Column, measured: Measured) -> str:
-    values = column.scale * _values(column.name, measured)
-    known = values[np.isfinite(values)]
-    if not known.size:
-        return "–"
-    worst = "" if column.worst is None or known.size < 2 else f" ({column.worst(known):.{column.digits}f})"
-    return f"{known.mean():.{column.digits}f}{worst}"
-
-
 def _difference(column: Column, now: Measured, before: Measured) -> str:
     if len(now) != len(before):
-        return "–"
-    found = paired_difference(*(column.scale * _values(column.name, measured) for measured in (now, before)))
+        return NOTHING
+    found = paired_difference(*(column.scale * values_of(column.name, measured) for measured in (now, before)))
     if found is None:
-        return "–"
+        return NOTHING
     digits = column.digits
     bounds = "" if found.low is None else f" ({found.low:+.{digits}f} to {found.high:+.{digits}f})"
     return f"{found.mean:+.{digits}f}{bounds}"
-
-
-def also(measured: Measured) -> str:
-    """Return what else a row has, in words."""
-    parts = []
-    right, trials = _values("right", measured), np.nan_to_num(_values("trials", measured), nan=1.0)
-    if (known := np.isfinite(right)).any():
-        count, of = round((right * trials)[known].sum()), round(trials[known].sum())
-        low, high = wilson(count, of)
-        parts.append(f"right {count} of {of} ({100 * low:.0f} to {100 * high:.0f} %)")
-    if (wrong := _known("accepted_wrong", measured)).size:
-        parts.append(f"wrong accepted {wrong.sum():.0f}")
-    if (seconds := _known("wrong_s", measured)).size:
-        parts.append(f"limb wrong in view {seconds.max():.1f} s at most")
-    if (weights := _known("labels", measured)).size:
-        shares = (100 * np.average(_known(name, measured), weights=weights) for name in ("within_60", "within_100"))
-        parts.append("within 60, 100 mm {:.0f}, {:.0f} % of {:.0f} labels".format(*shares, weights.sum()))
-        parts.append(f"median {np.median(_known('median_mm', measured)):.0f} mm")
-    if (tracked := _known("tracked", measured)).size:
-        parts.append(f"tracked {100 * tracked.mean():.0f} % of frames in plain view")
-        parts.append(f"another person {_known('another', measured).sum():.0f}")
-    if (tilt := _known("tilt_deg", measured)).size:
-        kinect = _known("kinect_deg", measured)
-        parts.append(f"thigh against sensor {np.median(tilt):.1f} deg, worst {tilt.max():.1f}")
-        parts.append(f"Kinect's skeleton {np.median(kinect):.1f}, {kinect.max():.1f}")
-    if (reported := _known("reported", measured)).sum() + (touched := _known("touched", measured)).sum() > 0:
-        precision, recall = (
-            f"{_known(part, measured).sum() / whole.sum():.2f}" if whole.sum() else "–"
-            for part, whole in (("reported_right", reported), ("touched_found", touched))
-        )
-        parts.append(f"contacts {precision} / {recall} of {reported.sum():.0f} / {touched.sum():.0f}")
-    if (bones := _known("bone_mm", measured)).size:
-        parts.append(f"bones {np.median(bones):.0f} mm, {100 * _known('bone_cover', measured).mean():.0f} % in band")
-    if (skin := _known("skin_mm", measured)).size:
-        parts.append(f"skin {skin.mean():.1f} mm, {100 * _known('skin_near', measured).mean():.0f} % within 12 mm")
-    if refused := sum(one.get("refused", 0.0) for one in measured):
-        parts.append(f"refused {refused:.0f}")
-    return "; ".join(parts)
-
-
-def _known(name: str, measured: Measured) -> np.ndarray:
-    values = _values(name, measured)
-    return values[np.isfinite(values)]

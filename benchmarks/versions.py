@@ -63,6 +63,13 @@ def at_commit(commit: str, cache: Path) -> Version:
     return Version(name, root, _digest(root / "src"))
 
 
+def commit_of_code() -> str:
+    """Return the last commit that changed the program or its benchmarks; raises SystemExit for changes without one."""
+    if changed := _git("status", "--porcelain", "--", *ARCHIVED).decode().strip():
+        raise SystemExit(f"--docs: commit these first, since every figure names the commit it is of:\n{changed}")
+    return _git("log", "-1", "--format=%h", "--abbrev=10", "--", *ARCHIVED).decode().strip()
+
+
 def _git(*arguments: str) -> bytes:
     return subprocess.run(["git", *arguments], cwd=REPOSITORY, check=True, capture_output=True).stdout
 

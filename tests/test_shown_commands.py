@@ -42,7 +42,6 @@ PARSED_ONLY: Final = {
     "report --reliability": "the same",
     "report week1": "needs sessions of three weeks; tests/report/test_trend.py makes them",
     "live --finish": "needs a session that was cut off; tests/live/test_finish.py makes them",
-    "simulate --seconds 600": "ten minutes of recording",
     "simulate --movements": "needs captured movements, which are not in the repository",
     "convert .mkv": "needs a file of an Azure Kinect; tests/sources writes them",
     "track .mkv": "the same",

@@ -99,7 +99,7 @@ def print_hidden(skeletons: Path, asset: BodyAsset) -> None:
                     rows = [3 * MOVING_BONES.index(f"Left{bone}") - 3 + k for bone in bones for k in range(3)]
                     off = tuple(hidden_mm(body, vectors, ranges.mean, known, rows, limb) for known in (alone, together))
                     errors.setdefault((limb, movement), []).append((off[0], off[1]))
-    print("| hidden | movement | each joint for itself, median mm | together |")
+    print("| hidden | movement | each joint for itself, median mm | together |\n|---|---|--:|--:|")
     for limb in HIDDEN:
         every = [pair for (which, _), pairs in errors.items() if which == limb for pair in pairs]
         for name, pairs in [("all", every), *((m, p) for (which, m), p in errors.items() if which == limb)]:

@@ -1,0 +1,112 @@
+"""The measured blocks of README and docs: what each asks for, and how a page gets its content.
+
+    <!-- measured: easy --use held-out --columns mean_mm lost -->    the rows of a suite, and a few of its columns
+    <!-- measured: benchmarks/events.py -->                           the Markdown that a script prints
+    <!-- measured: headlines -->                                      the README's table, out of several suites
+    <!-- measured once: anchorpose experiment OUT -->                 takes hours: written by hand
+    ...
+    <!-- end -->
+
+``python benchmarks/run.py --docs`` measures and rewrites all but the last kind. A content ends with its origin.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, NoReturn, get_args
+
+from suite import Use
+from suites import SUITES
+
+HEADLINES: Final = "headlines"
+NOT_YET: Final = "*Not measured yet with this version.*"
+BLOCK: Final = re.compile(
+    r"<!-- measured(?P<once> once)?: (?P<words>[^\n]+?) -->\n(?P<content>.*?)<!-- end -->", re.DOTALL
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What has to be measured. name: a suite, or a script, which is told by its ending; options: of a script."""
+
+    name: str
+    use: Use = "tuning"
+    quick: bool = False
+    options: tuple[str, ...] = ()
+
+    @property
+    def is_script(self) -> bool:
+        """Whether a script prints the content."""
+        return self.name.endswith(".py")
+
+    @property
+    def command(self) -> str:
+        """What a reader types to measure it."""
+        if self.is_script:
+            return shlex.join(["python", self.name, *self.options])
+        use = () if self.use == "tuning" else ("--use", self.use)
+        return shlex.join(["python", "benchmarks/run.py", self.name, *use, *["--quick"] * self.quick])
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A block of a page. once: only ever written by hand; words: of its comment; content: what stands in it now."""
+
+    once: bool
+    words: str
+    content: str
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """What a block asks for. columns: of a suite's table; rows: how their names begin. Empty means all."""
+
+    wanted: Wanted
+    columns: tuple[str, ...] = ()
+    rows: tuple[str, ...] = ()
+
+
+class _Words(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise ValueError(message)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Words(add_help=False)
+    parser.add_argument("suite", choices=SUITES)
+    parser.add_argument("--use", choices=get_args(Use), default="tuning")
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--columns", nargs="+", default=[])
+    parser.add_argument("--rows", nargs="+", default=[])
+    return parser
+
+
+def blocks_in(text: str) -> list[Block]:
+    """Return the blocks of a page, from top to bottom."""
+    return [Block(bool(found["once"]), found["words"], found["content"]) for found in BLOCK.finditer(text)]
+
+
+def table_of(block: Block) -> Table | None:
+    """Return what a block asks for; None for the headlines. Raises ValueError for words without a meaning."""
+    name, *options = shlex.split(block.words)
+    if name == HEADLINES and not options:
+        return None
+    if name.endswith(".py"):
+        return Table(Wanted(name, options=tuple(options)))
+    chosen = _parser().parse_args([name, *options])
+    return Table(Wanted(chosen.suite, chosen.use, chosen.quick), tuple(chosen.columns), tuple(chosen.rows))
+
+
+def with_contents(text: str, content_of: Callable[[Block], str | None]) -> str:
+    """Return a page with new contents; None keeps the old one."""
+
+    def replaced(found: re.Match[str]) -> str:
+        block = Block(bool(found["once"]), found["words"], found["content"])
+        content = None if block.once else content_of(block)
+        return found[0] if content is None else f"<!-- measured: {block.words} -->\n\n{content}\n\n<!-- end -->"
+
+    return BLOCK.sub(replaced, text)
