@@ -127,7 +127,7 @@ def do_work() -> int:
     threading.Thread(target=_stop_when_abandoned, daemon=True).start()
 
     def work() -> None:
-        call()  # its return value is no exit code
+        call()  # its return value is not an exit code
 
     return exit_code_of(work)
 

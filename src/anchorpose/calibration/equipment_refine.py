@@ -146,7 +146,7 @@ def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: 
 def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> ObservedEdges:
     """Compare each place of the outline with the frames.
 
-    A frame in which a nearer object hides a pixel of the profile is no evidence for that pixel.
+    A frame in which a nearer object hides a pixel of the profile is not evidence for that pixel.
     """
     outline, reach_px = prediction.outline, gate.reach_px
     steps = np.arange(-reach_px + 1, reach_px + 1)
