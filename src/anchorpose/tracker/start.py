@@ -309,8 +309,8 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
             return 0.0, -np.inf
         found[candidate.frame] = start
         evidence, nats = start.observation.evidence, _log_probability(start, room.recording.subject, config)
-        most = most_nats(float(node_area_m2(evidence)[evidence.surface.camera].sum()))
-        return min(quality(start), nats / most), nats - (most - nats)
+        seen_m2 = float(node_area_m2(evidence)[evidence.surface.camera].sum())
+        return min(quality(start), nats / most_nats(seen_m2)), nats * start.explained
 
     best = best_of(candidates, explained)
     others = (replace(one, crowd=None) for one in candidates if one is not best)
@@ -329,20 +329,20 @@ def best_of(
 ) -> InitialFrame:
     """Return the first frame that shows the whole patient and is explained well, or the most probable of ``TRIES``.
 
-    explained: returns how well a body explains the patient there, 0 to 1, and how much evidence there is for it: the
-    nats of its log probability, less those that it leaves unexplained. A body that is turned round covers as much
-    surface, but its readings are less probable than in other frames, or its shape is rare. Where a person behind the
-    patient has the patient's label, there is more surface, but no body explains all of it. After the frame with the
-    best score, frames far from all tried ones follow.
+    explained: returns how well a body explains the patient there, 0 to 1, and its log probability, nats, times the
+    share of the surface that it explains. A body that is turned round covers as much surface, but its readings are less
+    probable than in other frames, or its shape is rare. Where a person behind the patient has the patient's label,
+    there is more surface, but no body explains all of it. After the frame with the best score, frames far from all
+    tried ones follow.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:
         candidate = max(left, key=lambda one: _worth(one, [other for _, other in tried], candidates))
         left.remove(candidate)
-        share, evidence = explained(candidate)
+        share, nats = explained(candidate)
         if share >= WELL and candidate.whole >= WHOLE:
             return candidate
-        tried.append((evidence, candidate))
+        tried.append((nats, candidate))
     return max(tried, key=lambda one: one[0])[1]
 
 
