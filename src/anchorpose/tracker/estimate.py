@@ -111,32 +111,17 @@ def estimate_of(
     corrected: joints that a reviewer placed. Where the images contradict a place they are hidden, not lost, and their
     sigma is at least their distance from that place.
     """
-    placed = () if corrected is None else corrected.joint.tolist()
-    belief = registration.belief
+    belief, evidence = registration.belief, observation.evidence
     posed = pose_points(body, belief.pose)
     joints = body.mesh.joints(posed.transforms)
-    evidence = observation.evidence
     explanation = explain(body.points, posed, evidence)
-    noises = [None if pieces is None else pieces.sensor.noise for pieces in observation.pieces]
-    noise = noise_covariance(body, belief, evidence, noises, config.registration)
-    patch_m = finest_patch_m(evidence, noises)
-    sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty, noise, patch_m)
-    floor_m = config.uncertainty.floor_m
-    sigma = frame_alone_sigma(body, belief.pose, evidence, sigma, config.registration, floor_m, earlier.unseen_s)
-    sigma = with_rivals(body, joints, sigma, earlier.rivals) if earlier.rivals else sigma
-    sigma = unexplained_sigma(body, belief.pose, evidence, explanation, sigma)
-    sigma = _smeared_sigma(body, belief.pose, observation, sigma, config)
+    sigma = _sigma(body, belief, posed, observation, explanation, config, earlier)
     poor = poor_depth(posed, evidence.views, evidence.cameras, _details(observation), config.visibility.reach_m)
     shown = _states(body, posed, explanation, evidence, poor, config)
     ends = lost_ends(shown, earlier.ends)
-    found, sigma = before_lost_ends(joints, shown, sigma, ends)
-    states = tuple(
-        JointState.HIDDEN if joint in placed and state is JointState.LOST else state
-        for joint, state in enumerate(found)
-    )
+    states, sigma = before_lost_ends(joints, shown, sigma, ends)
     if corrected is not None:
-        away_m = np.linalg.norm(joints[corrected.joint] - corrected.position_m, axis=1)
-        sigma[corrected.joint] = np.maximum(sigma[corrected.joint], away_m / np.sqrt(3.0))
+        states, sigma = _as_placed(joints, states, sigma, corrected)
     lost = (sigma > config.follow.lost_sigma_m) | np.array([state is JointState.LOST for state in states])
     lost |= missing_joints(body.points.asset, body.shape.missing)
     return Estimate(
@@ -156,6 +141,47 @@ def estimate_of(
         rivals=tuple(earlier.rivals),
         shown=states,
     )
+
+
+def _sigma(
+    body: Body,
+    belief: PoseBelief,
+    posed: PosedPoints,
+    observation: Observation,
+    explanation: Explanation,
+    config: TrackConfig,
+    earlier: Earlier,
+) -> np.ndarray:
+    """Return sigma_m (21,): from the posterior, then larger by each thing that the posterior does not know."""
+    evidence, uncertainty = observation.evidence, config.uncertainty
+    noises = [None if pieces is None else pieces.sensor.noise for pieces in observation.pieces]
+    noise = noise_covariance(body, belief, evidence, noises, config.registration)
+    patch_m = finest_patch_m(evidence, noises)
+    sigma = joint_sigma(body, posed, belief.covariance, uncertainty, noise, patch_m)
+    # the covariance trusts the pose before it; a hidden part is known only as well as people keep still
+    sigma = frame_alone_sigma(
+        body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
+    )
+    if earlier.rivals:
+        sigma = with_rivals(body, body.joints(belief.pose), sigma, earlier.rivals)
+    sigma = unexplained_sigma(body, belief.pose, evidence, explanation, sigma)
+    return _smeared_sigma(body, belief.pose, observation, sigma, config)
+
+
+def _as_placed(
+    joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, corrected: CorrectedJoints
+) -> tuple[tuple[JointState, ...], np.ndarray]:
+    """Return states and sigma_m (21,) of joints that a reviewer placed: hidden, not lost, and sigma at least their
+    distance from that place.
+    """
+    placed, sigma_m = set(corrected.joint.tolist()), sigma_m.copy()
+    away_m = np.linalg.norm(joints_m[corrected.joint] - corrected.position_m, axis=1)
+    sigma_m[corrected.joint] = np.maximum(sigma_m[corrected.joint], away_m / np.sqrt(3.0))
+    seen = (
+        JointState.HIDDEN if joint in placed and state is JointState.LOST else state
+        for joint, state in enumerate(states)
+    )
+    return tuple(seen), sigma_m
 
 
 def displaced(estimate: Estimate, displaced_m: float) -> Estimate:
