@@ -26,16 +26,23 @@ def found() -> tuple[Evidence, FirstPose, FirstPose]:
     return evidence, first, first.others[0]
 
 
-@pytest.mark.parametrize("likelier_before", [True, False])
-def test_the_facing_whose_limbs_are_explained_is_taken_although_the_trunk_favoured_the_other(found, likelier_before):
+@pytest.mark.parametrize("first", [0, 1])
+def test_the_facing_is_right_whichever_the_trunk_favoured(found, first):
     evidence, right, turned = found
-    if not likelier_before:
-        right, turned = replace(right, log=turned.log), replace(turned, log=right.log)
-    facings = (right, turned) if likelier_before else (turned, right)
+    facings = [(right, turned), (turned, replace(right, log=turned.log - 1.0))][first]
     best, rivals = search_facings(facings, (), None, evidence, CONFIG)
     assert joint_errors_m(BODY, best.first.pose, TRUTH).mean() < 0.02
     assert best.found.explained > 0.9
     assert all(rival.behind > 0.0 for rival in rivals)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_the_body_that_explains_more_after_the_search_is_taken(found, first):
+    """A search moves limbs, but not the shape: a body of another height stays behind, whatever its rank before."""
+    evidence, right, _ = found
+    small = replace(right, belief=replace(right.belief, shape=adult(1.5)), log=right.log + (100.0 if first else -100.0))
+    best, _ = search_facings([(right, small), (small, right)][first], (), None, evidence, CONFIG)
+    assert best.first.shape is right.shape
 
 
 def test_a_facing_that_no_body_explains_is_not_found(found):
