@@ -75,9 +75,8 @@ def _measure(
         found = run_probe(case.probe, ready, version, plan.cache, plan.again)
         return [(f"{case.row}: {part}" if part else case.row, scores) for part, scores in found]
     named = named | version.settings
-    key = digest_of(version.digest, ready.digest, json.dumps(named))
-    results = plan.cache / "results" / f"{ready.name}-{key}"
-    cost = _tracked(results, ready, named, version, plan.again)
+    results = results_folder(ready, named, version, plan.cache)
+    cost = tracked(results, ready, named, version, plan.again)
     costs = {"frame_ms": cost.frame_ms, "start_s": cost.start_s, "peak_mb": cost.peak_mb}
     if cost.refused:
         return [(case.row, case.refused() | {"refused": 1.0})]
@@ -87,7 +86,13 @@ def _measure(
     return [(f"{case.row}: {part}", scores) for part, scores in found]
 
 
-def _tracked(results: Path, ready: Ready, named: dict[str, Any], version: Version, again: bool) -> Cost:
+def results_folder(ready: Ready, named: dict[str, Any], version: Version, cache: Path) -> Path:
+    """Return where the results of a recording are kept that a version tracked with these settings."""
+    key = digest_of(version.digest, ready.digest, json.dumps(named))
+    return cache / "results" / f"{ready.name}-{key}"
+
+
+def tracked(results: Path, ready: Ready, named: dict[str, Any], version: Version, again: bool = False) -> Cost:
     """Return the cost of the kept results, or of tracking now; a folder without a cost was left by a stopped run."""
     if again or not (results / COST_FILE).is_file():
         shutil.rmtree(results, ignore_errors=True)
@@ -117,7 +122,7 @@ def _compile(plan: Plan) -> None:
     ready = cases_of(["easy"], plan.use, True)["easy"][2].recording.ready(plan.cache)
     assert ready is not None
     for version in plan.versions:
-        _tracked(plan.cache / "results" / f"warm-{version.digest}", ready, {}, version, again=False)
+        tracked(plan.cache / "results" / f"warm-{version.digest}", ready, {}, version)
 
 
 def _rows(found: Iterator[Sequence[tuple[str, dict[str, float]]]]) -> Rows:
