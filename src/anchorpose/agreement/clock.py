@@ -174,10 +174,6 @@ class OtherClock:
         """Convert our times (n,) to the other clock."""
         return time_s + self.offset_s + self.drift * (time_s - self.middle_s)
 
-    def our_time_s(self, reference_s: np.ndarray) -> np.ndarray:
-        """Convert times (n,) of the other clock to ours."""
-        return self.middle_s + (reference_s - self.offset_s - self.middle_s) / (1.0 + self.drift)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clock(OtherClock):

@@ -32,8 +32,6 @@ SIGNALS_FILE: Final = "signals.parquet"
 
 SYNC: Final = FolderKind("a synchronisation", (CLOCK_FILE,), (CLOCK_FILE, JOINTS_FILE, SIGNALS_FILE, EVENTS_FILE))
 
-OWN_COLUMNS: Final = ("frame", "time_s", "other_time_s")
-
 SEVERAL: Final = 2.0
 """Samples per frame from which a signal is averaged over the frame's time; with fewer it is interpolated."""
 
