@@ -106,13 +106,18 @@ def run_suite(suite: str, plan: Plan, processes: int) -> list[Rows]:
     if SUITES[suite].alone:
         _compile(plan)
     found: dict[int, list[list[tuple[str, dict[str, float]]]]] = {}
-    began = time.monotonic()
+    faults, began = list[str](), time.monotonic()
     with ProcessPoolExecutor(1 if SUITES[suite].alone else processes, mp_context=get_context("spawn")) as pool:
         jobs = {pool.submit(measure, suite, index, plan): index for index in range(len(cases))}
-        for job in as_completed(jobs):
-            found[jobs[job]] = job.result()
+        for number, job in enumerate(as_completed(jobs), 1):
             name = cases[jobs[job]].recording.name
-            _say(f"{suite}: {len(found)} of {len(cases)} after {time.monotonic() - began:.0f} s; {name}")
+            if (error := job.exception()) is None:
+                found[jobs[job]] = job.result()
+            else:
+                faults.append(f"{name}: {error}")
+            _say(f"{suite}: {number} of {len(cases)} after {time.monotonic() - began:.0f} s; {name}")
+    if faults:  # only now: what the others gave is kept
+        raise RuntimeError(f"{suite} could not be measured: {'; '.join(faults)}")
     versions = range(len(plan.versions))
     return [_rows(found[index][version] for index in range(len(cases))) for version in versions]
 

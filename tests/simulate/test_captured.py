@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from anchorpose.simulate.clinic import Clinic, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.movement_file import CLIP_HZ, MOVEMENTS, NEEDED, read_clips
 from anchorpose.simulate.person import draw_person
-from anchorpose.simulate.retarget import CapturedActor, retarget
+from anchorpose.simulate.retarget import CapturedActor, _Resampler, retarget
 from anchorpose.simulate.shoot import set_up
 
 TIMES_S = np.arange(0.0, 5.0, 0.1)
@@ -81,6 +82,17 @@ def joints_of(actor: CapturedActor, times_s: np.ndarray = TIMES_S) -> np.ndarray
 def degrees_between(joints_m: np.ndarray, start: str, end: str, wanted: np.ndarray) -> np.ndarray:
     way = unit(joints_m[:, JOINT_INDEX[end]] - joints_m[:, JOINT_INDEX[start]])
     return np.degrees(np.arccos(np.clip((way * wanted).sum(axis=1), -1.0, 1.0)))
+
+
+@pytest.mark.parametrize("rows", range(2, 40))
+def test_the_time_of_the_last_row_belongs_to_the_movement_whatever_it_is_rounded_to(rows):
+    """A patient who is lowest in the last row was refused, since its time came out a ten-billionth later."""
+    capture = SimpleNamespace(start_s=-3.0, waist_m=np.zeros((rows, 3)))
+    last_s = capture.start_s + (rows - 1) / CLIP_HZ
+    at = _Resampler(capture, np.array([capture.start_s, last_s]))
+    np.testing.assert_allclose(at.value(np.arange(float(rows))), [0.0, rows - 1.0], atol=1e-9)
+    with pytest.raises(ValueError, match="lasts"):
+        _Resampler(capture, np.array([last_s + 0.01]))
 
 
 def test_bones_keep_the_patients_own_lengths(actor):

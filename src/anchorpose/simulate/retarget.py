@@ -108,7 +108,8 @@ class _Resampler:
     def __init__(self, capture: Capture, times_s: np.ndarray) -> None:
         place = (np.asarray(times_s) - capture.start_s) * CLIP_HZ
         last = len(capture.waist_m) - 1
-        if place.min() < 0.0 or place.max() > last:
+        rounded = place.round(6)  # the time of the last row may come out a bit later than that row
+        if rounded.min() < 0.0 or rounded.max() > last:
             raise ValueError(f"the movement lasts {last / CLIP_HZ:.1f} s from {capture.start_s:.1f} s on")
         self.row = np.minimum(place.astype(np.int64), last - 1)
         self.share = place - self.row
