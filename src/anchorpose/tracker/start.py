@@ -297,8 +297,8 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
             return 0.0, -np.inf
         found[candidate.frame] = start
         evidence, nats = start.observation.evidence, _log_probability(start, room.recording.subject, config)
-        seen_m2 = float(node_area_m2(evidence)[evidence.surface.camera].sum())
-        return min(quality(start), nats / most_nats(seen_m2)), nats * start.explained
+        most = most_nats(float(node_area_m2(evidence)[evidence.surface.camera].sum()))
+        return min(quality(start), nats / most), nats - (1.0 - start.explained) * most
 
     best = best_of(candidates, explained)
     others = (replace(one, crowd=None) for one in candidates if one is not best)
@@ -317,11 +317,11 @@ def best_of(
 ) -> InitialFrame:
     """Return the first frame that shows the whole patient and is explained well, or the most probable of ``TRIES``.
 
-    explained: returns how well a body explains the patient there, 0 to 1, and its log probability, nats, times the
-    share of the surface that it explains. A body that is turned round covers as much surface, but its readings are less
-    probable than in other frames, or its shape is rare. Where a person behind the patient has the patient's label,
-    there is more surface, but no body explains all of it. After the frame with the best score, frames far from all
-    tried ones follow.
+    explained: returns how well a body explains the patient there, 0 to 1, and its log probability, nats, less what the
+    surface that it leaves unexplained could have added. A body that is turned round covers as much surface, but its
+    readings are less probable than in other frames, or its shape is rare. Where a person behind the patient has the
+    patient's label, there is more surface, but no body explains all of it. After the frame with the best score, frames
+    far from all tried ones follow.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:
