@@ -1,4 +1,6 @@
-"""Format the pages' words: templates, tables of words, names, and numbers with no more digits than they justify."""
+"""Format the texts of pages: fill templates, read tables of words, and write names and numbers, with no more digits
+than the errors justify.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +72,7 @@ def number(value: float, decimals: int) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Join names as one, two and three."""
+    """Join names as in "one, two and three"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -81,9 +83,9 @@ def counted(count: int, one: str, many: str | None = None) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """The form of a number: times a factor, with this many decimals, and words before and after it.
+    """The form of a number: the factor to multiply it by, the decimals, and words before and after it.
 
-    share: whether it is a share of a whole; a small share is not written as 0, nor a large one as all.
+    share: whether it is a share of a whole; then a small share is not written as 0, nor a large share as all.
     """
 
     decimals: int = 0
