@@ -145,7 +145,7 @@ def find_nearness(
 
 
 def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: points no farther than ``HAND_M`` from the box around all other points."""
+    """Return (n,) bool: points no farther than ``HAND_M`` from the box around the other people's points ``box_m``."""
     if not len(box_m):
         return np.zeros(len(points_m), dtype=bool)
     low, high = box_m.min(axis=0) - HAND_M, box_m.max(axis=0) + HAND_M

@@ -139,7 +139,7 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
         first, last = asset.bone(start), asset.bone(end)
         step = asset.bone_heads[last] - asset.bone_heads[first]
         along = _shares_along(asset, first, last)
-        # (v, b): share of each vertex, if it were part of each bone
+        # (v, b): the share of each vertex, as if it were part of the bone
         of_vertex = asset.vertices @ along[:, :3].T + along[:, 3]
         share = (asset.skin_weights * np.take_along_axis(of_vertex, asset.skin_bones, axis=1)).sum(axis=1)
         total[0] += share[:, None] * step

@@ -93,7 +93,8 @@ def joint_states(
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> tuple[JointState, ...]:
-    """Return the state of each of the 21 joints: seen if any camera sees it, else the reason that hides most of it.
+    """Return the state of each of the 21 joints: observed if any camera sees it, else the reason that hides most of its
+    skin.
 
     covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin at the
     patient's pixels that covers no node, such as an arm within the trunk, is behind the seen surface. A joint is lost
