@@ -177,8 +177,8 @@ def _first_labels(
 
 @njit(cache=True, nogil=True)
 def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: float) -> np.ndarray:
-    """Return each pixel's label: NO_READING, BACKGROUND, or CLUTTER for a reading in front of the room, which may be a
-    flying pixel.
+    """Return each pixel's label: NO_READING, BACKGROUND, or CLUTTER for a reading in front of the room, which may be
+    flying.
     """
     labels = np.zeros(depth.shape, np.uint8)
     for row in range(depth.shape[0]):

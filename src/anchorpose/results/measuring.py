@@ -105,7 +105,7 @@ def assistance_measures(session: Session) -> list[Measure]:
     """Measure assistance in the whole session; then for each person, each part, and each person and part, the time and
     the contacts.
 
-    Only frames in which the patient was found count, since contacts are unknown in all others.
+    Only frames in which the patient was found count: in others contacts are unknown.
     """
     contacts = session.helping
     if contacts is None or not session.found.any():

@@ -1,9 +1,8 @@
 """Compute axes.parquet: each knee and elbow as a point and the axis about which it is bent (paper, Section III).
 
-The axis is the normal of the plane in which both bones lie. The hinge axis of the body's skeleton, which moves with the
-upper bone, would exist in a straight limb too. But depth hardly shows the rotation of a bone about its long axis: on
-the four simulated clinics used for tuning, the knees' hinge axes are some 7 degrees off (root mean square), the normals
-of the plane 2.
+The axis is the normal of the plane in which both bones lie. The hinge of the body's skeleton, carried by the upper
+bone, would also be there in a straight limb, but depth hardly shows how far a bone is turned about itself: on the four
+simulated clinics for tuning the knees' hinge is some 7 degrees off, root mean square, and that plane 2.
 """
 
 from __future__ import annotations

@@ -89,7 +89,7 @@ def _episode(joints: JointTable, event: Event) -> Episode:
 def beginning_in(events: Sequence[Event], rows: slice) -> list[Event]:
     """Return the events whose onset lies in the rows, with frames counted from the first of them.
 
-    An event belongs to the trial in which it begins, even if it ends after that trial.
+    An event belongs to the trial in which it begins, also if it ends after that trial.
     """
     first = rows.start
     shifted = [(event, slice(event.frames.start - first, event.frames.stop - first)) for event in events]
