@@ -49,11 +49,11 @@ def find_world(
 ) -> Calibration:
     """Find the poses of all cameras: as given, from the equipment, or from the floor and the people.
 
-    sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without it, the
-    world has Y up, the origin on the floor below the patient's first place, and X from the patient towards the camera:
-    the patient is assumed to face it, which a note states. Other cameras are placed relative to the first by the people
-    they see (``placing``). rough_clocks: the clocks are known to 50 ms only, so these placements may be less accurate.
-    Raises InputError where poses are missing and cannot be found.
+    sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without
+    equipment, the world has Y up, the origin on the floor below the patient's first place, and X from the patient
+    towards the camera: the patient is assumed to face the camera, which a note states. Other cameras are placed
+    relative to the first by the people whom they see (``placing``). rough_clocks: whether the clocks are known only to
+    50 ms, so that these placements may be less accurate. Raises InputError where poses are missing and cannot be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
     equipment_config = equipment_config or EquipmentPoseConfig()
@@ -141,7 +141,8 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
             doubts.append(PoseDoubt(DoubtSource.FLOOR, (camera.name,), sentence, off_m, refuted))
         if tilt > WORST_FLOOR_TILT_RAD:
             continue
-        # the floor's height where the camera looks: below the camera a small tilt would act as a lever
+        # the floor's height in the middle of the camera's view; directly below the camera, a small tilt would act as a
+        # lever
         ahead = floor.height_m / max(0.2, float(-floor.up @ [0.0, 0.0, 1.0])) * np.array([0.0, 0.0, 1.0])
         on_floor = ahead - (floor.up @ ahead + floor.height_m) * floor.up
         heights[camera.name] = float(transform_points(T_world_camera, on_floor)[1])

@@ -202,8 +202,10 @@ def register_parts(
     robust: bool = True,
 ) -> PartRegistration:
     """Register each part, first by the pairs of the global hypothesis, then by the nearest nodes: tau-hat = ICP(tau,
-    phi). skin: points of the body's skin in frame t; part (n,): their bone index; matched_m (n, 3): their places in t+1
-    by the tree, NaN where no match was found; surface: surface of frame t+1; T_predicted (b, 4, 4): predicted motion of
+    phi).
+
+    skin: points of the body's skin in frame t; part (n,): their bone index; matched_m (n, 3): their places in t+1 by
+    the tree, NaN where no match was found; surface: surface of frame t+1; T_predicted (b, 4, 4): predicted motion of
     each part; iterations: number of ICP iterations after the pairs; robust: whether pairs that do not fit lose their
     influence. The skin is registered and not the last frame's nodes, whose errors would accumulate. A part that is
     hardly seen keeps its prediction, and ``registered`` is False.
