@@ -28,8 +28,8 @@ METRES: Final[Mapping[str, float]] = {
 }
 """Metres per unit, by the names that files use."""
 
-LONGEST_S: Final = 86_400.0  # a day; a longer movement is in milliseconds or less
-FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # a body in metres that is read as millimetres is found by its size
+LONGEST_S: Final = 86_400.0  # s, a day; times of a longer recording are in milliseconds or smaller units
+FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # larger values are damage; a wrong unit is found by the body's size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,10 +53,10 @@ class Captured:
 
 
 def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
-    """Return the metres per unit; unit: the file's, None where it has none; stated: the user's, which takes
-    precedence.
+    """Return the metres per unit.
 
-    Raises InputError where neither is known, or the unit is unknown.
+    unit: the file's unit, None where it states none; stated: the user's unit, which takes precedence. Raises InputError
+    where neither is given, or where the unit is unknown.
     """
     name = stated if stated is not None else unit
     if not name:
@@ -100,8 +100,8 @@ def repeated_label(path: Path, labels: tuple[str, ...]) -> None:
 def read_c3d(path: Path, unit: str | None = None) -> Captured:
     """Read the points and angles of a C3D; unit: of its lengths, where the file states none or a wrong one.
 
-    A point is missing where its residual is negative. Unlabelled points (``*12``) are left out; a subject's name before
-    a colon is too. Raises InputError, MissingPackage without ezc3d.
+    A point is missing where its residual is negative. Unlabelled points (``*12``) are left out, and so is a subject's
+    name before a colon. Raises InputError, MissingPackage without ezc3d.
     """
     try:
         import ezc3d

@@ -1,9 +1,10 @@
 """Read another system's recording as our joints and angles, on its own clock and in its own frame.
 
-Joint centres are found by labels: given, midway between markers, or a hip by an estimate. Regression: Harrington et al.
-2007 (doi:10.1016/j.jbiomech.2006.02.003), their equations of one variable each, which Sangeux et al. 2014
-(doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults. Functional method: the point of
-the pelvis about which the thigh's markers move on spheres, Gamage and Lasenby 2002 (doi:10.1016/S0021-9290(01)00160-9).
+Joint centres are found by labels: they are given, or lie midway between markers; hip centres may be estimated.
+Regression: Harrington et al. 2007 (doi:10.1016/j.jbiomech.2006.02.003), their equations of one variable each, which
+Sangeux et al. 2014 (doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults. Functional
+method: the point of the pelvis about which the thigh's markers move on spheres, Gamage and Lasenby 2002
+(doi:10.1016/S0021-9290(01)00160-9).
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class Marking:
 
     @property
     def empty(self) -> bool:
-        """Return whether no joint follows from these labels."""
+        """Return whether these labels determine no joint."""
         return not self.centres and not self.midpoints and self.pelvis is None
 
 
@@ -164,7 +165,7 @@ class CentreTrack:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Return the joints that exist."""
+        """Return the names of the joints that exist."""
         return tuple(name for name, how in zip(JOINT_NAMES, self.origin, strict=True) if how is not None)
 
 

@@ -105,7 +105,7 @@ def note_outcome(out: Path, outcome: Outcome) -> None:
 
 
 def require_places(out: Path, sessions: Sequence[Session]) -> None:
-    """Raise InputError where a link or a thing of another kind is at a place to be written."""
+    """Raise InputError where a path to be written is a link or something else than expected."""
     for name in (RESULTS_FOLDER, LOGS_FOLDER):
         if (out / name).is_symlink() or (is_there(out / name) and not (out / name).is_dir()):
             raise InputError(out / name, "is a link, or no folder", MOVE_AWAY)
@@ -125,8 +125,8 @@ def row_of(
 ) -> tuple[SessionRow, tuple[Measure, ...]]:
     """Return a batch folder's row on a session, and its measures if it is done.
 
-    A session that failed in its last run is failed, whatever results exist. outcomes: by name, why sessions that have
-    just run failed, None where they did not.
+    A session that failed in its last run counts as failed, whatever results exist. outcomes: by name, why a session
+    that has just run failed, None where it did not fail.
     """
     results = out / RESULTS_FOLDER / session.name
     who: dict[str, Any] = {"session": session.name, "recording": session.shown, "subject": session.subject}
@@ -185,7 +185,7 @@ def _measures(results: Path) -> tuple[Measure, ...]:
 
 
 def write_tables(out: Path, rows: Sequence[SessionRow], measures: Iterable[tuple[SessionRow, Measure]]) -> None:
-    """Write both tables, each whole or not at all."""
+    """Write both tables, each completely or not at all."""
     _write(out, SESSIONS, rows)
     names = ("measure", "side", "part", "value", "unit", "sigma", "why")
     _write(
@@ -206,7 +206,7 @@ def _write(out: Path, table: RecordTable[Any], rows: Sequence[Any]) -> None:
 
 
 def _for_spreadsheets(table: pa.Table) -> pa.Table:
-    """Return the table with texts that no spreadsheet runs as a formula."""
+    """Return the table with texts changed such that no spreadsheet runs them as a formula."""
     for index, column in enumerate(table.schema):
         if column.type == _TEXT:
             cells = [cell and cell_text(cell) for cell in table[column.name].to_pylist()]

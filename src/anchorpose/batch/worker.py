@@ -1,7 +1,7 @@
 """Run a job of the scheduler in its own child process, and wait for it.
 
 None of the work happens in the worker: a crash, a leak or a killed child does not affect it, and a killed worker takes
-its child with it. It returns only a sentence, so that no result is lost with it.
+its child with it. The worker returns only a sentence, so that no result is lost with it.
 
 The work, a pickled call, comes on the child's standard input. (Anyone who may submit a job to dask can run anything on
 its workers anyway.) Nothing is unpickled from a disk, and results are the files that the work writes. The input stays
@@ -27,7 +27,7 @@ from typing import Any, Final
 
 KERNELS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
-"""One core per child: as many children as workers run at once."""
+"""x: as many children as workers run at once."""
 
 STOP_S: Final = 15.0  # time allowed for a child to end by itself; longer than ``ABANDONED_STOP_S``
 ABANDONED_STOP_S: Final = 10.0  # time allowed to remove half-written files, and for a kernel to return
@@ -112,7 +112,7 @@ def _why(code: int, output: Path) -> str:
 
 
 def _last_line(output: Path) -> str:
-    """Return the last line with text, which is the sentence that a refused job ends with."""
+    """Return the last line with text, which for a refused job is the reason."""
     with output.open("rb") as stream:
         stream.seek(max(output.stat().st_size - TAIL_BYTES, 0))
         lines = stream.read().decode("utf-8", errors="replace").splitlines()

@@ -79,7 +79,7 @@ def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
     if centre_x or centre_y:
         raise ValueError("has a centre of distortion, which this lens model lacks")
     size_px = SENSOR_PX / mode.binning
-    # the document's (0, 0) is the corner of the sensor's first pixel, ours is the centre of the image's first pixel
+    # (0, 0) is the corner of the sensor's first pixel in the document, but the centre of the image's first pixel here
     return Intrinsics(
         fx=fx * size_px,
         fy=fy * size_px,
@@ -122,7 +122,7 @@ def _parameters(camera: dict) -> tuple[float, ...]:
 
 
 def _radius(camera: dict) -> float | None:
-    """Return how far from the axis the lens was calibrated, in units of z; None where the maker gives 0."""
+    """Return the radius, in units of z, up to which the lens was calibrated; None where the maker gives 0."""
     radius = camera.get("MetricRadius")
     if not isinstance(radius, int | float) or not np.isfinite(radius) or radius <= 1e-4:
         return None
@@ -136,7 +136,7 @@ CALIBRATION: Final = "calibration.json"
 
 
 def matches(path: Path, head: bytes) -> bool:
-    """Return whether a file is Matroska; ``open_source`` refuses one that has no depth."""
+    """Return whether a file is Matroska; ``open_source`` refuses a file without depth."""
     return head.startswith(EBML)
 
 
@@ -206,7 +206,8 @@ class AzureKinectFile:
                 self.left_out += 1
 
     def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
-        """Leave out the packets whose time is damaged: later than that of the next, or no later than the one before.
+        """Leave out packets with a damaged time, which is later than the next packet's or not later than the previous
+        packet's.
 
         One packet is held back until the next is known, so that a single time far ahead does not cost all later
         packets.

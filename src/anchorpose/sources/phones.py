@@ -73,7 +73,7 @@ def _is_stray(path: Path, head: bytes) -> bool:
 
 
 def _open_stray(path: Path) -> ImageFiles:
-    """Raise InputError where the files do not fit each other."""
+    """Open a folder of Stray Scanner; raises InputError where the files do not fit each other."""
     images = images_in(path / "depth")
     size = first_size(path / "depth", images)
     times, positions_m = _odometry(path / "odometry.csv")
@@ -144,7 +144,7 @@ def _is_record3d(path: Path, head: bytes) -> bool:
 
 
 def _open_record3d(path: Path) -> ImageFiles:
-    """Raise InputError where the file cannot be used, MissingPackage without lzfse."""
+    """Open a file of Record3D; raises InputError where the file cannot be used, MissingPackage without lzfse."""
     try:
         import lzfse  # noqa: F401
     except ImportError:
