@@ -53,13 +53,15 @@ _CODES: Final = {state: code for code, state in enumerate(JointState)}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveFrame:
-    """The result for one frame. frame, time_s: number and time of the frame, of the first camera; taken_s: when its
-    images were taken, by ``time.monotonic``. joints_m (21, 3) world, sigma_m (21,), NaN where a joint is lost;
-    state_code (21,): index into ``JointState``. why_lost: why all joints are lost, else empty. touched: parts of the
-    patient (``REGIONS``) that other people touched in the previous frame, and whether the contact was seen; None where
-    unknown. dropped: number of images that were not tracked since live tracking began. people: all other people in
-    view; patient: number of the patient, 1 at first, and one more whenever another person becomes the patient. holding:
-    parts of the patient that touch the equipment, in the form of ``touched``.
+    """The result for one frame.
+
+    frame, time_s: number and time of the frame, of the first camera; taken_s: when its images were taken, by
+    ``time.monotonic``. joints_m (21, 3) world, sigma_m (21,), NaN where a joint is lost; state_code (21,): index into
+    ``JointState``. why_lost: why all joints are lost, else empty. touched: parts of the patient (``REGIONS``) that
+    other people touched in the previous frame, and whether the contact was seen; None where unknown. dropped: number of
+    images that were not tracked since live tracking began. people: all other people in view; patient: number of the
+    patient, 1 at first, and one more whenever another person becomes the patient. holding: parts of the patient that
+    touch the equipment, in the form of ``touched``.
     """
 
     frame: int

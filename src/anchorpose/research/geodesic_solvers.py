@@ -42,7 +42,7 @@ def solve_distance(
 ) -> np.ndarray:
     """Return (s, n) float32 metres from each source, as ``geodesic_distance``, by any solver.
 
-    HEAT and EXACT know triangles only: they give NaN at nodes that are connected by other edges only, and raise
+    HEAT and EXACT use only triangles: they give NaN at nodes that are connected by other edges only, and raise
     ValueError where the surface has links or a source has no triangle; MissingPackage where their package is not
     installed.
     """

@@ -71,9 +71,10 @@ def describe_error(error: Exception) -> str:
 
 
 class GuardedServer(ThreadingHTTPServer):
-    """A server that listens as soon as it is made, and answers in ``serve_forever``. address: the address to open;
-    page: the name of the page that the address shows; program: name of the command that printed the address, for
-    refusals. Raises AnchorposeError where it cannot listen on ``host`` and ``port``.
+    """A server that listens as soon as it is made, and answers in ``serve_forever``.
+
+    address: the address to open; page: the name of the page that the address shows; program: name of the command that
+    printed the address, for refusals. Raises AnchorposeError where it cannot listen on ``host`` and ``port``.
     """
 
     daemon_threads = True

@@ -30,8 +30,8 @@ def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarra
 
     Returns nodes (k,) int32, k = ``count`` unless there are fewer, and fields (k, n) float32 metres, ``APART_M`` on
     other pieces. The first is the node farthest from the middle of its piece, the middle being the node nearest the
-    mean; a piece without samples is farther than any node on one with some. Raises ValueError on nodes not finite.
-    Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): at most twice as coarse as the best choice.
+    mean; a piece without samples is farther than any node on one with some. Raises ValueError for nodes that are not
+    finite. Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): at most twice as coarse as the best choice.
     """
     wanted = min(count, len(surface))
     nodes, fields = np.empty(wanted, np.int32), np.empty((wanted, len(surface)), np.float32)
@@ -45,7 +45,7 @@ def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarra
         nodes[row] = nearest.argmax()
         fields[row] = field_from(surface, nodes[row])
         nearest = np.minimum(nearest, fields[row])
-        nearest[nodes[: row + 1]] = -1.0  # chosen once, even where several nodes are in one place
+        nearest[nodes[: row + 1]] = -1.0  # a node is chosen only once, even where several nodes coincide
     return nodes, fields
 
 

@@ -24,7 +24,7 @@ class RopsConfig:
 
     radius_m: Positive = 0.20  # the authors' 15 mesh resolutions, here 13 mm
     turns: Count = 3  # about each axis, within a right angle: the authors' choice
-    bins: Count = 5  # along each side of a plane: theirs, too
+    bins: Count = 5  # bins along each side of a plane, the authors' choice
 
     @property
     def columns(self) -> int:

@@ -1,4 +1,6 @@
-"""The learnt descriptor: the place on the complete body that a network sees at a node, alone and with SHOT."""
+"""Match by the learnt descriptor, the place on the complete body that a network assigns to a node, alone and with
+SHOT.
+"""
 
 from __future__ import annotations
 

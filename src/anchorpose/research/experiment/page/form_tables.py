@@ -1,4 +1,5 @@
-"""Tables over the forms of the framework and the gaps between frames, and the next generation against every other row.
+"""Make tables over the forms of the framework and the gaps between frames, and tables that compare the next generation
+with every other row.
 
 The forms differ in whether the surface corrects the matches and whether bad matches are rejected.
 """
@@ -156,7 +157,7 @@ def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
 
 
 def _others(methods: Sequence[Method]) -> list[Method]:
-    """Return all but the next generation; none where it did not run."""
+    """Return all methods but the next generation; empty where it did not run."""
     keys = {method.key for method in methods}
     return [method for method in methods if method.key != NEXT] if NEXT in keys else []
 

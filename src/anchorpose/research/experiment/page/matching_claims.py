@@ -1,4 +1,4 @@
-"""Claims about matches (Figs. "appearance" and "mesh", Sections II, III and V-A)."""
+"""Judge the paper's claims about matches (Figs. "appearance" and "mesh", Sections II, III and V-A)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
 COMPARABLE: Final = 0.8  # share of the paper's nodes: a smaller mesh proves nothing about time
 CLEARLY_LESS: Final = 0.8  # share of the error elsewhere: a fifth less
-OFTEN: Final = 0.1  # share of the matches of hands and feet on the opposite limb; by chance it would be one in forty
+# share of the matches of hands and feet that lie on the opposite limb; by chance it would be one in forty
+OFTEN: Final = 0.1
 INACCURATE_MM: Final = 100.0  # twice the paper's bound on an anchor's error
 SYMMETRIC: Final = ("hand", "foot")
 NAMES: Final = tuple(REGIONS)
@@ -35,7 +36,7 @@ RIVALS: Final = (Family.LOCAL, Family.SPECTRAL)
 
 
 class MatchingClaims:
-    """Makes each claim from an results."""
+    """The claims about matches, each made from the results."""
 
     def __init__(self, results: ExperimentResults) -> None:
         self._matching, self._tracking = Matching(results), Tracking(results)

@@ -1,4 +1,6 @@
-"""Tables of the matches: errors overall, by region, by size of hole and as a curve; and times beside the paper's."""
+"""Make tables of the matches: errors overall, by region, by size of hole and as a curve; and times beside the
+paper's.
+"""
 
 from __future__ import annotations
 

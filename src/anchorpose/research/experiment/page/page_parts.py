@@ -1,4 +1,4 @@
-"""Parts of the page as HTML: tables, claims, figures, and the PNG pictures of a folder with their captions.
+"""Make parts of the page as HTML: tables, claims, figures, and the PNG pictures of a folder with their captions.
 
 All text from outside is escaped here.
 """

@@ -1,4 +1,5 @@
-"""Tables: rows of a method, a column and a mean with its interval; as CSV files and, pivoted, on the page.
+"""Define tables, with rows of a method, a column and a mean with its interval; they are CSV files and, pivoted, parts
+of the page.
 
 Confidence intervals are by the bootstrap over recordings, not frames.
 """
@@ -162,7 +163,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One method's figure in one column."""
+    """A row: the figure of one method in one column."""
 
     method: Method
     column: Column

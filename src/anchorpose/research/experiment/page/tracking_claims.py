@@ -1,4 +1,4 @@
-"""Claims about the errors of joints (Figs. "result1" to "sd2")."""
+"""Judge the claims about the errors of joints (Figs. "result1" to "sd2")."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at
 from anchorpose.research.experiment.results import ExperimentResults
 
 CONSTANT: Final = 1.1  # "almost constant" is taken to mean within a tenth
-SIMILAR: Final = 2.0  # the worst joint against the best
+SIMILAR: Final = 2.0  # ratio of the errors of the worst and the best joint
 ADEQUATE_MM: Final = 100.0  # about the width of a forearm: a joint within it is on the right limb
 
 
@@ -41,7 +41,9 @@ def literal_claims(results: ExperimentResults) -> list[Claim]:
 
 
 class TrackingClaims:
-    """Makes each claim from an results; proposed: the row that stands for the paper's method, form: of all rows."""
+    """The claims about joints, each made from the results. proposed: the row of the paper's method; form: the form of
+    all rows.
+    """
 
     def __init__(self, results: ExperimentResults, proposed: str = PROPOSED, form: Form = Form.REFINED) -> None:
         self._results, self._tracking, self._resamples = results, Tracking(results, form), results.config.resamples
@@ -121,7 +123,7 @@ class TrackingClaims:
         )
 
     def helps_at_all(self) -> Claim:
-        """Judge what the framework does without any feature."""
+        """Judge how well the framework tracks without any feature."""
         return Claim(
             "helps-at-all",
             "this project’s own question",
@@ -257,7 +259,7 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods without those that a filter follows, which are controls."""
+        """Return the methods without control methods, whose matches a filter uses."""
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 
@@ -273,7 +275,7 @@ def difference(
 
 
 def below_zero(value: Estimate) -> Answer:
-    """Return yes where the whole interval is below 0, no where all of it is at or above."""
+    """Return yes where the whole interval is below 0, no where the whole interval is at or above 0."""
     if np.isnan(value.low):
         return Answer.OPEN
     if value.high < 0:
