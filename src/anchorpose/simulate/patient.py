@@ -60,7 +60,9 @@ class Wave:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Actor:
-    """A person with a programme: resting channels (c,), movements, steps, waves, and the rails to hold if any."""
+    """A person with a programme: resting channels (c,), movements, steps, waves, and the rails that the person holds,
+    if any.
+    """
 
     person: Person
     base: np.ndarray
@@ -70,7 +72,7 @@ class Actor:
     grip_m: np.ndarray | None = None  # (2, 3)
 
     def channels(self, times_s: np.ndarray) -> np.ndarray:
-        """Return (c, t)."""
+        """Return the values of all channels (c, t)."""
         values = channel_values(self.base, self.movements, times_s)
         for wave in self.waves:
             values[CHANNEL_INDEX[wave.channel]] += wave.at(times_s)
@@ -161,7 +163,7 @@ def draw_patient(
 
 
 def _come_and_go(rng: np.random.Generator, footwork: Footwork, config: SimulationConfig) -> Footwork:
-    """Append walks out to one side and back, so that the patient is in place when not away."""
+    """Append walks out to one side and back, so that the patient is in place except during absences."""
     home, facing = footwork.places_m.mean(axis=0), float(footwork.yaws.mean())
     for gone_s, back_s in config.away_s:
         outside = home + np.array([rng.uniform(-0.3, 0.0), rng.choice([-1.0, 1.0]) * OUTSIDE_M])

@@ -36,7 +36,7 @@ BUMPS = 14
 FOLDS = 7
 CHILD_HEIGHTS_M = (1.0, 1.5)
 CHILD_SPREAD = 0.9  # share of the asset's covariance of children
-LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # times the drawn height of folds
+LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # factors on the drawn height of folds
 BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of the names of undressed bones
 
 
@@ -173,7 +173,7 @@ def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:
 
 
 def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return some dressed skin points and their normals over time, (t, n, 3) each; folds at their mean height."""
+    """Return some dressed skin points and their normals over time, (t, n, 3) each, with folds at their mean height."""
     asset, clothes = person.body.asset, person.clothes
     normals = person.normals[vertices]
     rest = person.body.vertices[vertices] + 0.75 * clothes.amplitude_m * clothes.cover[vertices, None] * normals

@@ -1,4 +1,6 @@
-"""Build shapes without a primitive: curtains, coats, quilts, pillows and leaves, as open triangle meshes."""
+"""Build shapes that are not made of boxes and cylinders: curtains, coats, quilts, pillows and leaves, as open triangle
+meshes.
+"""
 
 from __future__ import annotations
 

@@ -154,8 +154,8 @@ def draw_walker(rng: np.random.Generator, config: SimulationConfig, lane: Lane, 
 
 
 def draw_pusher(rng: np.random.Generator, config: SimulationConfig, lane: Lane, arrive_s: float) -> Actor:
-    """Draw a person who walks along a lane with the hands before the body until arrive_s, turns and leaves the same
-    way.
+    """Draw a person who walks along a lane with the hands in front of the body until arrive_s, then turns and leaves
+    the same way.
     """
     person = draw_person(rng, config.clothing_m)
     start, goal = np.array(lane.start_m), np.array(lane.end_m)
