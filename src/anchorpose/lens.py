@@ -16,7 +16,7 @@ from numba import njit
 
 
 class LensModel(StrEnum):
-    """The OpenCV model of the coefficients."""
+    """The OpenCV lens model to which distortion coefficients belong."""
 
     BROWN_CONRADY = "brown-conrady"  # k1 k2 p1 p2 k3
     RATIONAL = "rational"  # k1 k2 p1 p2 k3 k4 k5 k6, optionally s1 s2 s3 s4, optionally the sensor's tilt

@@ -270,9 +270,9 @@ def offset_of_peak(
     """Return the offset in seconds of the best correlation, and this correlation.
 
     r, overlap: correlation and number of common samples at each lag of every ``COARSE``-th sample, as ``_correlations``
-    has them. least_s: common time below which a lag is not considered. near_s: an offset within ``RIVAL_DISTANCE_S`` of
-    the right one; None: any may be right. Raises NoCommonMovement where the best correlation is too small, or another
-    offset explains as much.
+    returns them. least_s: common time below which a lag is not considered. near_s: an offset within
+    ``RIVAL_DISTANCE_S`` of the right one; None: any may be right. Raises NoCommonMovement where the best correlation is
+    too small, or another offset explains as much.
     """
     a, b = ours.values[::COARSE], theirs.values[::COARSE]
     least = max(LEAST_OVERLAP * min(len(a), len(b)), least_s * GRID_HZ / COARSE)

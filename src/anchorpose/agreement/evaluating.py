@@ -109,7 +109,9 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A compared quantity, and the function that takes it from a match; None where a recording does not have it."""
+    """A compared quantity, and the function that takes it from a match, which returns None where a recording lacks
+    it.
+    """
 
     kind: str
     name: str

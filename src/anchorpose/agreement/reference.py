@@ -62,8 +62,9 @@ _SPELT: Final = re.compile(r"^(L|R|LEFT|RIGHT)(HIP|KNEE|ANKLE|SHOULDER|ELBOW|WRI
 class Marking:
     """The meaning of the file's labels.
 
-    centres: joint to the label of its centre. midpoints: joint to the labels whose mean is its centre. pelvis: ASIS
-    left and right, PSIS left and right; None where one is missing. thighs: for left and right the markers on the thigh.
+    centres: by joint, the label of its centre. midpoints: by joint, the labels whose mean is its centre. pelvis: labels
+    of ASIS left and right, PSIS left and right; None where one is missing. thighs: the markers on the left and the
+    right thigh.
     """
 
     centres: dict[str, str]

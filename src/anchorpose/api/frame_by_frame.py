@@ -145,7 +145,7 @@ class Tracker:
     def step(self, depth_m: Mapping[str, np.ndarray], time_s: float) -> Pose | None:
         """Return the pose in the next frame; None while the patient is not found, or is lost (``why``).
 
-        depth_m: by camera name, (height, width) metres along the optical axis; 0, NaN and infinite are no reading; a
+        depth_m: by camera name, (height, width) metres along the optical axis; 0, NaN and infinite mean no reading; a
         missing camera has no image in this frame. time_s: later than that of the frame before. The step that ends the
         first seconds also learns the body, and takes as long as that. Raises AnchorposeError where an argument does not
         fit.

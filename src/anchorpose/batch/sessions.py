@@ -210,7 +210,7 @@ def open_folder(out: Path, sessions: Sequence[Session]) -> tuple[Session, ...]:
     if inside:
         raise InputError(out, f"lies inside the recording {inside[0].recording}", "choose a folder outside of it")
     before = _read(mark)
-    _named(sessions, before, out)  # a refusal leaves no folder
+    _named(sessions, before, out)  # named before the folder is made, so that a refusal leaves no folder
     with new_folder(out.resolve(), out), FileLock(out / LOCK_FILE):
         before = _read(mark)
         named = _named(sessions, before, out)

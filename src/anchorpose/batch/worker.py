@@ -27,7 +27,7 @@ from typing import Any, Final
 
 KERNELS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
-"""x: as many children as workers run at once."""
+"""One core per child: as many children as workers run at once."""
 
 STOP_S: Final = 15.0  # time allowed for a child to end by itself; longer than ``ABANDONED_STOP_S``
 ABANDONED_STOP_S: Final = 10.0  # time allowed to remove half-written files, and for a kernel to return

@@ -65,5 +65,6 @@ class VisibilityConfig:
 class UncertaintyConfig:
     """Corrections of the linear posterior, set on simulated people alone and in clinics (see docs/tracking.md)."""
 
-    floor_m: Positive = 0.0035  # m, smallest sigma; joints lie inside the body, and the learnt shape is no better
+    # m, smallest sigma; joints lie inside the body, and the learnt shape is not more accurate
+    floor_m: Positive = 0.0035
     inflation: Positive = 0.65  # factor on the posterior's sigma; neighbouring nodes share less error than assumed

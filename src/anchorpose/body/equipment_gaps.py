@@ -139,7 +139,7 @@ def region_sigma(joint_sigma_m: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.array(sigma) + MODEL_SIGMA_M**2))
 
 
-@lru_cache(maxsize=2)  # a run has one model
+@lru_cache(maxsize=2)  # a run has a single model of the equipment
 def part_boxes(equipment: EquipmentModel) -> tuple[np.ndarray, np.ndarray]:
     """Return low and high (parts, 3): the box around each part, ``NEAR_M`` wider on every side."""
     corners = [part.triangles()[0] for part in equipment.parts]

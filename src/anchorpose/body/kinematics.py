@@ -212,7 +212,9 @@ def missing_points(asset: BodyAsset, part_of_points: np.ndarray, parts: Sequence
 
 
 def missing_joints(asset: BodyAsset, parts: Sequence[str]) -> np.ndarray:
-    """Return (21,) bool: missing joints, those beyond the stumps. The joint where a missing part would begin exists."""
+    """Return (21,) bool: missing joints, which lie beyond the stumps. The joint where a missing part would begin
+    exists.
+    """
     bones = joint_bones(asset)
     stumps = [stump_of(asset, part) for part in parts]
     outermost = [stump for stump in stumps if not any(below(asset, other)[stump] for other in stumps if other != stump)]

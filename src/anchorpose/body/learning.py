@@ -46,9 +46,9 @@ def learn_body(
 ) -> LearnedBody:
     """Fit one shape to all frames, with each frame's own pose: alternate correspondences and a joint Gauss-Newton step.
 
-    shape: the initial shape. known: the belief without these frames, from a prior or from earlier frames. Where it is
-    certain the frames hardly change it; where it is uncertain the frames decide. Raises ValueError when no frame is
-    given.
+    shape: the initial shape. known: the belief without these frames, from a prior or from earlier frames. Where this
+    belief is certain, the frames hardly change it; where it is uncertain, the frames decide. Raises ValueError when no
+    frame is given.
     """
     if not poses:
         raise ValueError("a body needs at least one frame to be learnt from")

@@ -31,7 +31,7 @@ MOVED_GATE: Final = 6.0  # sigmas; twice as much as noise causes in eight frames
 # m, difference of depths, beyond which it is another surface, such as a hand in front of a trunk
 SAME_SURFACE_M: Final = 0.05
 ONE_SURFACE_M: Final = 0.15  # m, change within four frames, 1.1 m/s at 30 Hz; a larger change is a passing edge
-LEAST_FACING: Final = 0.3  # cosine between normal and ray in both cameras: flatter surfaces are imprecise
+LEAST_FACING: Final = 0.3  # least cosine between normal and ray in both cameras, since flatter surfaces are imprecise
 PATCH_PX: Final = 24  # pixels, side of the patches whose mean error is subtracted: 10 cm at 2 m
 CHUNK_S: Final = 0.25  # s within which errors of residuals are correlated
 RATE_GATE: Final = 3.0  # sigmas of the rate's own noise; still surfaces add no evidence and cost time

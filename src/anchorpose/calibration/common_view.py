@@ -351,7 +351,7 @@ def find_displacement(first: LevelView, second: LevelView) -> Displacement | Non
 
 
 def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> float:
-    """Return the median distance of the surfaces that both cameras see, among those within ``COMPARED_M``."""
+    """Return the median distance of the surfaces that both cameras see, among distances within ``COMPARED_M``."""
     _, residual, _ = paired_rows(first, second, T_first_second, COMPARED_M)
     return float(np.median(np.abs(residual))) if len(residual) else 0.0
 

@@ -34,7 +34,7 @@ MOST_THROUGH: Final = 0.10  # share of the unhidden surface that is seen through
 MOST_THROUGH_OF_PART: Final = 0.35
 # share of the unhidden surface; an absent part in front of a distant wall has no readings either
 MOST_UNREAD_OF_PART: Final = 0.7
-LEAST_PIXELS_OF_PART: Final = 40  # pixels; fewer are no evidence about a part
+LEAST_PIXELS_OF_PART: Final = 40  # pixels; fewer are not evidence about a part
 # share of the outline's places at which the surface continues; inside a wall it continues at all of them
 MOST_FILLED: Final = 0.5
 LEAST_OUTLINED: Final = 0.6  # share of the outline's unhidden places at which the part ends

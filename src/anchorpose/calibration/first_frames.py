@@ -132,8 +132,8 @@ IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # up of a camera whose pose is unk
 # m and share: people stand on a floor if this share of the moving points, a shoe and a shin, is within this height
 STANDS_M, LEAST_STANDING = 0.2, 0.02
 LEAST_HEIGHT_M: Final = 0.3  # smallest height of the camera above its floor; nearer planes are tables
-MOST_BELOW: Final = 0.1  # points below the floor, as a share of those on it: mirrors and flying pixels
-# share of the moving points that may lie below: legs beside a table top are a third of a person
+MOST_BELOW: Final = 0.1  # points below the floor, as a share of the points on it: mirrors and flying pixels
+# share of the moving points that may lie below the floor; legs beside a table top are a third of a person
 MOST_SUNK: Final = 0.05
 SUNK_M: Final = 0.10  # m below the plane: a shoe's height, and the error of a tilted plane
 LEAST_SHARE: Final = 0.02  # share of the readings; the direction of a smaller patch is uncertain

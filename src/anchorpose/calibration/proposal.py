@@ -28,7 +28,7 @@ WELL_M: Final = 0.006  # m, spread of the readings of a part that fits well and 
 WORST_RESIDUAL_M: Final = 0.012  # m, spread of a part's readings about it; with more, it is neither a bar nor a plate
 MOST_HOLLOW: Final = 0.2  # share of the rays through a part's core that pass through; a wrongly proposed part has more
 END_SHARE: Final = 0.15  # share of a bar's length at each end, left out of its cross-section
-RUNNER_M, SEAT_M = 0.15, 0.30  # heights that separate the names of parts
+RUNNER_M, SEAT_M = 0.15, 0.30  # m, heights by which parts are named
 SAMPLES: Final = 8  # frames that determine the patient's place where no pose is given
 
 

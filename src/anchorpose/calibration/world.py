@@ -35,7 +35,7 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of
 TILTED_RAD: Final = 0.035  # two degrees between a measured floor and the world's: a foot a metre away is 3.5 cm off
 # four degrees: floors are level to one, lenses bend them by one; beyond, the pose is wrong
 WORST_FLOOR_TILT_RAD: Final = 0.07
-# between one floor's heights in two cameras, each 10 cm off; they are known to 2 cm
+# m between the heights of the same floor in two cameras, each 10 cm off; heights are known to 2 cm
 UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15
 
 

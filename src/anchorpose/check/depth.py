@@ -100,10 +100,10 @@ def _missing(depth_m: np.ndarray, camera: Camera) -> float:
 def _steady(
     camera: Camera, frames_m: Sequence[np.ndarray], successive_m: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> OfCamera:
-    """Return findings on frames that are noisier or emptier than the rest, and on readings that come and go between
-    frames.
+    """Return findings on frames with more noise or fewer readings than usual, and on readings that appear and disappear
+    between frames.
 
-    Light of an unsynchronised camera comes and goes in the whole image at once.
+    Light of an unsynchronised camera has an effect on the whole image at once.
     """
     if len(frames_m) < LEAST_SAMPLES:
         return OfCamera(camera.name, Level.GREEN, "too few frames to compare")

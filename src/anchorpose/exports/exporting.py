@@ -257,7 +257,7 @@ def _own_files(folder: Path) -> tuple[str, ...]:
 
 
 def _write_record(folder: Path, kind: Format, sha256: tuple[tuple[str, str], ...], product: Product) -> None:
-    """Write export.json; sha256: name and hash of each table of the results, in order of name."""
+    """Write export.json. sha256: name and hash of each table of the results, sorted by name."""
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     document: dict[str, Any] = {
         "format": "anchorpose-export",

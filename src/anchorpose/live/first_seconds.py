@@ -152,7 +152,7 @@ class FirstSeconds:
         return self._learn_in(furnished, inputs)
 
     def _learn_in(self, room: Room, inputs: TrackInputs) -> Prepared | None:
-        """Learn as ``learn_in``, and tell the user who was found."""
+        """Learn as in ``learn_in``, and report to the user who was found."""
         found = learn_in(room, inputs)
         if found is not None:
             self.user.say(f"The patient was found: who {room.initial_frames[0].choice.reason}.")

@@ -28,7 +28,7 @@ from anchorpose.results.folder import naming_place, write_text_whole
 from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
 
 UNFINISHED_FILE: Final = "recording.unfinished.json"
-"""Name of the future recording.json while the folder is no whole recording."""
+"""Name of the future recording.json while the folder is not a whole recording."""
 
 EMPTY_ROOM_FILE: Final = "background.png"
 IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")

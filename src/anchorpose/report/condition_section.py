@@ -80,8 +80,8 @@ class ConditionSection(NamedTuple):
 
 
 def with_reference(session: Session, trials: Trials, reference: str) -> Session:
-    """Return the session whose trials are compared with those of this condition; raises InputError where there is
-    none.
+    """Return the session whose trials are compared with those of this condition; raises InputError where no trial has
+    this condition.
     """
     if reference not in trials.conditions:
         named = ", ".join(f"'{name}'" for name in trials.conditions)

@@ -65,7 +65,7 @@ def _recorded(session: Session) -> Markup:
 
 
 def _duration_s(session: Session) -> float:
-    """Return the duration as the measures have it: the last frame lasts as long as the others."""
+    """Return the duration as the measures define it: the last frame lasts as long as all others."""
     measured = _measure(session, "recorded_time")
     if measured is None or measured.value is None:
         return float(np.ptp(session.joints.time_s))

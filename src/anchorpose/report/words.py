@@ -39,7 +39,9 @@ def spaced(name: str) -> str:
 
 
 def split_side(name: str) -> tuple[str, str | None]:
-    """Split ``knee_flexion_left`` into (``knee_flexion``, ``left``); without a side, None. ``KneeLeft`` likewise."""
+    """Split ``knee_flexion_left`` into (``knee_flexion``, ``left``); without a side, None. ``KneeLeft`` is split in the
+    same way.
+    """
     match = _SIDED.match(name) or re.match(r"(.*)(Left|Right)$", name)
     return (match.group(1), match.group(2).lower()) if match else (name, None)
 

@@ -244,7 +244,7 @@ class Evaluation:
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error of the second half of the frames over that of the first
     contacts: ContactEvaluation | None = None  # contacts with people; None where the truth or the result has none
-    # contacts with equipment; None also where no contacts with it were looked for
+    # contacts with equipment; None also where such contacts were not searched
     supports: ContactEvaluation | None = None
     session: SessionEvaluation | None = None  # None where the truth is not that of a simulated session
 
@@ -342,8 +342,8 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames:
 
 
 class _Errors(NamedTuple):
-    """error_mm (n, 21); within (n, 21, 3) bool: axes with the truth in 1.96 sigma; known, found (n, 21) bool: joints
-    with a true place, and joints that in addition are not lost.
+    """The errors of all joints. error_mm (n, 21); within (n, 21, 3) bool: axes with the truth in 1.96 sigma; known,
+    found (n, 21) bool: joints with a true place, and joints that in addition are not lost.
     """
 
     error_mm: np.ndarray

@@ -64,7 +64,7 @@ class Ratings:
         return {row.trial: row.score for row in self.rows}
 
     def with_score(self, shown: int, score: int, time: str) -> Ratings:
-        """Return the same with a score for the trial at a place in the order; an earlier score is replaced."""
+        """Return the ratings with a score for the trial at a place in the order; an earlier score is replaced."""
         rows = [replace(row, score=score, time=time) if row.shown == shown else row for row in self.rows]
         return replace(self, rows=tuple(rows))
 

@@ -171,7 +171,7 @@ class Episode:
 
     @property
     def seconds(self) -> float:
-        """Return the time from its first frame to its last."""
+        """Return the time from the episode's first frame to its last."""
         return self.end_s - self.start_s
 
 
@@ -231,7 +231,7 @@ class Measure:
 
     @property
     def key(self) -> MeasureKey:
-        """Return what is measured: measure, side, part and person, whatever its trial."""
+        """Return the identity of the measured quantity: measure, side, part and person, without the trial."""
         return self.measure, self.side, self.part, self.person
 
 

@@ -82,7 +82,7 @@ class Clinic:
         return stamps + late + drift * stamps
 
     def act(self, times_s: np.ndarray) -> Performance:
-        """Return where every bone is at the given times."""
+        """Return the pose of every bone at the given times."""
         patient = self.patient.bones(times_s)
         others = tuple(therapist.bones(times_s, self.patient, patient) for therapist in self.therapists)
         return Performance(self, times_s, (patient, *others))

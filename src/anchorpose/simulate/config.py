@@ -75,7 +75,7 @@ class SimulationConfig:
     equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # along X and Z
     stool: bool = True  # something solid under a patient who sits
     therapists: Annotated[int, Field(ge=0, le=3)] = 2
-    therapist_tasks: tuple[TaskName, ...] = ()  # tasks of the first therapists; those of the others are drawn
+    therapist_tasks: tuple[TaskName, ...] = ()  # tasks of the first therapists; the tasks of all others are drawn
     therapists_stay: bool = False  # therapists stay from first to last, as in the middle of an exercise
     # number of people who walk through between a camera and the patient
     passers_by: Annotated[int, Field(ge=0, le=3)] = 0

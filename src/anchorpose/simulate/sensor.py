@@ -186,8 +186,8 @@ def sense(
 ) -> np.ndarray:
     """Return a noisy depth image in whole millimetres, (height, width) uint16, 0 = no reading.
 
-    depth_m (height, width) float32 true depth along the optical axis, 0 = nothing there; cosine likewise, of the angle
-    between ray and surface normal.
+    depth_m (height, width) float32 true depth along the optical axis, 0 = nothing there; cosine (height, width)
+    float32: of the angle between ray and surface normal.
     """
     if spec.kind == "stereo":
         sensed_m = _sense_stereo(rng, spec, depth_m)

@@ -15,7 +15,7 @@ from anchorpose.simulate.render import Figure
 
 TOUCH_M: Final = 0.03  # m between two people's skin
 JOINT_REGION_M: Final = 0.12  # m; a joint is touched where skin this near to it is touched
-# distance of touching skin from a rigid surface: the folds of the clothes, as deep as ``clothing_m`` has them
+# distance of touching skin from a rigid surface: the folds of the clothes, as deep as ``clothing_m`` states
 EQUIPMENT_TOUCH_M: Final = 0.01
 
 

@@ -123,7 +123,7 @@ def images_in(folder: Path) -> list[Path]:
 
 
 def natural_order(path: Path) -> tuple[tuple[bool, int, str], ...]:
-    """Return a key that sorts names with numbers by the numbers."""
+    """Return a key by which names are sorted by the numbers in them."""
     parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
     return tuple((part[0] in "0123456789", int(part[:18]) if part[0] in "0123456789" else 0, part) for part in parts)
 

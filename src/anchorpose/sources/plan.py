@@ -42,7 +42,7 @@ class CameraPlan:
     count: int | None = None
 
     def document(self) -> dict[str, Any]:
-        """Return the camera as recording.json has it."""
+        """Return the camera in the form of recording.json."""
         known = {key: value for key, value in (("model", self.model), ("serial", self.serial)) if value}
         return {**camera_document(self.camera), **known}
 

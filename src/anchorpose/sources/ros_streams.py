@@ -250,7 +250,7 @@ def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, .
 def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tuple[float, float, float, float]:
     """Return the lens of a region of the full image with binned pixels.
 
-    A binned pixel's centre lies between those of its parts, hence the halves.
+    The halves are needed because a binned pixel's centre lies between the centres of its parts.
     """
     column, row, _, _ = info.roi
     across, down = _binning(info)

@@ -100,7 +100,9 @@ def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) 
 def _matched(
     ours_s: np.ndarray, theirs_s: np.ndarray, offset_s: float, anchor_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices (k,) of matching onsets of both clocks; far from the anchor clocks may have drifted."""
+    """Return the indices (k,) of matching onsets of both clocks. The tolerance grows with the distance from the anchor,
+    since clocks drift.
+    """
     within_s = TOLERANCE_S + 2.0 * DRIFT_SIGMA * np.abs(ours_s - anchor_s)
     found = nearest_within(ours_s + offset_s, theirs_s, within_s)
     return np.flatnonzero(found >= 0), found[found >= 0]

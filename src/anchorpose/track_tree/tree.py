@@ -156,7 +156,7 @@ def _children(
 
 class _Levels(NamedTuple):
     """All levels one after another: matches (sum of n_l, s) int32, rows of level l from first[l]; costs_m and
-    positions_m likewise.
+    positions_m in the same way.
     """
 
     matches: np.ndarray

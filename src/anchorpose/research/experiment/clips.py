@@ -29,7 +29,9 @@ LOOSE_M = 0.014  # m, close to the simulator's limit; ordinary clothes are up to
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clip:
-    """One recording. simulation: its settings, or None where ``folder`` is the user's."""
+    """One recording of an experiment. simulation: settings of a simulated recording, None where ``folder`` is the
+    user's.
+    """
 
     name: str
     scene: Scene

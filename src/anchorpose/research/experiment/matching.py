@@ -178,7 +178,7 @@ def warm_up(method: Method, setting: object, window: Window) -> None:
 
 
 def _anchors_s(method: Method, setting: object, window: Window) -> float:
-    """Return the seconds on one core for two frames' anchors and distances, if the method uses those of the
+    """Return the seconds on one core for the anchors and distances of two frames, if the method uses the anchors of the
     observation.
     """
     if method.family is not Family.PROPOSED:

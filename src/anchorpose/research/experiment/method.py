@@ -36,7 +36,7 @@ NEXT: Final = "next"
 """Key of its next generation, the paper's future work."""
 
 CACHED_BYTES: Final = 400_000_000  # bytes of stored descriptors: the largest of twelve frames, most of a whole segment
-# pairs of frames whose matches are stored: those of a segment for two sizes of hole in all forms
+# pairs of frames whose matches are stored: all pairs of a segment for two sizes of hole in all forms
 CACHED_PAIRS: Final = 48
 
 

@@ -201,7 +201,7 @@ def _table(own: np.ndarray) -> np.ndarray:
 
 def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
     """Return (k, p) float32: sums of ((seen - own) / sigma)^2 over the columns of seen and sigma (k, c) that are not
-    NaN, but for a number that is the same for all p.
+    NaN, up to a number that is the same for all p.
     """
     known = np.isfinite(seen)
     weight, value = np.where(known, 1.0 / sigma**2, 0.0), np.where(known, seen, 0.0)

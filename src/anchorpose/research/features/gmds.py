@@ -26,7 +26,7 @@ FIRST_LIMIT_M: Final = 0.02  # mean change of a distance at which the search beg
 
 
 def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return nodes, each as far as possible from those before it, and their distances to all nodes.
+    """Return nodes, each as far as possible from the nodes before it, and their distances to all nodes.
 
     Returns nodes (k,) int32, k = ``count`` unless there are fewer, and fields (k, n) float32 metres, ``APART_M`` on
     other pieces. The first is the node farthest from the middle of its piece, the middle being the node nearest the

@@ -133,7 +133,7 @@ def _to_local(points: np.ndarray, node: int, near: np.ndarray, frame: np.ndarray
 
 @njit(cache=True)
 def _gather(near: np.ndarray, place: np.ndarray, mesh: _Mesh, triangles: np.ndarray) -> int:
-    """Fill triangles with those whose three nodes are all near, as indices into near; return their number.
+    """Fill ``triangles`` with the triangles whose three nodes are all near, as indices into near; return their number.
 
     place (n,): -1 everywhere, before and after.
     """

@@ -72,7 +72,9 @@ def _place_sample(a: np.ndarray, b: np.ndarray, level: int, place: int, cap: flo
 
 @njit(cache=True, error_model="numpy")
 def _keep(chosen: np.ndarray, cost: float, b: np.ndarray, same: float, maps: np.ndarray, costs: np.ndarray) -> None:
-    """Insert a map in the list of the best, unless a better one is alike; it replaces those alike."""
+    """Insert a map in the list of the best, unless the list has a similar map that is better; the map replaces similar
+    maps.
+    """
     held = 0
     while held < len(costs) and costs[held] < np.inf:
         held += 1

@@ -26,7 +26,7 @@ class Neighbours(NamedTuple):
 
 
 def find_neighbours(points_m: np.ndarray, radius_m: float) -> Neighbours:
-    """Return all nodes within a radius of each node, those exactly on the sphere included.
+    """Return all nodes within a radius of each node, including nodes exactly on the sphere.
 
     points_m (n, 3), any frame; NaN where unknown. Raises ValueError on a radius that is not positive and finite.
     """

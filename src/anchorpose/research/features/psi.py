@@ -164,8 +164,8 @@ def _middle(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, unclipped: 
 
 @njit(cache=True)
 def _shift(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Return (3,) metres from where psi's distances are those of the node to the average position: the regression's
-    line.
+    """Return the vector (3,), metres, from the place at which psi's distances equal those of the node to the average
+    position, by the regression.
     """
     anchors = offset.shape[1]
     mean = np.zeros(anchors)

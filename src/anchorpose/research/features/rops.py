@@ -162,7 +162,7 @@ class Triangles(NamedTuple):
 
 
 def prepare_triangles(points: np.ndarray, faces: np.ndarray) -> Triangles:
-    """Return triangles (f, 3) int of points (n, 3); those with a corner of unknown position are left out.
+    """Return triangles (f, 3) int of points (n, 3); triangles with a corner of unknown position are left out.
 
     Raises ValueError where a corner is not a node.
     """

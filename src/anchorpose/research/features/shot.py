@@ -1,7 +1,8 @@
-"""Signatures of histograms of orientations (SHOT): a histogram of the normals' directions in 32 sectors of a sphere.
+"""Compute signatures of histograms of orientations (SHOT): a histogram of the normals' directions in 32 sectors of a
+sphere.
 
-Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), as PCL 1.13 has it from its authors: unit
-length, and each of the four interpolations passes votes to one neighbouring bin.
+Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), in the version of PCL 1.13, which comes from
+the authors: unit length, and each of the four interpolations passes votes to one neighbouring bin.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ def draw_bystander(rng: np.random.Generator, config: SimulationConfig, seat: Sea
 
 
 def seated(actor: Actor) -> Actor:
-    """Return the same person, seated from first to last."""
+    """Return the same person, but seated all the time."""
     sits = Movement(seated_offsets(actor.person), LONG_AGO_S, 1.0, 1e4, 1.0)
     return replace(actor, movements=[sits, *actor.movements])
 

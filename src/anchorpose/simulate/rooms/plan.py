@@ -58,7 +58,7 @@ class RoomConfig:
 
     distance_m: Annotated[float, Field(ge=NEAREST_M, le=FARTHEST_M)]
     camera_height_m: Annotated[float, Field(ge=LOWEST_M, le=HIGHEST_M)]
-    tilt_rad: Annotated[float, Field(ge=-UPWARD_RAD, le=STEEPEST_RAD)]  # down
+    tilt_rad: Annotated[float, Field(ge=-UPWARD_RAD, le=STEEPEST_RAD)]  # tilt downwards
     roll_rad: Annotated[float, Field(ge=-LARGEST_ROLL_RAD, le=LARGEST_ROLL_RAD)] = 0.0
     azimuth_rad: float = 0.0  # azimuth of the camera seen from the patient: 0 in front, left positive
     framing: Framing = "whole"
@@ -67,7 +67,7 @@ class RoomConfig:
     late: bool = False  # the patient walks in after the recording has begun
     clutter: tuple[Clutter, ...] = ()
     before: tuple[Clutter, ...] = ()  # furniture between the camera and the patient's legs
-    others: tuple[Other, ...] = ()  # people; those who walk through come last
+    others: tuple[Other, ...] = ()  # people, of whom people who walk through come last
     # kind of moved furniture; a stool or wheelchair is pushed by the last person who walks through
     moved: Moved = "none"
     opening: Opening = "none"

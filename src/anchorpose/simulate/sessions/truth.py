@@ -109,7 +109,7 @@ def _centre_of_volume(skin_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def truth_arrays(plan: Sequence[PlannedTrial], patient: SessionPatient) -> dict[str, Any]:
-    """Return the arrays of a session in truth.npz, beside those of every recording."""
+    """Return the arrays that truth.npz has only for a session, besides the arrays of every recording."""
     events = true_events(patient)
     return {
         "event_kind": np.array([event.kind for event in events], dtype=np.str_),

@@ -165,7 +165,9 @@ def _add_up(
     each: np.ndarray,
     sums: np.ndarray,
 ) -> None:
-    """Fill sums (s,): base and the squared deviations of the distances to each subset's anchors; each (5,): those."""
+    """Fill sums (s,): base and the squared deviations of the distances to each subset's anchors; each (5,): these
+    deviations.
+    """
     for anchor in range(len(each)):
         off = seen[0][node, anchor] - others[0][other, anchor]
         off2 = off * off * np.float32(per2[0])

@@ -37,7 +37,7 @@ LOOK: Final = {
 }
 """Colour (Okabe and Ito's) and line of each kind of method."""
 
-PALE: Final = 0.35  # opacity of the intervals: in full colour those of twenty methods would hide the means
+PALE: Final = 0.35  # opacity of the intervals; in full colour the intervals of twenty methods would hide the means
 
 MARKS: Final = "osD^vP*X"
 """For the methods of one kind, in their order."""
@@ -66,7 +66,9 @@ class DrawnFigure:
 
 @dataclass(frozen=True, slots=True)
 class FigureSpec:
-    """A figure to be drawn. tables: keys of those it needs; draw: works also where methods or columns are missing."""
+    """A figure to be drawn. tables: keys of the tables that it needs; draw: function that draws it, even where methods
+    or columns are missing.
+    """
 
     key: str
     caption: str

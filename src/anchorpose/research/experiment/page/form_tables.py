@@ -79,7 +79,7 @@ def _by_form(results: ExperimentResults, key: str, title: str, note: str, summar
 
 
 def _gap_tables(results: ExperimentResults) -> list[Table]:
-    """Return matches over longer and longer gaps, of all nodes and of those that moved."""
+    """Return tables of matches over increasing gaps, of all nodes and of nodes that moved."""
     resamples = results.config.resamples
 
     def share(take: Take) -> Take:

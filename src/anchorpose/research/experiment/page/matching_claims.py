@@ -26,7 +26,7 @@ from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
 COMPARABLE: Final = 0.8  # share of the paper's nodes: a smaller mesh proves nothing about time
-CLEARLY_LESS: Final = 0.8  # share of the error elsewhere: a fifth less
+CLEARLY_LESS: Final = 0.8  # ratio to the error elsewhere, at most: a fifth less
 # share of the matches of hands and feet that lie on the opposite limb; by chance it would be one in forty
 OFTEN: Final = 0.1
 INACCURATE_MM: Final = 100.0  # twice the paper's bound on an anchor's error
@@ -216,7 +216,7 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods without those that a filter follows, which are controls."""
+        """Return the methods without control methods, whose matches a filter uses."""
         every = self._methods.values()
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

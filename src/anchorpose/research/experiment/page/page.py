@@ -59,7 +59,7 @@ MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
 
 
 def judge_claims(results: ExperimentResults) -> list[Claim]:
-    """Return all claims, those of the paper's figures first."""
+    """Return all claims; the claims of the paper's figures come first."""
     of_joints = [*TrackingClaims(results).all(), *literal_claims(results)]
     return [*of_joints, *MatchingClaims(results).all(), paper_times(results)]
 

@@ -49,7 +49,8 @@ class PagePicture:
 
 
 def read_pictures(folder: Path) -> list[PagePicture]:
-    """Return the PNG files of ``folder / pictures`` in the order of their captions, then those without one by name.
+    """Return the PNG files of ``folder / pictures`` in the order of their captions, then files without a caption by
+    name.
 
     Raises InputError where the captions cannot be read or name a missing file or section.
     """
@@ -153,7 +154,7 @@ def _claim_row(claim: Claim) -> str:
 
 
 def _figures(claim: Claim) -> str:
-    """Return the answers of the comparisons, their range, and those that answer no if there are few."""
+    """Return the answers of the comparisons, their range, and the comparisons that answer no if there are few."""
     checks = claim.checks
     if len(checks) < 2:
         return checks[0].text() if checks else "no data"

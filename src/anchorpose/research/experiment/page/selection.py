@@ -42,7 +42,7 @@ HANDS: Final = tuple(index for index, name in enumerate(JOINT_NAMES) if name.sta
 
 
 def without_hands(error_mm: np.ndarray) -> np.ndarray:
-    """Return (f, 17) of the errors (f, 21): those of all joints but hands and wrists."""
+    """Return the errors (f, 17) of all joints but hands and wrists, from the errors (f, 21) of all joints."""
     return np.delete(error_mm, HANDS, axis=1)
 
 
@@ -90,7 +90,7 @@ class Tracking:
     def errors(
         self, scene: Scene, method: str, hole_m: float, kept: Kept | None = None, occluded: bool = False
     ) -> dict[str, np.ndarray]:
-        """Return (f, 21) millimetres by recording: all frames or the kept ones; only those with a hole if
+        """Return (f, 21) millimetres by recording: of all frames or of the kept frames; only of frames with a hole if
         ``occluded``.
         """
         found = {}

@@ -93,7 +93,7 @@ def on_patient(moment: Moment) -> np.ndarray:
 
 
 def draw_nodes(known: np.ndarray) -> np.ndarray:
-    """Return (k,) one per cent of the nodes, drawn at random among the known ones (n,) bool: the same for all
+    """Return (k,) one per cent of the nodes, drawn at random among the known nodes (n,) bool; they are the same for all
     methods.
     """
     count = min(int(np.ceil(DRAWN_SHARE * len(known))), int(known.sum()))
