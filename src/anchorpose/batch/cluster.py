@@ -44,8 +44,9 @@ IGNORE_CTRL_C: Final = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_I
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The place of the workers. workers: their number, None for one per core (on a running scheduler, all it has).
-    scheduler: None for this machine, an address, or ``slurm``; slurm: keyword arguments of dask_jobqueue.SLURMCluster.
+    """The machine or scheduler on which the workers run. workers: their number, None for one per core (on a running
+    scheduler, all it has). scheduler: None for this machine, an address, or ``slurm``; slurm: keyword arguments of
+    dask_jobqueue.SLURMCluster.
     """
 
     workers: int | None = None

@@ -179,7 +179,7 @@ def _figures(results: Path) -> dict[str, Any]:
 
 
 def _measures(results: Path) -> tuple[Measure, ...]:
-    """Return the measures of a session that are not about a single person; none where it was not measured."""
+    """Return the measures of a session that are not about a single person; empty where the session was not measured."""
     path = results / MEASURES_FILE
     return tuple(measure for measure in read_measures(path) if measure.person is None) if is_there(path) else ()
 

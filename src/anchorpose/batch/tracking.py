@@ -109,7 +109,7 @@ def track_session(session: Session, results: Path) -> bool:
 
 
 def done_identity(results: Path) -> str | None:
-    """Return the identity in the run.json of a results folder; None where there is none."""
+    """Return the identity in the run.json of a results folder; None where the folder has no such file or identity."""
     path = results / RUN_FILE
     return read_run(path).get("identity") if path.is_file() else None
 

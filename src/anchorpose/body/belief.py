@@ -16,7 +16,7 @@ UNSEEN_S: Final = 4.0  # s; a limb that was not at its expected place is as unce
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """How fast a prediction becomes uncertain: a random walk about the predicted motion.
+    """The rate at which a prediction becomes uncertain, by a random walk about the predicted motion.
 
     turn_sigma (radians) and root_sigma_m: standard deviations of each bone's rotation and of the root's place after one
     second.

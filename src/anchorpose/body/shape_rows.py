@@ -20,7 +20,9 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, shape_off
 
 
 class FreeShape(NamedTuple):
-    """How many of the shape's first coefficients, and of its first offsets, are free."""
+    """The numbers of free parameters: how many of the shape's first coefficients, and of its first offsets, are
+    free.
+    """
 
     coefficients: int
     offsets: int

@@ -51,7 +51,9 @@ class PoseRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorResidual:
-    """How well a camera sees the floor: its name, rms of the plane, share of readings on it, tilt against world Y."""
+    """The quality of a camera's view of the floor: the camera's name, rms of the plane, share of readings on it, tilt
+    against world Y.
+    """
 
     camera: str
     residual_m: float

@@ -32,7 +32,7 @@ WORST_IMPOSSIBLE: Final = 0.1
 LEAST_COMMON: Final = 0.3  # least overlap of the views; with less, no reading can contradict a wrong placement
 WORST_RESIDUAL_M: Final = 0.008  # m; correct placements had 2 or 3 mm, a front fitted to a back had 11
 WORST_SIGMA_M: Final = 0.005
-WORST_SIGMA_RAD: Final = 0.0052  # 0.3 degrees
+WORST_SIGMA_RAD: Final = 0.0052  # largest sigma of the turn: 0.3 degrees
 ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0  # factors on the limits above, while the clocks are only known to 50 ms
 DISTINCT_M: Final = 0.05  # placements that differ by more are different
 
@@ -70,7 +70,7 @@ class NoCameraToCamera(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraLink:
-    """How camera ``second`` was placed relative to ``first``, both positions in the list of cameras."""
+    """The placement of camera ``second`` relative to camera ``first``; both are positions in the list of cameras."""
 
     first: int
     second: int

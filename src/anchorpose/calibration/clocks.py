@@ -134,7 +134,7 @@ class ClockConfig:
 
 
 class ClockSource(StrEnum):
-    """How a camera's clock was found; people read it in the run's notes."""
+    """The source of a camera's clock, which people read in the run's notes."""
 
     REFERENCE = "the reference"
     RESULTS = "that of the corrected results"

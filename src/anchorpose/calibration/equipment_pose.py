@@ -205,7 +205,7 @@ class EquipmentPoseConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentPose:
-    """The pose found. fit.T_camera_model maps Gamma_0 to the camera; evidence: its support."""
+    """The pose that was found. fit.T_camera_model maps Gamma_0 to the camera; evidence: the evidence for this pose."""
 
     fit: Refined
     evidence: PartEvidence

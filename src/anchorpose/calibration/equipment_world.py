@@ -127,7 +127,8 @@ def notice_movement(
     prior: FloorPrior,
     config: EquipmentPoseConfig,
 ) -> Moved | None:
-    """Return how the equipment moved by the last of ``frames_m``, in the order of time; None if it did not.
+    """Return how the equipment has moved until the last of ``frames_m``, which are in the order of time; None if it did
+    not move.
 
     view: the camera's noise and floor. A shift within a bar's width is found by fitting the pose again, a larger shift
     by the camera seeing through the places where the equipment was.
@@ -157,7 +158,7 @@ def notice_movement(
 
 
 def _nearest_symmetric(T_now: np.ndarray, T_before: np.ndarray, equipment: Equipment) -> np.ndarray:
-    """Return, of the poses made equal by chi_0's symmetry, the one nearest to the earlier pose."""
+    """Return, among poses that are equivalent by chi_0's symmetry, the pose nearest to the earlier pose."""
     choices = [T_now, *(T_now @ turn for turn in equipment.symmetry.same)]
     return min(choices, key=lambda T: angle_between(T, T_before))
 

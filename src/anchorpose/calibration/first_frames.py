@@ -116,7 +116,7 @@ def people_only(depth_m: np.ndarray) -> bool:
 
 
 def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m: float | None) -> np.ndarray:
-    """Return ``point_m`` moved along ``up`` to the floor or, without one, to the lowest of the points."""
+    """Return ``point_m`` moved along ``up`` to the floor or, without a floor, to the lowest of the points."""
     lowest = -height_m if height_m is not None else float(np.percentile(points_m @ up, 1))
     moved: np.ndarray = point_m + (lowest - point_m @ up) * up
     return moved
@@ -175,7 +175,7 @@ class NoFloor(StrEnum):
 def floor_of_room(
     camera: Camera, background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]
 ) -> FloorPlane | NoFloor:
-    """Return the floor in the depth image of the empty room or, without one, in the median of the frames.
+    """Return the floor in the depth image of the empty room or, without such an image, in the median of the frames.
 
     Objects in front of the room, mainly people, must stand on the floor; a plane with legs below it is a table.
     """

@@ -102,7 +102,9 @@ def _equipment_world(
 
 
 def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[FloorPlane | NoFloor]:
-    """Find the floor that each camera sees in its empty room or, without one, in the sampled frames."""
+    """Find the floor that each camera sees in its image of the empty room or, without such an image, in the sampled
+    frames.
+    """
     return [
         floor_of_room(camera, recording.backgrounds_m[index], depths_of(sample_frames, index))
         for index, camera in enumerate(recording.cameras)

@@ -166,7 +166,7 @@ def _matrices(quaternion: np.ndarray) -> np.ndarray:
 
 
 def _middle(quaternion: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
-    """Return the median (3,) over the frames (n) of a world vector in a bone's axes; NaN where there is no frame."""
+    """Return the median (3,) over the frames (n) of a world vector in a bone's axes; NaN without frames."""
     inside = np.einsum("nji,nj->ni", _matrices(quaternion.astype(np.float64)), vector_m)
     known = inside[np.isfinite(inside).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(3, np.nan)

@@ -116,8 +116,8 @@ class HingeAxes:
 
 
 def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
-    """Read the axes from poses.parquet; None where there is none. Raises InputError where its frames are not ``frame``
-    (n,).
+    """Read the axes from poses.parquet; None where there is no such table. Raises InputError where its frames are not
+    ``frame`` (n,).
     """
     if not path.exists():
         return None

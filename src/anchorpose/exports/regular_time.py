@@ -27,7 +27,7 @@ MOST_ROWS: Final = 20
 
 
 class TimeBase(StrEnum):
-    """How the times were changed."""
+    """The way in which the times were changed."""
 
     AS_RECORDED = "as recorded"
     GAPS_FILLED_UP = "as recorded; frames that were not recorded are there without values"

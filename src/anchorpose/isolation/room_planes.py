@@ -37,8 +37,8 @@ def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.
 
 
 def depth_of_plane(plane: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the depth (height, width) float32 of a plane (4,) of ``find_planes`` along each ray; inf where it is not
-    met.
+    """Return the depth (height, width) float32 of a plane (4,) of ``find_planes`` along each ray; inf where the ray
+    does not meet it.
     """
     rays = np.concatenate([camera.pixel_rays(), np.ones((camera.height, camera.width, 1), np.float32)], axis=-1)
     towards = rays @ plane[:3].astype(np.float32)

@@ -9,7 +9,7 @@ import numpy as np
 
 
 class PixelLabel(IntEnum):
-    """What a pixel shows. Labels above ``OTHER_PERSON`` are further people, one label per person."""
+    """The kind of thing that a pixel shows. Labels above ``OTHER_PERSON`` are further people, one label per person."""
 
     NO_READING = 0
     BACKGROUND = 1

@@ -52,7 +52,7 @@ class LiveSource(Protocol):
 
 
 def about_folder(sources: Sequence[LiveSource]) -> Path | None:
-    """Return the folder of the first recording that is valid for one of the sources, None where there is none."""
+    """Return the folder of the first recording that is valid for one of the sources, None without such a recording."""
     return next((source.about.folder for source in sources if source.about is not None), None)
 
 
@@ -203,7 +203,7 @@ class Feed:
     def take(self, patience_s: float) -> LiveSet | None:
         """Wait for the newest complete set that is newer than the last one taken, and return it.
 
-        None where no more images come, or none within ``patience_s``.
+        Return None where no more images come, or where no set is complete within ``patience_s``.
         """
         until_s = time.monotonic() + patience_s
         with self._changed:

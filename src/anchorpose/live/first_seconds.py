@@ -88,7 +88,7 @@ class Prepared:
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstSeconds:
     """The recorder of first seconds. about: a recording folder whose equipment and empty room are valid, None without
-    one; folder: for the recordings.
+    such a recording; folder: folder for the recordings.
     """
 
     intake: Intake
@@ -223,8 +223,8 @@ class Backlog:
     def take(self) -> LiveSet | None:
         """Return the oldest waiting set; None when no set waits, after which nothing more is collected.
 
-        If following is slower than the sets, some are left out: the next set is later by twice the time spent on the
-        last one, but by at most ``MOST_STEP_S``.
+        If following is slower than the sets, some sets are left out: the next set is later by twice the time spent on
+        the last set, but by at most ``MOST_STEP_S``.
         """
         now_s = time.monotonic()
         spent_s = now_s - self._taken_at_s if np.isfinite(self._last_s) else 0.0

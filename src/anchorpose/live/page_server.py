@@ -32,10 +32,10 @@ from anchorpose.viewer.guarded_server import LIVE_PAGE, GuardedHandler, GuardedS
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How the patient stands. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN`` in this frame; upright_s: total time
-    upright so far. load_left: the left foot's share of the load, 0 to 1, with load_sigma; both are None where the
-    patient is not upright or ``feet_load`` is unknown. inferred, load_inferred: whether a joint on which they depend
-    was not seen.
+    """The state of the patient's standing. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN`` in this frame;
+    upright_s: total time upright so far. load_left: the left foot's share of the load, 0 to 1, with load_sigma; both
+    are None where the patient is not upright or ``feet_load`` is unknown. inferred, load_inferred: whether a joint on
+    which they depend was not seen.
     """
 
     upright: int

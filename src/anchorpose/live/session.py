@@ -3,7 +3,7 @@
 The first seconds are recorded, and everything that tracking needs beforehand is found in them as in any recording.
 Images that arrive during this analysis are then tracked at a few frames per second, so that the patient is never out of
 sight. From then on every newest frame is tracked, and images that arrive during its processing are dropped. If another
-person becomes the patient, this begins again for that person, in the known room.
+person becomes the patient, all of this begins again for that person, in the known room.
 """
 
 from __future__ import annotations

@@ -235,7 +235,7 @@ def _remedy_of_live(folder: Path) -> Iterator[None]:
 
 
 def _recorded(folder: Path | None) -> Path | None:
-    """Return the whole recording of the session; None where there is none."""
+    """Return the whole recording of the session; None where the session was not recorded."""
     if folder is None:
         return None
     with suppress(InputError, OSError):

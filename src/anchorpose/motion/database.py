@@ -282,7 +282,7 @@ def write_motions(path: Path, clips: ReferenceClips) -> None:
 
 
 def read_motions(path: Path) -> ReferenceClips:
-    """Read a file that ``write_motions`` wrote; raises InputError where it is not such a file."""
+    """Read a file that ``write_motions`` wrote; raises InputError for any other file."""
     arrays = read_arrays(path, ("format", *_MOTION_ARRAYS), MOTION_REMEDY)
     missing = [name for name in ("format", *_MOTION_ARRAYS) if name not in arrays]
     if missing or str(arrays["format"]) != FORMAT:

@@ -242,7 +242,7 @@ class MotionConfig:
 
 
 class PredictionSource(StrEnum):
-    """What a prediction is based on."""
+    """The source of a prediction."""
 
     DATABASE = "database"
     OWN_VELOCITY = "own_velocity"  # no reference movements, or a history too short to compare

@@ -146,7 +146,7 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
 
 @_of_surface
 def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """Draw the extrema, the ones identified as head, hands and feet, and the missed anchors."""
+    """Draw all extrema, the names of extrema that were identified as head, hands and feet, and the missed anchors."""
     picture, to_pixel = _canvas(one)
     extrema = geodesic_extrema(
         seen.whole, center_field(seen.whole).distance_m, one.config.anchors.radius * one.inspection.height_m

@@ -219,7 +219,9 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """What the slider shows of a series: the columns with its text, or with its lowest, highest, sigma and state."""
+    """The values of a series that the slider shows: the columns with its text, or with its lowest, highest, sigma and
+    state.
+    """
 
     label: str
     unit: str = ""

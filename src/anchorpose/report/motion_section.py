@@ -119,7 +119,7 @@ def _range(session: Session, name: str) -> list[Markup]:
 
 
 def known_median(values: np.ndarray) -> float | None:
-    """Return the median of the values that are not NaN; None where there are none."""
+    """Return the median of the values that are not NaN; None without such values."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 

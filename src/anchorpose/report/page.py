@@ -153,7 +153,7 @@ def _position(camera: dict[str, Any]) -> str:
 
 
 def _depth(camera: dict[str, Any]) -> str:
-    """Return noise, step and width of edges at 2.5 m, where patients stand; older results do not have them."""
+    """Return noise, step and width of edges at 2.5 m, where patients stand; older results lack these values."""
     depth = camera.get("depth")
     if depth is None:
         return "not known"

@@ -53,8 +53,8 @@ def named_part(part: str) -> str:
 
 
 def decimals_for(uncertainty: float | None, value: float) -> int:
-    """Return the digits after the point: as many as the uncertainty justifies, or three significant ones without
-    one.
+    """Return the digits after the point: as many as the uncertainty justifies, or three significant digits without an
+    uncertainty.
 
     An uncertainty that begins with 100 to 354 keeps two digits, a larger one a single digit (the rule of the
     Particle Data Group, doi:10.1103/PhysRevD.110.030001, section 5.3 of its introduction).

@@ -25,7 +25,7 @@ from anchorpose.results.truth import TrueTouch, read_true_support, read_true_tou
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactScore:
-    """How well contacts were found; shares are None where they would be of nothing.
+    """The scores of how well contacts were found; a share is None where it has no base.
 
     precision: share of the reported pairs of part and frame in which a bone of the part is truly touched. recall: share
     of the truly touched pairs of part and frame in which the part, or a part that shares a bone with it, is reported.

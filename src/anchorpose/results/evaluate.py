@@ -208,7 +208,7 @@ HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
-    """Errors of some joints in some frames; None where there are none."""
+    """Errors of some joints in some frames; each is None where there are no such joints."""
 
     joint_frames: int  # joints times frames with a known truth
     lost_share: float | None  # share of ``joint_frames`` that are lost

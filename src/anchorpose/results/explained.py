@@ -30,7 +30,7 @@ MOST_MOMENTS: Final = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedFrame:
-    """How well the pose of one frame explains it (``Explanation``).
+    """The measures of how well the pose of one frame explains the frame (``Explanation``).
 
     uncovered_cm2: seen surface of the patient that no part of the body covers, NaN where the patient is lost or nothing
     of the patient is seen. seen_past (5,): share of each part's skin that a camera sees past, in the order of

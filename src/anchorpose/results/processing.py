@@ -29,8 +29,8 @@ FIRST_ACCELERATION_M_S2: Final = 10.0
 def smooth_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, jerk: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return smoothed position (n, 3) and sigma (n,) of one joint that is known in all frames; time_s (n,) rises in any
-    steps.
+    """Return smoothed position (n, 3) and sigma (n,) of one joint that is known in all frames; time_s (n,) increases,
+    in steps of any size.
 
     The acceleration is a random walk: it changes by ``jerk`` times the square root of the time. Smoothing reduces only
     the random part of sigma; the systematic part is added again, so sigma never falls below it.
@@ -155,8 +155,8 @@ def evenness(time_s: np.ndarray) -> float:
 def filter_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, cutoff_hz: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return filtered position (n, 3) and sigma (n,) of one joint that is known in all frames; None for too short a
-    stretch.
+    """Return filtered position (n, 3) and sigma (n,) of one joint that is known in all frames; None for a stretch that
+    is too short.
 
     Sigma stays as it was, or becomes the root mean square of its neighbours within half a period of the cutoff if that
     is larger: filtering does not remove systematic errors, and a poorly known frame moves its neighbours.

@@ -46,7 +46,7 @@ class ReviewedCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedRecording:
-    """What corrections are about: a recording, by its name (for people) and a hash of its depth images and times, and a
+    """The subject of corrections: a recording, by its name (for people) and a hash of its depth images and times, and a
     world, by its cameras.
 
     Clocks and the height of the floor are those used in tracking, so that they need not be found again; None where

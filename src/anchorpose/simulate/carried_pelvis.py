@@ -20,7 +20,7 @@ LEAST_HEIGHT_M: Final = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KneeBend:
-    """How far the knees bend, radians (t, 2), 0 straight. carry (t,): share by which the legs carry the pelvis; 0: the
+    """The bend of both knees, radians (t, 2), 0 straight. carry (t,): share by which the legs carry the pelvis; 0: the
     posture determines its place. load (t, 2): share of the load on each foot, above 0.
     """
 

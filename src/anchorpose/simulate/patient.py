@@ -30,7 +30,7 @@ from anchorpose.simulate.timeline import (
     yaw_towards,
 )
 
-FARTHEST_FORWARD_M = 0.3  # mean distance of the feet ahead, beyond which steps lead back
+FARTHEST_FORWARD_M = 0.3  # m, mean distance of the feet in front of their first place, beyond which steps lead back
 SWAY_M = 0.005  # amplitude of each wave of the sway
 TREMOR_RAD = 0.004
 PALM_ABOVE_BONE_M = 0.018  # m from the hand's bone to the skin of the palm

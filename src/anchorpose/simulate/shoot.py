@@ -25,7 +25,7 @@ from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 # m; distance in front of the patient, more than an arm's length, half width and height
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
 BACKGROUND_FRAMES = 9  # the empty room is the median of this many images
-SAME_SKIN_M: Final = 0.03  # between a point of the skin and the depth of its pixel: a pixel covers 7 mm at 2.5 m
+SAME_SKIN_M: Final = 0.03  # m between a point of the skin and the depth of its pixel; a pixel covers 7 mm at 2.5 m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

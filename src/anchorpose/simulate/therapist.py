@@ -64,7 +64,7 @@ class Therapist:
         person = self.actor.person
         channels = self.actor.channels(times_s)
         place_m, normal = skin_points(patient.person, patient_bones, self.hold.vertices)
-        # such a patient may sit down, farther than a therapist can lean and crouch
+        # a captured patient may sit down, farther than a therapist can lean and crouch
         captured = isinstance(patient, CapturedActor)
         _follow(channels, self.hold, place_m, LEAN_M if captured else FARTHEST_FOLLOW_M)
         if captured:

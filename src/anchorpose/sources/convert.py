@@ -318,6 +318,8 @@ def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
 
 
 def _may_write(folder: Path) -> bool:
-    """Return whether a folder may be written; one marked as read-only is respected for administrators, too."""
+    """Return whether a folder may be written; a folder marked as read-only may not be written, even by
+    administrators.
+    """
     marked = os.name == "posix" and not folder.stat().st_mode & 0o222
     return not marked and os.access(folder, os.W_OK)

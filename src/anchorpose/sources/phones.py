@@ -208,7 +208,9 @@ def _whole(path: Path, values: dict[str, Any], key: str) -> int:
 
 
 def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list[float], bool]:
-    """Return each image's time, or else its number, and whether these are times: the device's, or by its frame rate."""
+    """Return each image's time or, if times are unknown, its number; and whether these are times. Times are the
+    device's, or follow from its frame rate.
+    """
     stamps = values.get("frameTimestamps")
     if isinstance(stamps, list) and stamps and numbers[-1] < len(stamps):
         times = finite_list(stamps, len(stamps))

@@ -39,7 +39,7 @@ def recorded_onsets(path: Path, results: Path, joints: JointTable, column: str, 
 
 
 def _times(path: Path) -> np.ndarray:
-    """Read one time per line below the name."""
+    """Read one time per line below the column's name."""
     cells = read_text(path, LARGEST_TABLE).split()[1:]
     return np.unique([_number(path, cell) for cell in cells])
 

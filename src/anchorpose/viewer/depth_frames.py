@@ -38,7 +38,7 @@ JUMP_M: Final = 0.15  # a larger step is the edge of another surface
 
 _LIGHT: Final = np.array(
     [0.35, -0.5, -0.79]
-)  # camera frame: from above, a little from the side, mostly from the camera
+)  # direction of the light in the camera frame: from above, a little from the side, mostly from the camera
 
 
 def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:

@@ -82,7 +82,7 @@ TUNING_HOLE_M: Final = 0.12  # in half of the training windows: a setting must w
 
 
 class Kind(StrEnum):
-    """What a task measures."""
+    """The quantity that a task measures."""
 
     MATCHED = "matched"  # the distance of matches from the truth
     TRACKED = "tracked"  # the distance of joints from the truth

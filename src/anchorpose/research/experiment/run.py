@@ -135,7 +135,8 @@ def run_experiment(
     return results
 
 
-AROUND_S: Final = 240.0  # kernels that are compiled or loaded by every process, the figures of anchors, and the page
+# s besides the tasks: kernels that every process compiles or loads, the figures of anchors, and the page
+AROUND_S: Final = 240.0
 
 
 def _require_matplotlib() -> None:

@@ -58,7 +58,7 @@ def branch_and_bound(
 def _place_sample(a: np.ndarray, b: np.ndarray, level: int, place: int, cap: float, table: np.ndarray) -> float:
     """Fill table[level + 1], the cost of each open sample at each candidate, after sample ``level`` went to a place.
 
-    Returns the smallest possible cost of the samples after the next one.
+    Return the smallest possible cost of the samples after the next sample.
     """
     floor = 0.0
     for i in range(level + 1, len(a)):

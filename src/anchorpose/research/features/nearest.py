@@ -18,7 +18,7 @@ ULP: Final = 2.0**-23  # precision of float32: twice the relative error of one r
 
 
 class Metric(StrEnum):
-    """How the distance between two descriptors is measured."""
+    """The distance measure between two descriptors."""
 
     EUCLIDEAN = "euclidean"
     HELLINGER = "hellinger"  # Euclidean between the square roots, of rows as they are: none is normalised here

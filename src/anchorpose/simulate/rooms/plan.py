@@ -39,7 +39,7 @@ LOWEST_M, HIGHEST_M = 0.5, 2.5
 STEEPEST_RAD: Final = float(np.radians(35.0))
 UPWARD_RAD: Final = float(np.radians(8.0))  # largest upward tilt, of a camera on a low shelf
 LARGEST_ROLL_RAD: Final = float(np.radians(4.0))
-AIM_RAD: Final = float(np.radians(9.0))  # between the optical axis and the patient's middle, up or down
+AIM_RAD: Final = float(np.radians(9.0))  # radians between the optical axis and the patient's middle, up or down
 CLEARLY_RAD: Final = float(np.radians(3.0))  # radians beyond the image border at which a part is clearly cut off
 INSIDE_RAD: Final = float(np.radians(1.5))
 SEATED_SHARE: Final = 0.76  # share of the stature: height of the top of the head on a seat
@@ -49,7 +49,7 @@ SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)
 FRAMINGS: Final = get_args(Framing)
 POSTURES: Final = get_args(Posture)
 LOW: Final[tuple[Clutter, ...]] = ("table", "chair", "stool", "boxes", "wheelchair")  # may stand before the legs
-ROOM_FOR_PASSER_M: Final = 2.2  # between camera and patient, for a person to walk through
+ROOM_FOR_PASSER_M: Final = 2.2  # m between camera and patient, for a person to walk through
 
 
 @settings

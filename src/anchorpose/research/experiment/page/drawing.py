@@ -210,6 +210,6 @@ def draw_heat(axes: Any, table: Table, most: float, text: Callable[[float], str]
 
 
 def most_of(table: Table) -> float:
-    """Return the largest mean of a table; 1 without one."""
+    """Return the largest mean of a table; 1 without a mean."""
     means = [row.value.mean for row in table.rows if np.isfinite(row.value.mean)]
     return max(means, default=1.0) or 1.0

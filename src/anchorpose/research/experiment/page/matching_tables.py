@@ -45,7 +45,7 @@ Take = Callable[[Matched], np.ndarray]
 
 
 def matching_tables(results: ExperimentResults) -> list[Table]:
-    """Return all tables of matches; none without any."""
+    """Return all tables of matches; no tables without matches."""
     matching, resamples = Matching(results), results.config.resamples
     if not matching.windows:
         return []

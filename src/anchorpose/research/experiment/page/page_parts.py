@@ -212,7 +212,7 @@ def _picture(picture: PagePicture) -> str:
 
 
 def best_of(table: Table, column: str, keys: Sequence[str]) -> str | None:
-    """Return the key of the method with the smallest mean in a column; None without any."""
+    """Return the key of the method with the smallest mean in a column; None where no method has a value."""
     means = {key: table.value(key, column).mean for key in keys}
     known = {key: mean for key, mean in means.items() if np.isfinite(mean)}
     return min(known, key=lambda key: known[key]) if known else None

@@ -174,7 +174,7 @@ class Row:
 class Table:
     """key: name of the file; across: name of the columns' quantity; note: sentences that a reader must know.
 
-    rows: by method, with its columns in the same order; a method may lack some.
+    rows: by method, with its columns in the same order; a method may lack some columns.
     """
 
     key: str

@@ -99,7 +99,7 @@ def at_least(value: Estimate, bound: float) -> Answer:
 
 
 def between(value: Estimate, low: float, high: float) -> Answer:
-    """Return yes where the whole interval lies within, no where all of it lies outside."""
+    """Return yes where the whole interval lies within the limits, no where the whole interval lies outside."""
     parts = (at_least(value, low), at_most(value, high))
     if Answer.NO in parts:
         return Answer.NO

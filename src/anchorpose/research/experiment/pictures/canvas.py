@@ -168,8 +168,8 @@ class Moment:
 
 
 def take_moment(frame: int, trial: Trial, skin: Skin, name: str, title: str) -> Moment:
-    """Return a frame and the next one; ValueError where the patient was not found in the first or is not seen in the
-    next.
+    """Return a frame and the next frame; raises ValueError where the patient was not found in the first or is not seen
+    in the next.
     """
     window = take_window(frame, trial.given, trial.runs[Form.REFINED])
     if window is None:
