@@ -98,7 +98,7 @@ def repeated_label(path: Path, labels: tuple[str, ...]) -> None:
 
 
 def read_c3d(path: Path, unit: str | None = None) -> Captured:
-    """Read the points and angles of a C3D; unit: of its lengths, where the file states none or a wrong one.
+    """Read the points and angles of a C3D. unit: unit of its lengths, where the file states none or a wrong unit.
 
     A point is missing where its residual is negative. Unlabelled points (``*12``) are left out, and so is a subject's
     name before a colon. Raises InputError, MissingPackage without ezc3d.
@@ -245,7 +245,7 @@ def _padded(cells: list[str], length: int) -> list[str]:
 
 
 def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
-    """Return (rows, columns) float64, NaN for an empty cell."""
+    """Return the numbers (rows, columns) float64 in cells, NaN for an empty cell."""
     try:
         return np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows], dtype=np.float64)
     except ValueError as error:
@@ -253,8 +253,8 @@ def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
 
 
 def read_captured(path: Path, unit: str | None = None) -> Captured:
-    """Read the points and angles of a .c3d, .trc, .csv, .mot or .sto; unit: of lengths, where the file does not state
-    it.
+    """Read the points and angles of a .c3d, .trc, .csv, .mot or .sto. unit: unit of lengths, where the file does not
+    state it.
 
     Raises InputError for another ending, and where the file cannot be used.
     """

@@ -294,7 +294,7 @@ TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four number
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """The comparisons of several recordings and their common results; subjects: of each match."""
+    """The comparisons of several recordings and their common results; subjects: one per match."""
 
     matches: tuple[Match, ...]
     subjects: tuple[str, ...]

@@ -276,7 +276,7 @@ def with_sides_exchanged(track: CentreTrack) -> CentreTrack:
 
 
 def other_side(name: str) -> str:
-    """Return the same joint or angle of the other side; the name itself where it has none."""
+    """Return the name of the same joint or angle of the other side; the name itself where it has no side."""
     for left, right in ((*SIDES.values(),), ("_left", "_right")):
         if name.endswith(left):
             return name.removesuffix(left) + right
@@ -303,8 +303,8 @@ _PLUG_IN: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The other system's recording. time_s (t,): its own clock; centres: in its own frame; degrees (t, a) of
-    ``angles``, which have our names. notes: how the file was understood, in sentences.
+    """The other system's recording. time_s (t,): times on its own clock; centres: joint centres in its own frame;
+    degrees (t, a) of ``angles``, which have our names. notes: how the file was understood, in sentences.
 
     notes: what was understood of the file, in sentences.
     """

@@ -220,7 +220,7 @@ UNKNOWN: Final = Markup('<span title="{}">–</span>')
 
 
 def write_page(out: Path, rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]) -> Path:
-    """Write index.html. measures: of each finished session, by name."""
+    """Write index.html. measures: measures of each finished session, by name."""
     counts = Counter(row.state for row in rows)
     compared = [row for row in rows if row.state == DONE][:MOST_COMPARED]
     page = render_page(

@@ -39,7 +39,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
     progress(0, len(sessions))
     for done, outcome in enumerate(run_jobs([_job(session, out) for session in sessions], place), 1):
         outcomes[outcome.name] = outcome.why
-        with suppress(OSError):  # the tables state it anyway
+        with suppress(OSError):  # the tables state the failure, too
             note_outcome(out, outcome)
         progress(done, len(sessions))
     return _summarise(sessions, out, outcomes)

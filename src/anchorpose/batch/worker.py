@@ -133,7 +133,8 @@ def do_work() -> int:
 
 
 def _stop_when_abandoned() -> None:
-    while os.read(sys.stdin.fileno(), 1):  # not by the stream: its lock would be held when the process ends
+    # os.read takes no lock of the stream, which would be held when the process ends
+    while os.read(sys.stdin.fileno(), 1):
         pass
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(ABANDONED_STOP_S)

@@ -271,8 +271,8 @@ def frame_alone_sigma(
 def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
     """Return whether the limb lies along the cameras' rays, unhidden, and no camera sees it from the side.
 
-    The part beyond elbow or knee is tested. Whether its end is seen is not tested: it may be off by more than counts as
-    seen, which is the question here.
+    The part beyond elbow or knee is tested. Whether its end is seen is not tested, since the end may be displaced too
+    far to count as seen, which is the case that is sought here.
     """
     root, far = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
     looking = [

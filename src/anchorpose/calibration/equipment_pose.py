@@ -29,7 +29,7 @@ from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 
 # Shares are of surface area, so that near parts do not outweigh distant ones.
-LEAST_SEEN: Final = 0.2  # of the surface that faces the camera, seen in place: people hide up to half, the image ends
+LEAST_SEEN: Final = 0.2  # share of the facing surface seen in place; people hide up to half, or the image ends
 MOST_THROUGH: Final = 0.10  # share of the unhidden surface that is seen through, since edges of thin bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
 # share of the unhidden surface; an absent part in front of a distant wall has no readings either

@@ -299,8 +299,8 @@ def _shift_alone(groups: list[Rows], part: int) -> float:
 def _floor_rows(
     view: StillView, T: np.ndarray, centre_model: np.ndarray, centre: np.ndarray, prior: FloorPrior
 ) -> Rows:
-    """Return rows of the seen floor against the prior; centre_model, centre (3,): of the equipment, Gamma_0 and
-    camera.
+    """Return rows of the seen floor against the prior; centre_model, centre (3,): the equipment's centre in Gamma_0 and
+    in the camera.
     """
     up = T[:3, :3] @ prior.up
     foot = centre - (centre_model @ prior.up - prior.height_m) * up  # below the centre, at the floor of Gamma_0

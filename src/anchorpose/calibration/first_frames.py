@@ -147,8 +147,8 @@ SAMPLE: Final = 6000  # readings that vote
 class FloorPlane:
     """A floor plane: points p on it satisfy up @ p + height_m = 0 in the camera frame.
 
-    up (3,) float64 unit normal, away from the floor; height_m: of the camera above it; residual_m: root mean square of
-    the inliers; inlier_share: of all readings.
+    up (3,) float64 unit normal, away from the floor; height_m: height of the camera above it; residual_m: root mean
+    square residual of the inliers; inlier_share: share of all readings.
     """
 
     up: np.ndarray

@@ -236,9 +236,9 @@ WORST_SIGMA_RAD: Final = 0.01  # half a degree: a centimetre at a metre
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkerPose:
-    """The pose by markers: T_world_camera (4, 4); rms_px of the corners; sigma_m: of the position, per axis; sigma_rad:
-    of the direction. corners: number used; markers: ids of the tags, or of the board's markers, they belong to;
-    left_out: ids of tags that do not fit the others.
+    """The pose by markers: T_world_camera (4, 4); rms_px: root mean square residual of the corners; sigma_m: sigma of
+    the position, per axis; sigma_rad: sigma of the direction. corners: number used; markers: ids of the tags, or of the
+    board's markers, they belong to; left_out: ids of tags that do not fit the others.
 
     corners: how many were used; markers: ids of the tags, or of the board's markers, they belong to; left_out: ids of
     tags that do not fit the others.

@@ -54,7 +54,7 @@ class Interpolation:
     def values(self, values: np.ndarray, turn: float = np.inf) -> np.ndarray:
         """Interpolate values linearly to (g, ...), NaN in a gap and where a sample with a weight is NaN.
 
-        turn: a full turn, where values are angles, which go the short way round.
+        turn: a full turn, given for angles, which are interpolated along the shorter arc.
         """
         fit = (slice(None), *[None] * (values.ndim - 1))
         share, left, right = self.share[fit], values[self.before], values[self.before + 1]

@@ -21,8 +21,9 @@ from anchorpose.sources.plan import CameraPlan
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveImage:
-    """One depth image. camera: index; number: counted by the source, with gaps where it lost images; time_s: by the
-    device's own clock; taken_s: when it was taken, by ``time.monotonic``; grey (height, width) uint16, 0 = no reading.
+    """One depth image. camera: index of the camera; number: number given by the source, with gaps where it lost images;
+    time_s: time on the device's own clock; taken_s: when it was taken, by ``time.monotonic``; grey (height, width)
+    uint16, 0 = no reading.
     """
 
     camera: int

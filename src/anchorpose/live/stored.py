@@ -41,7 +41,7 @@ from anchorpose.writing import write_results
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LivePatient:
-    """A person who is or was the patient. number: in the session, from 1; blocks: the stored tracked frames."""
+    """A person who is or was the patient. number: number in the session, from 1; blocks: the stored tracked frames."""
 
     number: int
     prepared: Prepared

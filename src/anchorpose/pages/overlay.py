@@ -183,7 +183,7 @@ _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 
 @dataclass(frozen=True, slots=True)
 class ChosenFrame:
-    """A chosen frame. row: of the joints' table; why: the reason, for people; empty for frames spread over the
+    """A chosen frame. row: row of the joints' table; why: the reason, for people; empty for frames spread over the
     recording.
     """
 

@@ -280,7 +280,7 @@ def _require_utc(text: str) -> str:
 class StartEntry(Entry):
     """When the first depth image of the first camera was taken, on clocks shared with other devices.
 
-    utc: ISO 8601, in UTC. lsl_s: by the clock of the Lab Streaming Layer on the computer that recorded.
+    utc: time as ISO 8601 in UTC. lsl_s: time by the clock of the Lab Streaming Layer on the computer that recorded.
     """
 
     utc: Annotated[Text, AfterValidator(_require_utc)] | None = None

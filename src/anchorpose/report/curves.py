@@ -41,7 +41,7 @@ _STATES: Final = tuple(STATE_WORDS[state] for state in JointState)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curve:
-    """One quantity. value, sigma (n,) float64, NaN where lost; state_code (n,). side: left, right or empty.
+    """A curve of one quantity. value, sigma (n,) float64, NaN where lost; state_code (n,). side: left, right or empty.
 
     key: the beginning of the names of its columns in the CSV.
     """

@@ -45,8 +45,9 @@ class ExplainedFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedTable:
-    """All frames: frame (n,) int32, time_s (n,) float64, uncovered_cm2 (n,) and seen_past (n, 5) float32, each as in
-    ``ExplainedFrame``."""
+    """The measures of all frames: frame (n,) int32, time_s (n,) float64, uncovered_cm2 (n,) and seen_past (n, 5)
+    float32, each as in ``ExplainedFrame``.
+    """
 
     frame: np.ndarray
     time_s: np.ndarray

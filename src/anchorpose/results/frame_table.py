@@ -46,8 +46,8 @@ class Numbers:
         return [pa.array(column, self.type, from_pandas=True) for column in flat.T]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
-        """Return (rows, names), or (rows,) where there is one name; raises InputError for a number outside its
-        limits.
+        """Return the numbers (rows, names), or (rows,) where there is a single name; raises InputError for a number
+        outside its limits.
         """
         columns = [table[name].to_numpy(zero_copy_only=False) for name in self.names]
         for name, values in zip(self.names, columns, strict=True):
@@ -71,7 +71,7 @@ class Codes:
         return [pa.array(np.array(self.texts, dtype=object)[values.ravel()], pa.string())]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
-        """Return (rows,) int8; raises InputError for a text that is not one of ``texts``."""
+        """Return the codes (rows,) int8; raises InputError for a text that is not one of ``texts``."""
         return _codes(path, table[self.name], self.name, self.texts, remedy).astype(np.int8)
 
 
@@ -90,7 +90,7 @@ class Flags:
         return [pa.array(values == 1, mask=values == UNKNOWN)]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
-        """Return (rows,) int8."""
+        """Return the flags (rows,) int8."""
         column = table[self.name].cast(pa.int8()).fill_null(UNKNOWN)
         flags: np.ndarray = column.to_numpy(zero_copy_only=False).astype(np.int8)
         return flags

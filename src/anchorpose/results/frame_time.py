@@ -70,7 +70,7 @@ def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> 
     """Return ``unbroken_runs`` of the frames that are ``known`` (n,) bool; unknown frames count as dropped.
 
     A joint that is lost for a moment therefore ends no run. A run may contain unknown frames, but neither begins nor
-    ends with one.
+    ends with an unknown frame.
     """
     rows = np.flatnonzero(known)
     runs = unbroken_runs(chosen[rows], time_s[rows], longest_known_gap_s(time_s))

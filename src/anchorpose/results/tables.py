@@ -58,7 +58,7 @@ class JointFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTable:
-    """All frames of a result. NaN and ``lost`` where a joint has no position.
+    """The joints in all frames of a result. NaN and ``lost`` where a joint has no position.
 
     frame (n,) int32, time_s (n,) float64, position_m (n, 21, 3) float64 world, state_code (n, 21) int8 index into
     ``JointState``, sigma_m (n, 21) float64.
@@ -118,7 +118,9 @@ class AnchorFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnchorTable:
-    """All frames: frame (n,) int32, time_s (n,), position_m (n, 5, 3), sigma_m (n, 5) float64, NaN where missed."""
+    """The anchors of all frames: frame (n,) int32, time_s (n,), position_m (n, 5, 3), sigma_m (n, 5) float64, NaN where
+    missed.
+    """
 
     frame: np.ndarray
     time_s: np.ndarray
@@ -254,8 +256,9 @@ class BodyPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseTable:
-    """All frames: frame (n,) int32, time_s (n,) float64, head_m (n, 21, 3), quaternion (n, 21, 4), axial_sigma_rad
-    (n, 21), float32, each as in ``BodyPose``."""
+    """The body's poses in all frames: frame (n,) int32, time_s (n,) float64, head_m (n, 21, 3), quaternion (n, 21, 4),
+    axial_sigma_rad (n, 21), float32, each as in ``BodyPose``.
+    """
 
     frame: np.ndarray
     time_s: np.ndarray

@@ -43,7 +43,7 @@ LARGEST_LOG: Final = 64 * 2**20
 
 
 class Event(Entry):
-    """One line. files: SHA-256 of each file of the results as it was left, None where it was removed."""
+    """One line of the log. files: SHA-256 of each file of the results as it was left, None where it was removed."""
 
     at: Utc
     what: str

@@ -114,7 +114,7 @@ class SimulationConfig:
 
     @property
     def frames(self) -> int:
-        """Return depth images of each camera."""
+        """Return the number of depth images of each camera."""
         return max(1, round(self.seconds * self.fps))
 
     def sensor_of(self, camera: int) -> Sensor:

@@ -72,7 +72,7 @@ class Clips:
     joint_names: tuple[str, ...]
 
     def joint(self, clip: int, name: str) -> np.ndarray:
-        """Return (n, 3) metres."""
+        """Return the positions (n, 3) of a joint, metres."""
         return np.asarray(self.joints_m[clip][:, self.joint_names.index(name)])
 
 

@@ -208,7 +208,7 @@ def stand(middle_m: np.ndarray, yaw: float, stance_m: float) -> Footwork:
 
 
 def stance_places(middle_m: np.ndarray, yaw: float, stance_m: float) -> np.ndarray:
-    """Return (2, 2) x, z of the left and right foot of someone who stands at ``middle_m`` and faces ``yaw``."""
+    """Return x and z, (2, 2), of the left and right foot of a person who stands at ``middle_m`` and faces ``yaw``."""
     right = np.array([np.sin(yaw), np.cos(yaw)])
     return middle_m + np.array([[-0.5], [0.5]]) * stance_m * right
 

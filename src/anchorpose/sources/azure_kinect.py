@@ -72,7 +72,8 @@ def depth_mode(width: int, height: int) -> DepthMode | None:
 def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
     """Return the depth camera's lens in the pixels of a mode.
 
-    calibration: the text of ``calibration.json``. Raises ValueError with the problem, worded to follow "which".
+    calibration: the text of ``calibration.json``. Raises ValueError with the problem, worded such that it can follow
+    the word "which".
     """
     camera = _depth_camera(calibration)
     cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, centre_x, centre_y, p2, p1 = _parameters(camera)
@@ -162,8 +163,8 @@ def open_source(path: Path) -> AzureKinectFile:
 
 @dataclass(slots=True, eq=False)
 class AzureKinectFile:
-    """A recording of one camera. start_us: the device's clock at the file's time 0, microseconds; left_out: damaged
-    depth images, counted while frames are read, for which this is not frozen.
+    """A recording of one camera. start_us: the device's clock at the file's time 0, microseconds; left_out: number of
+    damaged depth images; it is counted while frames are read, so the class is not frozen.
     """
 
     path: Path

@@ -60,7 +60,7 @@ T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], 
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A topic with depth images; words: of its name; message: its first image."""
+    """A topic with depth images; words: words of its name; message: its first image."""
 
     channel: Channel
     words: tuple[str, ...]

@@ -59,8 +59,8 @@ class SourceCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFrame:
-    """One depth image. time_s: by the device's own clock, to the microsecond, or, where the camera has no times, the
-    image's number; depth (height, width) uint16: grey values as in the file, 0 = no reading (65535 and NaN are 0
+    """One depth image. time_s: time on the device's own clock, to the microsecond, or, where the camera has no times,
+    the image's number; depth (height, width) uint16: grey values as in the file, 0 = no reading (65535 and NaN are 0
     already), native byte order.
     """
 

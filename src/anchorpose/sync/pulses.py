@@ -41,7 +41,7 @@ HIGH, LOW = 0.6, 0.4
 
 
 def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the times (p,) at which pulses begin in a signal (n,) at times (n,); NaN is no pulse.
+    """Return the times (p,) at which pulses begin in a signal (n,) at times (n,); NaN does not count as a pulse.
 
     The rarer of the signal's two levels is the pulse, so pulses may go down. The onset lies midway between two samples,
     unless the signal rises slowly.

@@ -26,8 +26,8 @@ def follow_patient(run: Run, frames: Iterable[FrameSet], known: FittedShape | No
     """Yield an estimate for every frame, in order. The patient is lost until found, and is searched for again after a
     loss.
 
-    frames: in the order of time, or against it; the first should be the room's initial frame. known: the learnt shape;
-    None where it is still to be learnt.
+    frames: all frames in the order of time, or against it; the first should be the room's initial frame. known: the
+    learnt shape; None where it is still to be learnt.
     """
     choice = run.room.initial_frame.choice if run.room.initial_frame else None
     for estimate, _ in follow_openly(run, frames, choice, known):

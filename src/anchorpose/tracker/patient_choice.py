@@ -116,7 +116,9 @@ def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndar
 def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
-    """Return all people who were seen, with their votes; people without a human body only if nobody has one."""
+    """Return all people who were seen, with their votes; people without a human body are included only if nobody has a
+    human body.
+    """
     members = _joined(_followed(sightings))
     human = [seen for seen in members if _is_human(seen)]
     return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]

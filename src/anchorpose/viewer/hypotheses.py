@@ -111,7 +111,7 @@ def hypotheses_of(
     the subset on the best branch, -1 where none; asked (m,) uint8: whether the track tree reaches the node. meta:
     subsets [[anchor names]]; frames [this, next].
     """
-    # the tracker is a second of imports: in the process that needs it
+    # importing the tracker takes a second: do it only in the process that needs it
     from anchorpose.tracker.config import TrackConfig
     from anchorpose.tracker.inspection import inspect_frame
 

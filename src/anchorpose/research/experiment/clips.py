@@ -83,14 +83,14 @@ SURE = 1.0  # least confidence of a reference joint that is used
 
 
 def simulated_joints(truth: Path) -> np.ndarray:
-    """Return (t, 21, 3) metres, world, of a truth.npz."""
+    """Return the true joints (t, 21, 3) of a truth.npz, metres, world."""
     joints: np.ndarray = read_arrays(truth, ("joints",), "simulate the recording again")["joints"]
     return joints
 
 
 def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
-    """Return (t, 21, 3) metres, world, of a skeleton.npz (``names`` of our joints, ``xyz`` (t, m, 4)); NaN where
-    uncertain.
+    """Return the joints (t, 21, 3), metres, world, of a skeleton.npz (``names`` of our joints, ``xyz`` (t, m, 4)); NaN
+    where uncertain.
 
     ``xyz``: camera x right, y up, z away, metres, and confidence; a joint at the origin is missing.
     Raises InputError where the file is not such a skeleton.

@@ -53,7 +53,7 @@ class Skin:
         self.performance: Performance = self.clinic.act(self.clinic.true_times_s(0))
 
     def at(self, frame: int) -> np.ndarray:
-        """Return (v, 3) metres, world."""
+        """Return the skin's vertices (v, 3) at a time, metres, world."""
         return np.asarray(self.performance.figures(frame)[0].skin_m, dtype=np.float64)
 
     def follow(self, nodes_m: np.ndarray, frame: int, other: int, other_nodes_m: np.ndarray) -> TruePlaces:

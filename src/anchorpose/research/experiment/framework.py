@@ -107,7 +107,7 @@ def _observing(config: TrackConfig) -> TrackConfig:
 
 
 def follow_segment(tracker: PaperTracker, later: Sequence[FrameSet]) -> np.ndarray:
-    """Return (n, 21, 3) metres, world: the joints in each of the later frames, also where the tracker calls them
+    """Return the joints (n, 21, 3), metres, world, in each of the later frames, even where the tracker reports them as
     lost.
     """
     joints = []

@@ -49,7 +49,7 @@ class LdSiftConfig:
 
 
 def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
-    """Return (n, 128) float32, unit length, none below 0.
+    """Return the descriptors (n, 128) float32, of unit length, with no value below 0.
 
     A row is NaN where the node has no position, normal or triangle, and where no gradient of its depth map is known:
     it is flat to the last bit, or covered nowhere two pixels wide.

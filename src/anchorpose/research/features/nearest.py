@@ -63,7 +63,8 @@ class _RoughDifferences:
         self._columns = np.ascontiguousarray(target.T, dtype=np.float32)
 
     def apart(self, source: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (m, n) float32, and (m,) by how much the smallest of a row and one more may be off together.
+        """Return rough distances (m, n) float32, and (m,) a bound on the sum of the errors of a row's smallest and one
+        other distance.
 
         A sum of d values that are not negative is off by d + 1 roundings of itself at most.
         """

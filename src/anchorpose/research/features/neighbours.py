@@ -110,7 +110,7 @@ def require_radius(radius_m: float) -> None:
 
 
 def as_points(values: np.ndarray, name: str) -> np.ndarray:
-    """Return (n, 3) float32, contiguous; ValueError on another shape."""
+    """Return points as a contiguous array (n, 3) float32; raises ValueError for another shape."""
     values = np.ascontiguousarray(values, np.float32)
     if values.ndim != 2 or values.shape[1] != 3:
         raise ValueError(f"{name} must have shape (n, 3), got {values.shape}")

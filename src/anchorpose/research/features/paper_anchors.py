@@ -39,8 +39,8 @@ def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
 
 
 def paper_descriptor(surface: Surface, named: Anchors) -> np.ndarray:
-    """Return (n, 5) float32 metres, f of Definition 3: NaN in the column of a missed anchor, inf where it does not
-    reach.
+    """Return f of Definition 3, (n, 5) float32 metres: NaN in the column of a missed anchor, inf for nodes that no path
+    from the anchor reaches.
     """
     if surface.seen_count == 0:
         return np.full((len(surface), len(named.node)), np.nan, np.float32)

@@ -32,7 +32,7 @@ class RopsConfig:
 
 
 def rops(points_m: np.ndarray, triangles: np.ndarray, config: RopsConfig | None = None) -> np.ndarray:
-    """Return (n, 135) float32; absolute values sum to 1.
+    """Return the descriptors (n, 135) float32, whose absolute values sum to 1.
 
     points_m (n, 3), NaN where unknown; triangles (f, 3) int, of ``surface.mesh.faces``. Columns: axis x, y, z; turn;
     plane xy, xz, yz; moments 11, 21, 12, 22 and entropy. NaN row: a node without position, or without a neighbour or

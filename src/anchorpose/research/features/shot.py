@@ -36,7 +36,7 @@ class ShotConfig:
 def shot(
     points_m: np.ndarray, normals: np.ndarray, config: ShotConfig | None = None, frames: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return (n, 352) float32 of unit length.
+    """Return the signatures (n, 352) float32, of unit length.
 
     points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown: a node without position is left
     out, and a node without normal casts no vote. frames (n, 3, 3): rows x, y, z; otherwise ``local_frames``. Sector s

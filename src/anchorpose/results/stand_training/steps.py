@@ -42,8 +42,8 @@ LONGEST_PAUSE_S: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step. frames: of the swing, from foot off to foot strike; length_m: between both ankles at foot strike, in the
-    direction of the step; None for a step in place.
+    """A step. frames: frames of the swing, from foot off to foot strike; length_m: distance between both ankles at foot
+    strike, in the direction of the step; None for a step in place.
     """
 
     side: str

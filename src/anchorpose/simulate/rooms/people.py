@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 SEATED_MOTIONS: Final = ("reach", "arm-raise", "head")
 STANDING_MOTIONS: Final = ("standing", "weight-shift", "trunk", "head", "reach")
 BACK_REST_M: Final = 0.45
-RISING_S: Final = 2.0  # duration in which the fitting sees a person seated and then upright
+RISING_S: Final = 2.0  # s in which a person rises, so that a seat is fitted to both postures
 
 
 def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Actor | CapturedActor:

@@ -28,7 +28,7 @@ SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # settings as chosen 
 MOST: Final = 9.0  # largest squared deviations of a distance, for one that an occlusion changed or that is unknown
 MOST_SHOT: Final = 18.0  # largest squared deviations of a signature: a hole beside a node changes it
 GIVEN_UP_M: Final = 0.30  # m; a hand at 3 m/s is so far from its prediction, and its descriptor still identifies it
-ROWS: Final = 500  # source nodes that are compared at once: 4 MB per anchor for 2,000 of the other frame
+ROWS: Final = 500  # source nodes compared at once: 4 MB per anchor for 2,000 nodes of the other frame
 SUBSET: Final = 3
 
 

@@ -64,7 +64,7 @@ class Claim:
 
     @property
     def verdict(self) -> Verdict:
-        """See ``judge``."""
+        """Return the verdict; see ``judge``."""
         return judge([check.answer for check in self.checks])
 
 

@@ -66,9 +66,9 @@ def write_pictures(
 ) -> None:
     """Write *.png and pictures.json into a folder, a list of {"file", "caption", "section"} in the order of the page.
 
-    prepared: of a simulated recording; holed: with holes, one of them in ``hole_frame``, a position, and none in the
-    frame before. Raises ValueError where the patient was not found in the frame before the hole; MissingPackage
-    without matplotlib.
+    prepared: clip of a simulated recording; holed: the recording with holes, one of them in ``hole_frame``, a position,
+    and none in the frame before. Raises ValueError where the patient was not found in the frame before the hole;
+    MissingPackage without matplotlib.
     """
     with default_style():
         sources, centre_m = _prepare_sources(prepared, whole, holed, hole_frame), prepared.reference.centre_m
