@@ -101,7 +101,7 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
     """Read the points and angles of a C3D. unit: unit of its lengths, where the file states none or a wrong unit.
 
     A point is missing where its residual is negative. Unlabelled points (``*12``) are left out, and so is a subject's
-    name before a colon. Raises InputError, MissingPackage without ezc3d.
+    name before a colon. Raises InputError for a file that cannot be used, MissingPackage without ezc3d.
     """
     try:
         import ezc3d

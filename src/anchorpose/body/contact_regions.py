@@ -156,7 +156,7 @@ SIDES = ("Left", "Right")
 PLACES: Final = 6  # number of skin points that hold a foot's place and rotation
 STILL_S: Final = 0.4  # s for which a foot must be seen standing; during a step the sole is flat on the floor for less
 STILL_M: Final = 0.03  # m; a standing foot stays within it: the noise of a visible ankle
-SIGMA_M: Final = 0.02  # uncertainty of the foot's place when it goes out of sight
+SIGMA_M: Final = 0.02  # m, uncertainty of the foot's place when it goes out of sight
 DRIFT_M_S: Final = 0.05  # m/s, growth of this uncertainty while unseen: a small step in two seconds
 # m, largest height of a standing foot's sole above the floor; a hidden foot's place is as uncertain
 ON_FLOOR_M: Final = 0.10

@@ -157,8 +157,8 @@ def detect_markers(
 
 
 def _grey(image: np.ndarray) -> np.ndarray:
-    """Return 8-bit grey; 16-bit infrared is scaled, without its brightest specks, by the root, which balances near and
-    far.
+    """Return an 8-bit grey image. For 16-bit infrared, values are scaled without the brightest specks, and their square
+    root balances near and far.
     """
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     if grey.dtype == np.uint8:

@@ -146,7 +146,8 @@ def _hole_share(view: View) -> float:
     return float(np.mean(view.depth_m[filled] <= 0)) if filled.any() else float("nan")
 
 
-NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0  # depth cameras have 43 (a cropped RealSense) to 120 (Azure Kinect, wide)
+# degrees of view; depth cameras have 43 (a cropped RealSense) to 120 (Azure Kinect, wide)
+NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0
 # shares of the image's size: real lenses are 3 % off; more means another image size
 OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25
 UNEQUAL: Final = 0.10  # relative difference of fx and fy; pixels are square

@@ -51,7 +51,7 @@ ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stan
 # share of the standing patients in rooms who move as captured, where there is a file of captured movements
 CAPTURED_SHARE: Final = 0.6
 ABSENT_SHARE: Final = 0.15  # share of the recording before a patient who is late comes into view
-HIDDEN_S: Final = 2.0  # behind a curtain
+HIDDEN_S: Final = 2.0  # s for which the patient is behind a curtain
 LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0
 THICKEST_CLOTHING_M: Final = 0.015  # thicker clothes would hide the body's shape
 

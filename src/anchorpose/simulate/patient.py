@@ -84,7 +84,7 @@ class Actor:
         return any(seated in movement.offsets for movement in self.movements)
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
-        """Return (t, b, 4, 4) T_world_rest."""
+        """Return the motion of every bone, (t, b, 4, 4) T_world_rest."""
         goals = HandGoals.none(len(times_s))
         if self.grip_m is not None:
             goals = _rail_goals(self.person, self.grip_m, len(times_s))

@@ -165,7 +165,9 @@ def _draw_plain(rng: np.random.Generator, config: OtherBody, clothing_m: float, 
 
 
 def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:
-    """Return how many times looser (v,) than drawn shirt and trousers are, each drawn separately."""
+    """Return the factor (v,) by which clothes are looser than drawn, with separate random factors for shirt and
+    trousers.
+    """
     shirt, trousers = rng.uniform(*LOOSE_SHIRT), rng.uniform(*LOOSE_TROUSERS)
     legs = np.array([name.endswith(("UpLeg", "Leg")) for name in asset.bone_names])
     share = (asset.skin_weights * legs[asset.skin_bones]).sum(axis=1)

@@ -27,7 +27,7 @@ from anchorpose.simulate.timeline import (
 )
 
 STRAIGHT_LEG: Final = 0.998  # share of a leg's length: knees bent by 7 degrees
-PELVIS_S: Final = 0.06  # window over which the pelvis' course is smoothed
+PELVIS_S: Final = 0.06  # s, window over which the path of the pelvis is smoothed
 KNEE_SHOWS_M: Final = 0.05  # a knee this far off the line from hip to ankle shows its direction
 AIR_M: Final = 0.12  # a foot this high in the air keeps its angle to the shank
 TOES_DOWN_RAD: Final = 0.25  # angle of the toes of a hanging foot
@@ -56,15 +56,15 @@ class CapturedActor:
         return self.capture.seated
 
     def lowest_s(self) -> np.ndarray:
-        """Return (1,) when the pelvis is lowest."""
+        """Return the time (1,) at which the pelvis is lowest."""
         return np.array([self.capture.start_s + np.argmin(self.pelvis_m[:, 1]) / CLIP_HZ])
 
     def highest_s(self) -> np.ndarray:
-        """Return (1,) when the pelvis is highest."""
+        """Return the time (1,) at which the pelvis is highest."""
         return np.array([self.capture.start_s + np.argmax(self.pelvis_m[:, 1]) / CLIP_HZ])
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
-        """Return (t, b, 4, 4) T_world_rest."""
+        """Return the motion of every bone, (t, b, 4, 4) T_world_rest."""
         return pose_bones(self.person.body, self.posture(times_s))
 
     def posture(self, times_s: np.ndarray) -> Posture:

@@ -58,7 +58,9 @@ class Therapist:
     hold: Hold | None
 
     def bones(self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray) -> np.ndarray:
-        """Return (t, b, 4, 4) T_world_rest, hands on the patient, whose bones (t, b, 4, 4) move."""
+        """Return the motion of every bone, (t, b, 4, 4) T_world_rest; the hands follow the patient, whose bones (t, b,
+        4, 4) move.
+        """
         if self.hold is None:
             return self.actor.bones(times_s)
         person = self.actor.person

@@ -14,7 +14,7 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # around a label: gives the depth of the labelled skin
+PATCH_PX: Final = 3  # pixels around a label that give the depth of the labelled skin
 IN_FRONT_M, BEHIND_M = 0.10, 0.35  # limits, relative to that skin, of a joint beneath it
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})

@@ -1,4 +1,4 @@
-"""The tracking framework of the paper, in which each method replaces the association (Section V), and its start."""
+"""Provide the tracking framework of the paper and its start; each method replaces the association (Section V)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fast point feature histograms (FPFH): the angles between the normals around a node.
+"""Compute fast point feature histograms (FPFH): the angles between the normals around a node.
 
 Source: Rusu, Blodow, Beetz 2009 (doi:10.1109/ROBOT.2009.5152473), as PCL 1.13 and Open3D implement it: neighbours are
 weighted by their inverse squared distance, and each of the three angles has its own histogram, which sums to 100.

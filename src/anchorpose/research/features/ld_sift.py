@@ -1,4 +1,4 @@
-"""LD-SIFT: the SIFT descriptor of a depth map around each node.
+"""Compute LD-SIFT, the SIFT descriptor of a depth map around each node.
 
 Source: Darom and Keller 2012 (doi:10.1109/TIP.2012.2183142).
 """

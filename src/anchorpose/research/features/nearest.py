@@ -81,7 +81,8 @@ class _RoughSquares:
     def __init__(self, target: np.ndarray) -> None:
         self._mean = target.mean(axis=0)
         moved = target - self._mean
-        self._unit = float(np.abs(moved).max(initial=0.0)) or 1.0  # squares of float32 are soon too large or too small
+        # scale of the values: squares of float32 soon overflow or vanish
+        self._unit = float(np.abs(moved).max(initial=0.0)) or 1.0
         moved /= self._unit
         size2 = np.einsum("ij,ij->i", moved, moved)
         self._largest = float(np.sqrt(size2.max()))

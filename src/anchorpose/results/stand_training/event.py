@@ -39,7 +39,7 @@ class EventConfig:
     # A knee that takes over the load in walking bends by about 15 degrees, from 5 to 20.
     buckle_deg: Annotated[float, Field(gt=0, lt=90)] = 20.0
     fast_s: Positive = 0.4  # s, longest time for a flexion by buckle_deg
-    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # more than the other knee, or it is a squat
+    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # degrees more than the other knee (with less it is a squat)
     # share of the way from the seat to a straight leg: about 12 cm
     failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3
     # distance of the extrapolated centre of mass beyond the feet: errors of the feet's outline

@@ -55,7 +55,7 @@ def form_tables(results: ExperimentResults) -> list[Table]:
 
 
 def _columns(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return a column for each form with no hole and with the largest."""
+    """Return a column for each form, for no hole and for the largest hole."""
     found = []
     for form in results.config.forms:
         holes = Tracking(results, form).holes(Scene.PAPER)
