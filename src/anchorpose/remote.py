@@ -48,8 +48,8 @@ def parts_of(address: str) -> tuple[str, ...]:
 def local_copy(given: str | Path) -> Iterator[Path]:
     """Yield the path itself, or a local copy of an address, with the same name, which is removed after the block.
 
-    Raises InputError where the address is empty or cannot be read, MissingPackage where the package for it is not
-    installed.
+    Raises InputError where the address is empty or cannot be read, MissingPackage where the package that reads such
+    addresses is not installed.
     """
     if not is_address(given):
         yield Path(given)

@@ -253,8 +253,8 @@ def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
 
 
 def read_captured(path: Path, unit: str | None = None) -> Captured:
-    """Read the points and angles of a .c3d, .trc, .csv, .mot or .sto. unit: unit of lengths, where the file does not
-    state it.
+    """Read the points and angles of a .c3d, .trc, .csv, .mot or .sto file. unit: unit of lengths, where the file does
+    not state it.
 
     Raises InputError for another ending, and where the file cannot be used.
     """

@@ -43,7 +43,7 @@ ADULT_COMPONENTS = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyAsset:
-    """Linear shape space over a skinned mesh. Axes X forward, Y up, Z to the body's right; metres; rest pose.
+    """A linear shape space over a skinned mesh. Axes X forward, Y up, Z to the body's right; metres; rest pose.
 
     vertices (v, 3), vertex_basis (k, v, 3): skin of the mean adult, and the change by one standard deviation of each
     shape coefficient. bone_heads, bone_tails (b, 3) and their bases (k, b, 3): the skeleton, moved by the same

@@ -2,7 +2,7 @@
 
 There are two steps. The amount of movement at each height (``clock_lags``) gives the lag, within several seconds, to
 about a twentieth of a second, with or without poses. Where the poses are known, the surfaces that two cameras share
-(``clock_surfaces``) then give it to a millisecond.
+(``clock_surfaces``) then give the lag to a millisecond.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ NEARER_M: Final = 0.12  # people stand off the room by more than this
 SURFACE_STEP_M: Final = 0.07  # depth difference up to which neighbours are on one surface
 NORMAL_PX: Final = 2  # a normal is computed from neighbours this many pixels away
 RIM_PX: Final = 7  # 2 cm at 2 m to either side: movement of a limb in the 30 ms between two frames
-# distance of pairs in each step; the start is within 0.3
+# m, largest distance of paired points in each step; the poses at the start are within 0.3 m
 GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
 WORST_CONDITION: Final = 1e9  # condition number beyond which the data leave a turn or a shift undetermined
 SAME_WAY: Final = 0.8  # cosine between the normals of one surface in two cameras

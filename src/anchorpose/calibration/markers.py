@@ -302,8 +302,9 @@ def pose_from_markers(
     image (height, width) or (height, width, 3), 8 or 16 bit, of the depth images' geometry; depth_m (height,
     width), 0 = no reading: readings on the markers make the distance more accurate and separate the two poses of a
     flat layout.
-    Corner residuals are robust; tags that do not fit the others are left out and named.
-    Raises ValueError where an image has another size than the camera's.
+    Outliers among the corners have little weight; tags that contradict the others are left out, and the result names
+    them.
+    Raises ValueError where the size of an image differs from the camera's.
     """
     for given in (image, depth_m):
         if given is not None and given.shape[:2] != (camera.height, camera.width):

@@ -77,7 +77,7 @@ class FittedRoom:
 
 
 def fit_equipment(recording: Recording, camera: str | None, region: Region) -> FittedRoom:
-    """Fit the equipment in the empty rooms of a recording's cameras, or of the named one only.
+    """Fit the equipment in the empty rooms of a recording's cameras, or of the named camera only.
 
     Where the poses are given, parts are in their world; a single camera without a pose is placed by the floor and the
     patient's first place. Raises InputError where a depth image of the empty room, the floor or the equipment is

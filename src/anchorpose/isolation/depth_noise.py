@@ -61,7 +61,7 @@ JUMP_M: Final = 0.40
 FLAT: Final = 0.1  # share of the jump by which the two pixels on one side of an edge may differ
 MIDDLE: Final = (0.2, 0.8)  # shares of the jump between which the ramp's width is measured
 LEAST_EDGES: Final = 1000  # edges in all frames together; real recordings have tens of thousands
-SHARP_PX: Final = 2.0  # width of the ramp's middle; an unfiltered camera has at most one pixel there
+SHARP_PX: Final = 2.0  # pixels, width of the ramp's middle; an unfiltered camera has at most one pixel there
 FRAMES: Final = 8  # number of frames that are measured
 ON_RAMP: Final = 0.15  # share of the jump; a pixel that differs by more from both sides is on the ramp
 

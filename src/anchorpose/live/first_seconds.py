@@ -100,7 +100,7 @@ class FirstSeconds:
     def record(self, name: str, whom: str) -> Recording:
         """Record the next seconds. whom: words for the recorded person, for the user.
 
-        Raises AnchorposeError where it cannot be made.
+        Raises AnchorposeError where the recording cannot be made.
         """
         folder = self.folder / name
         recorder = Recorder(folder, self.intake.cameras, self.about)

@@ -173,7 +173,7 @@ def _too_large(size: int, most_bytes: int) -> str:
 
 
 def _not_a_file(mode: int) -> str:
-    """Return the kind of a path that is not a regular file; empty where it is one."""
+    """Return the kind of a path that is not a regular file; empty for a regular file."""
     kinds = (
         (stat.S_ISREG, ""),
         (stat.S_ISDIR, "is a folder, not a file"),

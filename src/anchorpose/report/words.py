@@ -97,7 +97,7 @@ class Form:
     share: bool = False
 
     def write(self, value: float) -> str:
-        """Return the text people read."""
+        """Return the number as text for readers."""
         text = number(self.times * value, self.decimals)
         if self.share and 0 < value < 1 and text in ("0", "100"):
             text = "under 1" if text == "0" else "over 99"

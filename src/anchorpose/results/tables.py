@@ -207,7 +207,8 @@ NOT_UPRIGHT, UPRIGHT = 0, 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PostureTable:
-    """One row per frame: the estimated centre of mass of the whole body, and whether the patient is upright.
+    """A table with one row per frame: the estimated centre of mass of the whole body, and whether the patient is
+    upright.
 
     frame (n,) int32, time_s (n,) float64. com_m (n, 3) float64 world, NaN where a joint that it needs is lost;
     com_sigma_m (n,) float64, one standard deviation along each axis. upright (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT`` or

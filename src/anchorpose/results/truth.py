@@ -119,7 +119,7 @@ def read_true_support(path: Path) -> TrueTouch | None:
     """Return the contacts with equipment in a truth.npz, ``on_equipment`` (t, parts, b) and ``part_names`` (b); None
     where the file has no such arrays. Feet are left out, as in contacts.parquet.
 
-    Raises InputError where the two do not fit each other.
+    Raises InputError where the two arrays do not fit each other.
     """
     arrays = read_arrays(path, ("on_equipment", "part_names", "time"), SUPPORT_REMEDY)
     if "on_equipment" not in arrays or "part_names" not in arrays:
@@ -139,7 +139,7 @@ def read_true_touch(path: Path) -> TrueTouch | None:
     """Return the contacts in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None where the file has no such
     arrays.
 
-    Raises InputError where the two do not fit each other, or where none of the bones belongs to the body.
+    Raises InputError where the two arrays do not fit each other, or where none of the bones belongs to the body.
     """
     remedy = "give touched (t, b) and part_names (b)"
     arrays = read_arrays(path, ("touched", "part_names", "time"), remedy)

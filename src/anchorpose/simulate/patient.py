@@ -31,7 +31,7 @@ from anchorpose.simulate.timeline import (
 )
 
 FARTHEST_FORWARD_M = 0.3  # m, mean distance of the feet in front of their first place, beyond which steps lead back
-SWAY_M = 0.005  # amplitude of each wave of the sway
+SWAY_M = 0.005  # m, amplitude of each wave of the sway
 TREMOR_RAD = 0.004
 PALM_ABOVE_BONE_M = 0.018  # m from the hand's bone to the skin of the palm
 GRIP_TILT_RAD = 0.5
@@ -93,7 +93,9 @@ class Actor:
 
 
 def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
-    """Return resting channels (c,): upright, arms beside the body, or on the rails of a frame."""
+    """Return the channels (c,) of a patient at rest: upright, with the arms beside the body or on the rails of a
+    frame.
+    """
     base = np.zeros(len(CHANNELS))
     base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # the rest pose stands with bent knees
     for side in ("left", "right"):

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from anchorpose.surface.links import add_links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
-# departure from either tangent plane, divided by the gap's width; a shin has less, two legs have far more
+# departure from either tangent plane, divided by the gap's width: one shin has less, two different legs have far more
 MAX_DEPARTURE: Final = 0.35
 SLACK_M: Final = 0.015  # m, soft tissue and noise beside a narrow bar
 MARGIN_PX: Final = 4  # pixels beside a bar whose readings are lost or removed

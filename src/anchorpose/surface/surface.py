@@ -32,7 +32,7 @@ class SurfaceConfig:
     denoise_radius_px: Count = 2
     # neighbours on the same surface; a fingertip 2 px wide has as many
     min_support: Annotated[int, Field(ge=0, le=8)] = 3
-    # m, widest bar that is bridged: knee pad with its shadow; over wider ones bends are unknown
+    # m, widest bar that is bridged: knee pad with its shadow; behind wider bars the bends of the skin are unknown
     bridge_max_width_m: NotNegative = 0.15
     fusion_max_apart_m: Positive = 0.03  # m; calibration error of about 1 cm, plus half a mesh cell seen at a slant
 

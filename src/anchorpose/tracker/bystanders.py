@@ -199,7 +199,7 @@ def label_by_bodies(
     bystanders: Bystanders,
     cameras: Sequence[Camera],
 ) -> tuple[View | None, ...]:
-    """Return the label the pixels of an initial frame again, by the bodies that were fitted to the first labels.
+    """Label the pixels of an initial frame again, by the bodies that were fitted to the first labels.
 
     Where people touch, the first labels may give an arm or leg to the wrong person; the bodies correct it.
     """

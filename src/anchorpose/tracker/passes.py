@@ -77,7 +77,7 @@ class Route:
         return tuple(Stretch(one.choice, one.start, frames) for one, frames in zip(chosen, sides, strict=True))
 
     def _longer_side(self, position: int) -> Sequence[int]:
-        """Return the positions from a given one to the farther end of the tracked range."""
+        """Return the positions from a given position to the farther end of the tracked range."""
         last, first = self.forward[-1], self.backward[-1]
         forward, backward = range(position, last + 1), range(position, first - 1, -1)
         return max(forward, backward, key=len)

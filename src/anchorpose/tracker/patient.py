@@ -133,8 +133,8 @@ class PatientTracker:
 
     @property
     def has_left(self) -> bool:
-        """Return whether the patient is leaving the image or left it within a frame. A person who enters there next may
-        be another person.
+        """Return whether the patient is leaving the image or left it between two frames. A person who enters there next
+        may be another person.
         """
         views = self.window[0].evidence.views
         gone = not self._in_view and not any(view.patient.any() for view in views if view is not None)

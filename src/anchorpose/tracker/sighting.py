@@ -53,7 +53,7 @@ class RoughBody:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPerson:
-    """A person and their rough body; None where too little is seen."""
+    """A person and their rough body, which is None where too little is seen."""
 
     person: Person
     body: RoughBody | None

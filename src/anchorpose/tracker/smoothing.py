@@ -30,7 +30,7 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.room import Room, Run
 
 SPINE_BASE: Final = JOINT_INDEX["SpineBase"]  # a joint of the trunk, not of a limb
-FIRST_SPEED_M_S: Final = 1.0  # standard deviation of a joint's velocity before any observation
+FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
 # m, the width of a wrist; if both passes place a limb's joint nearer than this, they are averaged
 APART_M: Final = 0.06
 # m, half a shoulder breadth; farther apart, the trunk is in two places, and limbs cannot be mixed

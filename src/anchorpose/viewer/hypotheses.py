@@ -22,7 +22,7 @@ from anchorpose.viewer.payloads import pack
 
 
 class Progress(StrEnum):
-    """The progress of the work."""
+    """The progress of computing hypotheses."""
 
     IDLE = "idle"
     WORKING = "working"

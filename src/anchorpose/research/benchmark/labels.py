@@ -15,7 +15,7 @@ from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
 PATCH_PX: Final = 3  # pixels around a label that give the depth of the labelled skin
-IN_FRONT_M, BEHIND_M = 0.10, 0.35  # limits, relative to that skin, of a joint beneath it
+IN_FRONT_M, BEHIND_M = 0.10, 0.35  # m, how far a joint may lie in front of and behind the skin at its label
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
 """Joints that are invisible under clothes: labellers placed them by proportion, up to 12 cm apart."""

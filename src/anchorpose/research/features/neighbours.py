@@ -38,7 +38,7 @@ def find_neighbours(points_m: np.ndarray, radius_m: float) -> Neighbours:
 
 @njit(cache=True)
 def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return start, node and squared distance of ``Neighbours``.
+    """Return the arrays start, node and squared distance of ``Neighbours``.
 
     Successive nodes of a mesh lie side by side: blocks of them are near or far as a whole, and the result is ordered,
     unlike that of a tree.

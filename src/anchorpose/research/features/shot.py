@@ -39,9 +39,9 @@ def shot(
     """Return the signatures (n, 352) float32, of unit length.
 
     points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown: a node without position is left
-    out, and a node without normal casts no vote. frames (n, 3, 3): rows x, y, z; otherwise ``local_frames``. Sector s
-    has 11 columns: upper half s & 1, outer half s >> 1 & 1, eighth of a turn s >> 2 from -x on. NaN row: no frame, or
-    no node with a normal within the radius.
+    out, and a node without normal casts no vote. frames (n, 3, 3): the axes x, y, z as rows; None = the result of
+    ``local_frames``. Sector s has 11 columns: upper half s & 1, outer half s >> 1 & 1, eighth of a turn s >> 2 from -x
+    on. NaN row: no frame, or no node with a normal within the radius.
     """
     config = config or ShotConfig()
     points, unit = as_oriented(points_m, normals)

@@ -56,7 +56,7 @@ FAMILY_NAMES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class DrawnFigure:
-    """One drawn figure. key: name of its files; caption: with the paper's name for the figure."""
+    """A drawn figure. key: name of its files; caption: text that contains the paper's name for the figure."""
 
     key: str
     caption: str

@@ -78,7 +78,7 @@ class MatchingClaims:
         )
 
     def best_in_head(self) -> Claim:
-        """Judge the claim of Section V-A."""
+        """Judge the claim of Section V-A that shape features match best at the head."""
         checks = []
         for method in self._of(*RIVALS):
             parts = [(name, self._region_ratio(method, name)) for name in NAMES if name != "head"]
@@ -105,7 +105,7 @@ class MatchingClaims:
         return ratio_of(above, below, self._resamples)
 
     def swapped(self) -> Claim:
-        """Judge the claim of Section V-A."""
+        """Judge the claim of Section V-A that left and right hands and feet are often confused."""
         checks = []
         for method in self._of(*RIVALS):
             for name in SYMMETRIC:
@@ -122,7 +122,7 @@ class MatchingClaims:
         )
 
     def inaccurate_elsewhere(self) -> Claim:
-        """Judge the claim of Section V-A."""
+        """Judge the claim of Section V-A that shape features are inaccurate on the rest of the body."""
         elsewhere = [index for index, name in enumerate(NAMES) if name not in ("head", *SYMMETRIC)]
         return Claim(
             "inaccurate-elsewhere",
@@ -133,7 +133,7 @@ class MatchingClaims:
         )
 
     def spectral_inaccurate(self) -> Claim:
-        """Judge the claim of Section II."""
+        """Judge the claim of Section II that spectral features give many inaccurate matches."""
         proposed = [self._methods[PROPOSED]] if PROPOSED in self._methods else []
         context = [check.text() for check in self._inaccuracy(proposed, range(len(NAMES)))]
         return Claim(
@@ -154,7 +154,7 @@ class MatchingClaims:
         return checks
 
     def like_gmds(self) -> Claim:
-        """Judge the claim of Section III-A."""
+        """Judge the claim of Section III-A that distances to a few anchors approximate GMDS."""
         return Claim(
             "like-gmds",
             "Section III-A",
@@ -165,7 +165,7 @@ class MatchingClaims:
         )
 
     def dijkstra_suffices(self) -> Claim:
-        """Judge the claim of Section V."""
+        """Judge the claim of Sections III and V that shortest paths along the mesh's edges are accurate enough."""
         return Claim(
             "dijkstra-suffices",
             "Section III and V",

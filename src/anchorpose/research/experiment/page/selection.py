@@ -197,7 +197,7 @@ def tree_mm(match: Matched) -> np.ndarray:
 
 
 def every_mm(match: Matched) -> np.ndarray:
-    """Return the distance after a tree that assigns a match to every node."""
+    """Return the distances (mm) of the matches after a tree that assigns a match to every node."""
     return match.every_mm
 
 

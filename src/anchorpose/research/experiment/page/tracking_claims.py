@@ -81,7 +81,7 @@ class TrackingClaims:
         ]
 
     def proposed_constant(self) -> Claim:
-        """Judge the claim of Fig. result1."""
+        """Judge the claim of Fig. result1 that the proposed feature has almost the same error at every size of hole."""
         return Claim(
             "proposed-constant",
             "Fig. “result1” and its caption",
@@ -91,7 +91,7 @@ class TrackingClaims:
         )
 
     def local_constant(self) -> Claim:
-        """Judge the claim of Fig. result1."""
+        """Judge the claim of Fig. result1 that local features have almost the same errors at every size of hole."""
         return Claim(
             "local-constant",
             "Fig. “result1” and its caption",
@@ -112,7 +112,7 @@ class TrackingClaims:
         return checks
 
     def proposed_below(self, name: str, families: Sequence[Family]) -> Claim:
-        """Judge the claim of Fig. result1, Section V-B."""
+        """Judge the claim of Fig. result1 and Section V-B that the proposed feature is the most accurate."""
         others = self._of(*families)
         return Claim(
             f"proposed-below-{name}",
@@ -181,7 +181,7 @@ class TrackingClaims:
         )
 
     def tree_helps(self) -> Claim:
-        """Judge the claim of Section IV."""
+        """Judge the claim of Section IV that the tree of hypotheses improves tracking under occlusion."""
         others = [method for method in self._methods if method.key == "anchors-no-tree"]
         return Claim(
             "tree-helps",
@@ -193,7 +193,7 @@ class TrackingClaims:
         )
 
     def proposed_similar(self) -> Claim:
-        """Judge the claim of Fig. result2."""
+        """Judge the claim of Fig. result2 that the proposed feature has similar errors at all joints."""
         checks = [
             Check(what, value, Unit.RATIO, at_most(value, SIMILAR))
             for method in self._methods
@@ -222,7 +222,7 @@ class TrackingClaims:
         return tuple(Check(*self._spread(method), Unit.RATIO, Answer.OPEN).text() for method in methods)
 
     def proposed_adequate(self) -> Claim:
-        """Judge the claim of Fig. mhtjoints."""
+        """Judge the claim of Fig. mhtjoints that joints are found well enough despite wrong matches."""
         checks = []
         for hole in self._holes:
             value = mean_over(list(self._tracking.errors(Scene.PAPER, self._proposed, hole).values()), self._resamples)
