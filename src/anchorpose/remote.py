@@ -114,7 +114,7 @@ def _new_place(address: str) -> Iterator[tuple[Any, str]]:
 
 
 def _rename(system: Any, source: str, target: str) -> None:
-    """Rename a folder at once; an object store has no folders, so every file is copied."""
+    """Rename a folder in a single step. An object store has no folders, so every file is copied."""
     if OBJECT_STORES.isdisjoint((system.protocol,) if isinstance(system.protocol, str) else system.protocol):
         system.mv(source, target, recursive=True)
         return

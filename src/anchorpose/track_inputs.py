@@ -114,7 +114,7 @@ def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
 
 
 def _read_review(path: Path) -> ReviewFile:
-    """Read a file of corrections; raises InputError where it is not one."""
+    """Read a file of corrections; raises InputError where the file does not hold corrections."""
     corrections = read_corrections(path)
     ((_, digest),) = hash_files([path], path.parent)  # hash it now: the viewer may add to the file during tracking
     return ReviewFile(path, digest, corrections)

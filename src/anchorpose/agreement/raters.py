@@ -61,7 +61,7 @@ def _by_session_and_rater(files: dict[Path, Ratings]) -> dict[tuple[str, str], t
 
 
 def _grid(held: dict[tuple[str, str], tuple[Path, Ratings]], session: str, raters: Sequence[str]) -> np.ndarray:
-    """Return (trials, raters) the scores of a session, NaN where there is none."""
+    """Return the scores (trials, raters) of a session, NaN where a rater gave no score."""
     there = [held[key] for rater in raters if (key := (session, rater)) in held]
     path, first = there[0]
     missing = next((rater for rater in raters if (session, rater) not in held), None)

@@ -277,7 +277,7 @@ def _titles(rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]
 def _measure_rows(
     rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]
 ) -> list[tuple[Markup, list[Markup]]]:
-    """Return (session, a cell per measure)."""
+    """Return the rows of the table: the session, and a cell per measure."""
     keys = list(_titles(rows, measures))
     found = [{_key(one): one for one in measures[row.session]} for row in rows]
     return [(_name(row), [_value(own.get(key)) for key in keys]) for row, own in zip(rows, found, strict=True)]

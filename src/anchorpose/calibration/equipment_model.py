@@ -299,7 +299,7 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
 
 
 def _turn_about(centre_m: np.ndarray, angle_rad: float) -> np.ndarray:
-    """Return (4, 4) turn about the vertical (Y) through a point."""
+    """Return the turn (4, 4) about the vertical (Y) through a point."""
     T = np.eye(4)
     T[:3, :3] = rotation_about_y(angle_rad)
     T[:3, 3] = centre_m - T[:3, :3] @ centre_m

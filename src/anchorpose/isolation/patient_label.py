@@ -156,7 +156,7 @@ def _away_m(skin: cKDTree, points_m: np.ndarray, reach_m: float) -> np.ndarray:
 def _share_on_skin(
     theirs: Sequence[Pieces], people: Sequence[np.ndarray | None], skin: cKDTree | None, count: int
 ) -> np.ndarray:
-    """Return (k,) the share of each person's pixels that lies on the patient's expected skin; the people share the
+    """Return the share (k,) of each person's pixels that lies on the patient's expected skin; the people share the
     patient's pixels.
     """
     own, every = np.zeros(count + 1), np.zeros(count + 1)

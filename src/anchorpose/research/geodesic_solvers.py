@@ -149,7 +149,7 @@ def triangle_mesh(surface: Surface) -> TriangleMesh:
 
 
 def _components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return (count,) int32: the connected component of each, under the pairs."""
+    """Return (count,) int32: the connected component of each node when the pairs are joined."""
     graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
     return connected_components(graph, directed=False)[1].astype(np.int32)
 

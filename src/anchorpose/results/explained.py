@@ -135,5 +135,5 @@ def _reason(table: ExplainedTable, row: int) -> str:
 
 
 def _words(part: str) -> str:
-    """Write ``arm_left`` as left arm."""
+    """Return a limb in words, such as "left arm" for ``arm_left``."""
     return " ".join(reversed(part.split("_")))

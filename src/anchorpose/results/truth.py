@@ -262,7 +262,7 @@ def _bone_lengths(joints_m: np.ndarray) -> np.ndarray:
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Return (k,) the median of each column of (n, k) without NaN; NaN where a column has only NaN."""
+    """Return the median (k,) of each column of (n, k) without NaN; NaN where a column has only NaN."""
     columns = [column[np.isfinite(column)] for column in values.T]
     return np.array([np.median(known) if len(known) else np.nan for known in columns])
 

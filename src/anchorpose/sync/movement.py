@@ -107,7 +107,7 @@ def _centred(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sums(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return (n + m - 1,) sums of products at each lag."""
+    """Return the sums of products (n + m - 1,) at each lag."""
     return np.asarray(correlate(second, first, method="fft"))
 
 

@@ -149,7 +149,7 @@ def _best_step(
 def _worth(
     points_m: np.ndarray, steps: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Return (k,) the share of points found after each step, less the refuted ones; one camera is enough to find a
+    """Return the share (k,) of points found after each step, less the refuted ones; one camera is enough to find a
     point.
     """
     found = np.zeros((len(steps), len(points_m)), np.int8)

@@ -73,7 +73,7 @@ class HypothesisWorker:
         context = multiprocessing.get_context("spawn")  # the server has threads, whose locks must not be copied
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
-        with self._lock:  # cancel finds the process started, or none
+        with self._lock:  # so that cancel finds either a started process or none
             process.start()
             self._work, self._data = (process, ours), b""
             self._status = WorkStatus(Progress.WORKING, position)

@@ -85,7 +85,7 @@ def blind(review: Review, trials: Sequence[Trial]) -> Blinded:
 
 
 def _page_time_s(time_s: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
-    """Return (n,) times for the page; each trial begins ``APART_S`` after the end of the previous trial."""
+    """Return the times (n,) for the page; each trial begins ``APART_S`` after the end of the previous trial."""
     found, now_s = list[np.ndarray](), 0.0
     for part in parts:
         found.append(now_s + time_s[part] - time_s[part.start])

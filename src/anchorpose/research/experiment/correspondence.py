@@ -68,7 +68,7 @@ class Skin:
         return TruePlaces(vertex, place, seen)
 
     def vertex_at(self, places_m: np.ndarray, frame: int) -> np.ndarray:
-        """Return (m,) vertex of the skin nearest to each place."""
+        """Return the vertex (m,) of the skin nearest to each place."""
         vertex: np.ndarray = cKDTree(self.at(frame)).query(places_m)[1]
         return vertex
 
@@ -108,7 +108,7 @@ class Skin:
 
     @cached_property
     def side(self) -> np.ndarray:
-        """Return (v,) -1 on a left limb, 1 on a right one, 0 on head and trunk."""
+        """Return the side (v,) of each vertex: -1 on a left limb, 1 on a right limb, 0 on head and trunk."""
         limb = [region_of(name) > LAST_WITHOUT_SIDE for name in self._bone_names]
         sign = [
             (name[0] == "R") - (name[0] == "L") if on_limb else 0

@@ -58,7 +58,7 @@ class Reference:
 
     @property
     def found(self) -> np.ndarray:
-        """Return (t,) bool: the patient was found."""
+        """Return (t,) bool: frames in which the patient was found."""
         return np.isfinite(self.root_m).all(axis=1)
 
     def pose(self, frame: int) -> Pose:

@@ -50,7 +50,7 @@ def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarra
 
 
 def field_from(surface: Surface, node: int) -> np.ndarray:
-    """Return (n,) float32 distance field of one node."""
+    """Return the distance field (n,) float32 of one node."""
     field = geodesic_distance(surface, np.array([node]))[0]
     return np.minimum(field, np.float32(APART_M))
 
