@@ -118,8 +118,8 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
 WINDOWS: Final = 10  # windows over the whole recording: a drift shows between its ends, and some windows show little
 SPREAD: Final = 3  # every third window is compared first; these windows span the recording
 CONFIRMING: Final = 4  # windows whose lags show whether the time stamps are correct to a tenth of a second
-AGREEING: Final = 0.75  # share of these windows, and of their lags, that have to agree
-APART_S: Final = 0.01  # s, scatter of their lags: a sixth of the time between frames at 15 per second
+AGREEING: Final = 0.75  # share of the compared windows, and of their lags, that have to agree
+APART_S: Final = 0.01  # s, scatter of the lags: a sixth of the time between frames at 15 per second
 ENOUGH_S: Final = 0.002  # accuracy at either end of the recording: 1 mm of a limb that moves at half a metre a second
 SIGNAL_SIGMA_S: Final = 0.03  # standard deviation of the lags from signals, on simulated clinics
 WORST_SIGMA_S: Final = 0.008  # accuracy at either end of the recording: half of the usual time between paired frames

@@ -80,7 +80,7 @@ def empty_fans(count: int) -> Fans:
 
 @njit(cache=True)
 def empty_rows(count: int) -> Rows:
-    """Return rows for all count nodes, of which a round uses only a few."""
+    """Return a table with uninitialised rows for all ``count`` nodes; a round uses only a few of them."""
     table = np.empty((count, ROW), np.float32)
     return Rows(table, table.ravel(), table.view(np.complex128))
 

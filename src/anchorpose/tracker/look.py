@@ -42,7 +42,7 @@ class Mirror:
     shown: int
 
     def is_in(self, other: Mirror) -> bool:
-        """Return whether two planes of one wall have the same gap."""
+        """Return whether both mirrors are the same gap, found in two planes of one wall."""
         return self.scene == other.scene and bool((self.gap & other.gap).any())
 
     @property
