@@ -37,7 +37,9 @@ class Camera:
         return float(self.pixel_of(transform_points(invert_rigid(self.require_pose()), places_m))[2].mean())
 
     def pixel_rays(self) -> np.ndarray:
-        """Return the ray of each pixel (height, width, 2) float32, read only: x/z and y/z; NaN where it has none."""
+        """Return the ray of each pixel (height, width, 2) float32, read only: x/z and y/z; NaN where the pixel has no
+        ray.
+        """
         return _pixel_rays(self.intrinsics, self.width, self.height)
 
     def valid_pixels(self) -> np.ndarray:
@@ -69,10 +71,11 @@ class Camera:
         return np.where(inside, column, 0), np.where(inside, row, 0), inside
 
     def look(self, points_m: np.ndarray, depth_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compare points (n, 3) in the world with a depth image (height, width): return (n,) the depth of each point in
-        this camera, metres, what the image reads there, and whether the point falls into the image.
+        """Compare points (n, 3) in the world with a depth image (height, width).
 
-        Outside, the reading is that of pixel 0, 0. Raises as ``require_pose``.
+        Return, (n,) each: the depth of each point in this camera, metres; the image's reading at its pixel; and whether
+        the point falls into the image. Outside the image, the reading is that of pixel 0, 0. Raises as
+        ``require_pose``.
         """
         in_camera = transform_points(invert_rigid(self.require_pose()), points_m)
         column, row, inside = self.pixel_of(in_camera)

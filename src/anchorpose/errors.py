@@ -16,7 +16,7 @@ def without_password(text: str) -> str:
 
 
 def is_utf8(text: str) -> bool:
-    """Return whether a text can be written to a file; file names and arguments may contain bytes that are no text."""
+    """Return whether a text can be written to a file; file names and arguments may contain bytes that are not text."""
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:
@@ -28,7 +28,7 @@ class AnchorposeError(Exception):
     """An error that the user can correct; the command line prints it and exits with 2."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _made_again, (type(self), self.args, self.__dict__)  # worker processes pass errors on
+        return _made_again, (type(self), self.args, self.__dict__)  # errors of worker processes are pickled
 
 
 def _made_again(kind: type[AnchorposeError], args: tuple[object, ...], fields: dict[str, object]) -> AnchorposeError:

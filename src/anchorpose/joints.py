@@ -66,7 +66,7 @@ LIMBS: Final = tuple(
 
 
 class JointState(StrEnum):
-    """How a joint was determined in a frame (the values of the results tables)."""
+    """The way in which a joint was determined in a frame (the values of the results tables)."""
 
     OBSERVED = "observed"
     HIDDEN_BY_SELF = "hidden_by_self"

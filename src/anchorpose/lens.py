@@ -16,7 +16,7 @@ from numba import njit
 
 
 class LensModel(StrEnum):
-    """The OpenCV model of the coefficients."""
+    """The OpenCV lens model to which distortion coefficients belong."""
 
     BROWN_CONRADY = "brown-conrady"  # k1 k2 p1 p2 k3
     RATIONAL = "rational"  # k1 k2 p1 p2 k3 k4 k5 k6, optionally s1 s2 s3 s4, optionally the sensor's tilt
@@ -101,7 +101,7 @@ def _tilt(about_x: float, about_y: float) -> np.ndarray:
 
 
 def _turning_point(array: np.ndarray) -> float:
-    """Return the radius at which pixels of farther rays begin to move inward; ``WIDEST`` where there is none."""
+    """Return the radius of rays beyond which pixels move inward again; ``WIDEST`` where there is no such radius."""
     if array[_KIND] == _PLAIN:
         return WIDEST
     radius = np.linspace(0.0, WIDEST, 8001)
@@ -112,7 +112,9 @@ def _turning_point(array: np.ndarray) -> float:
 
 @njit(cache=True, nogil=True)
 def _radial(radius: float, lens: np.ndarray) -> float:
-    """Return how far from the axis a ray falls, in focal lengths, by the radial coefficients alone."""
+    """Return the distance of a ray's pixel from the optical axis, in focal lengths, by the radial coefficients
+    alone.
+    """
     k = lens[_K:]
     if lens[_KIND] == _FISHEYE:
         angle = np.arctan(radius)
@@ -126,7 +128,7 @@ def _radial(radius: float, lens: np.ndarray) -> float:
 
 @njit(cache=True, nogil=True)
 def pixel_of_ray(x: float, y: float, lens: np.ndarray) -> tuple[float, float]:
-    """Project a ray to column and row; beyond the lens's valid radius they are far outside of every image. lens:
+    """Project a ray to column and row; a ray beyond the lens's valid radius gets a place far outside every image. lens:
     ``lens_array``.
     """
     if lens[_KIND] == _PLAIN:
@@ -164,7 +166,7 @@ def project(points: np.ndarray, lens: np.ndarray) -> np.ndarray:
 
 def rays_of_pixels(lens: Intrinsics, width: int, height: int) -> np.ndarray:
     """Return the ray (height, width, 2) float64 of each pixel, exact to a millionth of a pixel; NaN where a pixel has
-    none.
+    no ray.
 
     OpenCV's own fixed-point iteration is 4 mm off at 2.5 m for a real rational lens, and 68 mm in the image's corners.
     """
@@ -179,7 +181,7 @@ def rays_of_pixels(lens: Intrinsics, width: int, height: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _rays(lens: np.ndarray, radius: np.ndarray, seen: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Run Newton's method from the ray that the radial coefficients alone give."""
+    """Find the rays by Newton's method, which starts at the ray that the radial coefficients alone give."""
     rays = np.full((height, width, 2), np.nan)
     for row in range(height):
         for column in range(width):
@@ -194,7 +196,7 @@ def _rays(lens: np.ndarray, radius: np.ndarray, seen: np.ndarray, width: int, he
 
 @njit(cache=True, nogil=True)
 def _solve(x: float, y: float, column: float, row: float, lens: np.ndarray) -> tuple[float, float, bool]:
-    """Solve for the ray of a pixel from a guess; return it and whether it was found."""
+    """Solve for the ray of a pixel from a guess; return the ray and whether it was found."""
     for _ in range(_STEPS):
         c, r = pixel_of_ray(x, y, lens)
         miss_c, miss_r = column - c, row - r

@@ -119,7 +119,7 @@ class ConvertOptions:
 
 
 class HipCentre(StrEnum):
-    """Where hip centres come from if the other system gives none."""
+    """The source of hip centres if the other system gives none."""
 
     HARRINGTON = "harrington"
     FUNCTIONAL = "functional"

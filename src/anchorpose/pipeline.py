@@ -53,13 +53,15 @@ def track_recording(
 ) -> None:
     """Track the patient through a recording and write everything into an existing results folder.
 
-    The folder is empty, or holds the journal of a stopped run: then tracking is resumed, and ends with the same tables.
+    The folder is empty, or holds the journal of a stopped run: then tracking is resumed, and the tables are the same as
+    without the stop.
 
-    progress is called with frames done and frames to do; the frames the body is learnt from count twice. calibration: a
-    calibration.json whose poses replace given or found ones. corrections: a reviewer's corrections of earlier results.
-    events: an events.tsv with the trials, in place of the recording's own. threads: share cameras, people and trials of
-    a frame; the tables have the same bytes with any number. Linear algebra runs on one thread: several would add sums
-    in another order. Raises InputError where the recording cannot be used.
+    progress is called with the number of frames done and to do; frames that the body is learnt from count twice.
+    calibration: a calibration.json whose poses replace the given or found poses. corrections: a reviewer's corrections
+    of earlier results. events: an events.tsv with the trials, in place of the recording's own. threads: number of
+    threads that share the cameras, people and trials of a frame; the tables have the same bytes with any number. Linear
+    algebra runs on one thread, since several would add sums in another order. Raises InputError where the recording
+    cannot be used.
     """
     with one_thread(), worker_threads(threads):
         _track(recording, results, config, progress, UserInputs(calibration, corrections, events))
@@ -107,7 +109,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
 
 
 def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:
-    """Return the number of frames to track, and the approximate number read beforehand to learn the body."""
+    """Return the number of frames to track, and the approximate number of frames read before to learn the body."""
     time_s = recording.streams[0].time_s[config.start : config.stop]
     return len(time_s), int((time_s <= time_s[0] + config.learning.window_s).sum())
 
@@ -129,8 +131,9 @@ def calibrate_recording(
 ) -> Calibration:
     """Find every camera's pose and write calibration.json and one picture per camera into an existing folder.
 
-    ignore_given: find given poses as well. markers: a markers.json; cameras with an image of the markers are placed by
-    them, the others in the same world. Raises InputError where the recording cannot be used or a pose is not accepted.
+    ignore_given: find also the poses that the recording gives. markers: a markers.json; cameras with an image of the
+    markers are placed by them, and the poses of the other cameras are found in the same world. Raises InputError where
+    the recording cannot be used or a pose is not accepted.
     """
     with one_thread():
         opened = open_recording(recording)

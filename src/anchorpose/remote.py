@@ -48,7 +48,8 @@ def parts_of(address: str) -> tuple[str, ...]:
 def local_copy(given: str | Path) -> Iterator[Path]:
     """Yield the path itself, or a local copy of an address, with the same name, which is removed after the block.
 
-    Raises InputError where there is nothing or it cannot be read, MissingPackage without the package for it.
+    Raises InputError where the address is empty or cannot be read, MissingPackage where the package that reads such
+    addresses is not installed.
     """
     if not is_address(given):
         yield Path(given)
@@ -68,7 +69,9 @@ def local_copy(given: str | Path) -> Iterator[Path]:
 
 
 def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
-    """Return the parts of a file's name below a place; raises InputError where the server leads out of it."""
+    """Return the parts of a file's name below a folder; raises InputError where the server names a file outside that
+    folder.
+    """
     parts = PurePosixPath(file).relative_to(place).parts
     if ".." in parts or any("\\" in part for part in parts):
         raise InputError(address, f"holds a file with the name {file}", "rename it")
@@ -111,7 +114,7 @@ def _new_place(address: str) -> Iterator[tuple[Any, str]]:
 
 
 def _rename(system: Any, source: str, target: str) -> None:
-    """Rename a folder at once; an object store has no folders, so every file is copied."""
+    """Rename a folder in a single step. An object store has no folders, so every file is copied."""
     if OBJECT_STORES.isdisjoint((system.protocol,) if isinstance(system.protocol, str) else system.protocol):
         system.mv(source, target, recursive=True)
         return
@@ -122,7 +125,7 @@ def _rename(system: Any, source: str, target: str) -> None:
 
 @contextmanager
 def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
-    """Yield the file system of an address and the place in it; all errors become one sentence."""
+    """Yield the file system of an address and the path in it; any error becomes an error of one sentence."""
     kind = address.partition("://")[0]
     try:
         from fsspec.core import url_to_fs

@@ -1,7 +1,8 @@
 """Compute rotations and directions: rotation vectors (axis times angle, radians), matrices, quaternions, unit
 vectors.
 
-Functions that tracking calls for a few bones at a time are compiled: scipy's Rotation would check each at every call.
+Functions that tracking calls for a few bones at a time are compiled: scipy's Rotation would check its input at every
+call.
 """
 
 from __future__ import annotations
@@ -21,14 +22,16 @@ ONE_PLACE_M2: Final = 1e-12  # far above the rounding of coinciding points, far 
 
 
 def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:
-    """Return vectors of length one, their components along ``axis``; NaN where a vector has no length."""
+    """Scale vectors to length one. axis: the array axis of their components. The result is NaN where a vector has
+    length zero.
+    """
     length = np.linalg.norm(vectors, axis=axis, keepdims=True)
     return vectors / np.where(length > 0, length, np.nan)
 
 
 def orthonormal_frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return columns ``first``, ``second`` made perpendicular to it, and their cross product; (..., 3) to (..., 3,
-    3).
+    """Return rotation matrices (..., 3, 3) with three columns: ``first``, ``second`` made perpendicular to it, and
+    their cross product.
     """
     first = unit(first)
     second = unit(second - (second * first).sum(axis=-1, keepdims=True) * first)

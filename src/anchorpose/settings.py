@@ -112,7 +112,9 @@ _PLAIN_WORDS: Final = {
 
 
 def _follow(kind: Any, location: tuple[int | str, ...]) -> tuple[str, str, list[str]]:
-    """Return the place of an error, the description of its innermost field, and the known names beside it."""
+    """Return the place of an error, the description of its innermost field, and the field names that are valid
+    there.
+    """
     place, meaning, owners, known = "", "", _classes_in(kind), list[str]()
     for step in location:
         if isinstance(step, int):

@@ -1,8 +1,8 @@
-"""Control how many threads work; results never depend on it.
+"""Control how many threads work; results never depend on their number.
 
 Linear algebra and OpenCV keep to one thread, so that sums are added in a fixed order and give the same bytes on every
-machine. Work on each camera or person by itself may be shared among threads, since each result is computed whole by one
-of them and results are joined in a fixed order.
+machine. Work on single cameras or people may be shared among threads: each result is computed by one thread alone, and
+results are joined in a fixed order.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 Result = TypeVar("Result")
 
-_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # a worker has none itself
+_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # None in a worker
 
 
 @contextmanager
@@ -36,7 +36,9 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def worker_threads(count: int) -> Iterator[None]:
-    """Let ``each`` share its work among ``count`` threads while this lasts; with one, the caller's thread does all."""
+    """Let ``each`` share its work among ``count`` threads within the block; if it is 1, the caller's thread does all
+    work.
+    """
     if count < 2:
         yield
         return
@@ -49,9 +51,10 @@ def worker_threads(count: int) -> Iterator[None]:
 
 
 def each(work: Callable[..., Result], *arguments: Iterable[object]) -> list[Result]:
-    """Call ``work`` with the first arguments, the second ones and so on; return the results in this order.
+    """Call ``work`` with the first item of every argument, then with the second items and so on; return the results in
+    this order.
 
-    A call must not change data that another one reads. Raises the exception of the first call that fails.
+    A call must not change data that another call reads. Raises the exception of the first call that fails.
     """
     calls, workers = list(zip(*arguments, strict=True)), _WORKERS.get()
     if workers is None or len(calls) < 2:

@@ -47,9 +47,9 @@ class ReviewFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackInputs:
-    """The checked inputs. recording: with the user's height and poses; config: with the patient whom a reviewer named;
-    sha256: (path, hash) of every file of the recording, of the reference movements and of the events; pose_source:
-    source of poses that are not the recording's own; trials: None without events.
+    """The checked inputs. recording: the recording with the user's height and poses; config: settings that include the
+    patient whom a reviewer named; sha256: (path, hash) of every file of the recording, of the reference movements and
+    of the events; pose_source: source of poses that replace the recording's; trials: None without events.
     """
 
     recording: Recording
@@ -67,7 +67,7 @@ class TrackInputs:
         """
         review = "" if self.review_file is None else self.review_file.sha256
         poses = [camera.T_world_camera for camera in self.recording.cameras]
-        settings = replace(self.config, motions=None)  # the file of movements counts by its hash
+        settings = replace(self.config, motions=None)  # the file of movements is identified by its hash, not its path
         parts = as_json((self.sha256, poses, review, settings, versions(), code_digest()))
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
@@ -106,7 +106,7 @@ def _read_events(recording: Recording, given: Path | None) -> Trials | None:
 
 
 def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
-    """Return the name and hash of a given events file and of the file of its units."""
+    """Return name and hash of a given events file, and of the file with its units."""
     if events is None:
         return ()
     files = [file for file in (events, sidecar_of(events)) if is_there(file)]
@@ -114,9 +114,9 @@ def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
 
 
 def _read_review(path: Path) -> ReviewFile:
-    """Read a file of corrections; raises InputError where it is not one."""
+    """Read a file of corrections; raises InputError where the file does not hold corrections."""
     corrections = read_corrections(path)
-    ((_, digest),) = hash_files([path], path.parent)  # now: the viewer may add to it during tracking
+    ((_, digest),) = hash_files([path], path.parent)  # hash it now: the viewer may add to the file during tracking
     return ReviewFile(path, digest, corrections)
 
 
@@ -129,8 +129,8 @@ def _hash_inputs(recording: Recording, config: TrackConfig) -> tuple[tuple[str, 
 
 
 def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
-    """Return the recording in the world of the corrected results: its poses need not be found again, and places in the
-    corrections stay valid whoever is the patient.
+    """Return the recording with the camera poses of the corrected results. So poses need not be found again, and places
+    in the corrections stay valid whoever is the patient.
     """
     poses = corrections.recording.poses
     cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)

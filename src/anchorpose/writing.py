@@ -134,7 +134,7 @@ class Written:
 
 
 def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
-    """Return which corrections were honoured, by the written joints."""
+    """Return the record of the corrections, with a sentence on each that the written joints do not follow."""
     corrections = given.corrections
     sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
     held = (corrections.unusable, corrections.joints, corrections.patient)
@@ -204,7 +204,9 @@ def account_of(
 
 
 def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
-    """Return the used poses and clocks, and the source of each pose; source: of all, where they were given."""
+    """Return the used poses and clocks, and the source of each pose. source: the source of all poses, where they were
+    given.
+    """
     return tuple(
         CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock, _depth(scene))
         for camera, pose, clock, scene in zip(
@@ -246,7 +248,7 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
 
 
 def _about_depth(room: Room) -> list[str]:
-    """Return a sentence on each camera whose filters blur edges, then on each that shows no still background."""
+    """Return a sentence on each camera whose filters blur edges, then on each camera that shows no still background."""
     sensors = [(f"camera {scene.camera.name}", scene.background.sensor) for scene in room.scenes]
     coarse = [
         f"{camera}: its filters draw depth edges out over {sensor.edge_px:.0f} pixels: farther than "
@@ -271,7 +273,7 @@ def _patient(room: Room) -> PatientRecord | None:
 
 
 def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
-    """Return sentences on who was tracked and with which body."""
+    """Return sentences on which person was tracked and with which body."""
     if room.initial_frame is None:
         return [f"no joint could be tracked: {room.why_nobody}"]
     choice = room.initial_frame.choice
@@ -308,7 +310,9 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
 
 
 def _record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, seconds: float) -> BodyRecord:
-    """Return the record of the learnt body. belief: the shape at the end of learning; first: after the first window."""
+    """Return the record of the learnt body. belief: the shape at the end of learning; first: the shape after the first
+    window.
+    """
     height_m, row = standing_height(asset, belief.shape)
     return BodyRecord(
         learnt_from_s=seconds,

@@ -28,8 +28,8 @@ METRES: Final[Mapping[str, float]] = {
 }
 """Metres per unit, by the names that files use."""
 
-LONGEST_S: Final = 86_400.0  # a day; a longer movement is in milliseconds or less
-FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # a body in metres that is read as millimetres is found by its size
+LONGEST_S: Final = 86_400.0  # s, a day; times of a longer recording are in milliseconds or smaller units
+FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # larger values are damage; a wrong unit is found by the body's size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,10 +53,10 @@ class Captured:
 
 
 def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
-    """Return the metres per unit; unit: the file's, None where it has none; stated: the user's, which takes
-    precedence.
+    """Return the metres per unit.
 
-    Raises InputError where neither is known, or the unit is unknown.
+    unit: the file's unit, None where it states none; stated: the user's unit, which takes precedence. Raises InputError
+    where neither is given, or where the unit is unknown.
     """
     name = stated if stated is not None else unit
     if not name:
@@ -98,10 +98,10 @@ def repeated_label(path: Path, labels: tuple[str, ...]) -> None:
 
 
 def read_c3d(path: Path, unit: str | None = None) -> Captured:
-    """Read the points and angles of a C3D; unit: of its lengths, where the file states none or a wrong one.
+    """Read the points and angles of a C3D. unit: unit of its lengths, where the file states none or a wrong unit.
 
-    A point is missing where its residual is negative. Unlabelled points (``*12``) are left out; a subject's name before
-    a colon is too. Raises InputError, MissingPackage without ezc3d.
+    A point is missing where its residual is negative. Unlabelled points (``*12``) are left out, and so is a subject's
+    name before a colon. Raises InputError for a file that cannot be used, MissingPackage without ezc3d.
     """
     try:
         import ezc3d
@@ -245,7 +245,7 @@ def _padded(cells: list[str], length: int) -> list[str]:
 
 
 def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
-    """Return (rows, columns) float64, NaN for an empty cell."""
+    """Return the numbers (rows, columns) float64 in cells, NaN for an empty cell."""
     try:
         return np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows], dtype=np.float64)
     except ValueError as error:
@@ -253,8 +253,8 @@ def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
 
 
 def read_captured(path: Path, unit: str | None = None) -> Captured:
-    """Read the points and angles of a .c3d, .trc, .csv, .mot or .sto; unit: of lengths, where the file does not state
-    it.
+    """Read the points and angles of a .c3d, .trc, .csv, .mot or .sto file. unit: unit of lengths, where the file does
+    not state it.
 
     Raises InputError for another ending, and where the file cannot be used.
     """

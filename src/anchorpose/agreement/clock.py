@@ -1,4 +1,4 @@
-"""Find another system's clock relative to ours, from the movement that both recorded.
+"""Find another system's clock relative to ours, from the movement that both systems recorded.
 
 Distances between joints, and angles, do not depend on the frame of reference, so the movement can be matched in time
 before anything is known about space.
@@ -51,7 +51,7 @@ class Signals:
 def common_signals(
     ours: tuple[np.ndarray, np.ndarray, np.ndarray], theirs: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> tuple[Signals, Signals] | None:
-    """Return the signals that both have and that move; None where there is none.
+    """Return the signals that both systems have and that vary enough; None without such signals.
 
     Each system has time_s (n,), position_m (n, 21, 3), degrees (n, a), with the same angles in both; NaN where missing.
     """
@@ -73,7 +73,9 @@ def common_signals(
 
 
 def position_signals(time_s: np.ndarray, position_m: np.ndarray) -> Signals:
-    """Return the coordinates (n, 21, 3) of joints in one known frame: they contain more information than distances."""
+    """Return signals from the coordinates (n, 21, 3) of joints in a common, known frame, which contain more information
+    than distances.
+    """
     return on_grid(time_s, position_m.reshape(len(time_s), -1) / LEAST_MOVEMENT_M)
 
 
@@ -153,7 +155,9 @@ HUBER: Final = 2.5  # residuals beyond this many standard deviations get less we
 
 
 class NoCommonMovement(AnchorposeError):
-    """The error that two recordings do not show the same movement, or do not determine how their clocks differ."""
+    """The error for two recordings that do not show the same movement, or that do not determine how their clocks
+    differ.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,7 +181,7 @@ class OtherClock:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clock(OtherClock):
-    """A clock found from movement; correlation: of all signals at the best offset."""
+    """A clock found from movement. correlation: correlation of all signals at the best offset."""
 
     correlation: float
 
@@ -185,14 +189,14 @@ class Clock(OtherClock):
 def find_clock(ours: Signals, theirs: Signals) -> Clock:
     """Find offset and drift with their uncertainty, from the same signals of both systems.
 
-    Raises NoCommonMovement where the best offset explains too little, or another explains as much.
+    Raises NoCommonMovement where the best offset explains too little, or where another offset explains as much.
     """
     offset_s, correlation = _coarse_offset(ours, theirs)
     return refine_clock(ours, theirs, starting_clock(offset_s, correlation))
 
 
 def starting_clock(offset_s: float, correlation: float) -> Clock:
-    """Return a clock with a roughly known offset only."""
+    """Return a clock of which only the offset is known, roughly."""
     return Clock(
         offset_s=offset_s,
         offset_sigma_s=np.inf,
@@ -262,9 +266,9 @@ def offset_of_peak(
     """Return the offset in seconds of the best correlation, and this correlation.
 
     r, overlap: correlation and number of common samples at each lag of every ``COARSE``-th sample, as ``_correlations``
-    has them. least_s: common time below which a lag is not considered. near_s: an offset within ``RIVAL_DISTANCE_S`` of
-    the right one; None: any may be right. Raises NoCommonMovement where the best correlation is too small, or another
-    offset explains as much.
+    returns them. least_s: common time below which a lag is not considered. near_s: an offset within
+    ``RIVAL_DISTANCE_S`` of the right one; None: any may be right. Raises NoCommonMovement where the best correlation is
+    too small, or another offset explains as much.
     """
     a, b = ours.values[::COARSE], theirs.values[::COARSE]
     least = max(LEAST_OVERLAP * min(len(a), len(b)), least_s * GRID_HZ / COARSE)
@@ -275,7 +279,7 @@ def offset_of_peak(
     if not considered.any():
         raise NoCommonMovement(f"they have less than {least * COARSE / GRID_HZ:.1f} s in common")
     r = np.where(considered, r, -1.0)
-    # uncommon movement counts as unexplained: with a short overlap chance looks like agreement
+    # movement outside the overlap counts as unexplained, since with a short overlap chance looks like agreement
     best = int(np.argmax(r * np.sqrt(np.where(considered, overlap, 0.0))))
     if r[best] < LEAST_CORRELATION:
         raise NoCommonMovement(f"the best correlation of their movements is {max(r[best], 0.0):.2f}")
@@ -293,7 +297,7 @@ def offset_of_peak(
 
 
 def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for all signals together at each lag of b behind a, the correlation and its number of samples.
+    """Return the correlation of all signals together, and its number of samples, at each lag of b behind a.
 
     a (n, k), b (m, k), NaN where missing. Lag index i pairs a[j] with b[j + i - (n - 1)].
     """
@@ -324,8 +328,8 @@ def _normal_equations(
     """Return the normal equations of a step in offset and drift about the overlap's centre, for ``BLOCKS`` stretches of
     equal time.
 
-    They are matrices (b, 2, 2) and right sides (b, 2), with the times of common samples and their centre; None where
-    nothing is common.
+    They are matrices (b, 2, 2) and right sides (b, 2), with the times of common samples and their centre; None without
+    common samples.
     """
     at_s = ours.time_s + offset_s + drift * (ours.time_s - middle_s)
     place = (at_s - theirs.time_s[0]) * GRID_HZ

@@ -38,12 +38,12 @@ STATES: Final = (ALL, INFERRED, *(str(state) for state in JointState if state is
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """One row of agreement; None where undefined. All values are in ``unit``, differences are ours minus theirs.
+    """One row of agreement; None where undefined. All values are in ``unit``; differences are our value minus theirs.
 
-    kind: joint (centres), angle (from both systems' joints by our formula) or given_angle (as the other system computes
-    it). axis: x, y, z of the world, distance, or degrees. state: all, inferred, or one of ``JointState``. offset:
-    as_measured, or with the constant difference of the definitions removed. repeated: the kind of the units of
-    repetition.
+    kind: joint (joint centres), angle (computed from both systems' joints by our formula) or given_angle (as the other
+    system computes it). axis: x, y, z of the world, distance, or degrees. state: all, inferred, or one of
+    ``JointState``. offset: as_measured, or with the constant difference of the definitions removed. repeated: the kind
+    of the units of repetition.
     """
 
     kind: str
@@ -96,18 +96,22 @@ class Compared:
     time_s: np.ndarray
 
     def chosen(self, state: str) -> np.ndarray:
-        """Return (n,) bool: frames in which all is known and the joint, or the angle's worst joint, is in a state."""
+        """Return (n,) bool: frames in which all values are known and the joint, or the angle's worst joint, is in the
+        given state.
+        """
         known = np.isfinite(self.ours + self.theirs + self.offset) & (self.state_code != LOST)
         return np.asarray(known & in_state(self.state_code, state))
 
     def their_values(self, offset: str) -> np.ndarray:
-        """Return their values (n,), with or without the difference of the definitions."""
+        """Return the other system's values (n,), with or without the difference of the definitions."""
         return self.theirs + self.offset if offset == OFFSET_REMOVED else self.theirs
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A compared quantity, and the function that takes it from a match; None where a recording does not have it."""
+    """A compared quantity, and the function that takes it from a match, which returns None where a recording lacks
+    it.
+    """
 
     kind: str
     name: str
@@ -131,7 +135,7 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Return all rows of all recordings together; subjects: of each match, the same text for the same person."""
+    """Return all rows of all recordings together; subjects: one text per match, equal for the same person."""
     rows = list[Agreement]()
     for quantity in quantities(matches):
         taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]
@@ -191,7 +195,7 @@ def _error_row(about: tuple[str, str, str, str], error: np.ndarray, **values: An
 
 
 def _shape(parts: Parts, offset: str) -> dict[str, Any]:
-    """Return CMC and ranges, each the mean over recordings."""
+    """Return the coefficient of multiple correlation and the ranges, each as mean over recordings."""
     pairs = [(each.ours[chosen], each.their_values(offset)[chosen]) for each, _, chosen in parts]
     cmc = [waveform_correlation(*pair) for pair in pairs]
     ranges = [tuple(float(np.ptp(values)) for values in pair) for pair in pairs]
@@ -205,8 +209,8 @@ def _shape(parts: Parts, offset: str) -> dict[str, Any]:
 
 
 def _units(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
-    """Number the stretches of time whose errors are independent: each lasts twice the correlation time, at least one
-    second.
+    """Return the number of the stretch of time to which each frame belongs. Stretches have independent errors, since
+    each lasts twice the correlation time, at least one second.
     """
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     centred = difference - difference.mean()
@@ -275,7 +279,7 @@ def _given(match: Match, name: str) -> Compared | None:
 def _of_angle(match: Match, name: str, theirs: np.ndarray) -> Compared | None:
     column = match.ours.column(name)
     ours = match.ours.degrees[:, column]
-    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # the short way round
+    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # by the shorter way around the circle
     known = np.isfinite(ours - theirs)
     if not known.any():
         return None
@@ -290,7 +294,7 @@ TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four number
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """The comparisons of several recordings and their common results; subjects: of each match."""
+    """The comparisons of several recordings and their common results; subjects: one per match."""
 
     matches: tuple[Match, ...]
     subjects: tuple[str, ...]
@@ -300,8 +304,8 @@ class Comparison:
 def compare_with_reference(
     results: Sequence[Path], references: Sequence[Path], subjects: Sequence[str], settings: ReferenceSettings
 ) -> Comparison:
-    """Compare results folders with one reference each, in the same order; subjects: one per folder, or none: each is a
-    person.
+    """Compare results folders with one reference each, in the same order; subjects: one per folder; without them, each
+    folder is another person.
 
     Raises InputError or AnchorposeError where the two do not belong together or cannot be used.
     """
@@ -325,7 +329,7 @@ def compare_with_reference(
 
 
 def read_transform(path: Path) -> np.ndarray:
-    """Read T_world_reference (4, 4) from a JSON file; raises InputError where it has none."""
+    """Read T_world_reference (4, 4) from a JSON file; raises InputError where the file has no such matrix."""
     document: Any = read_json(path)
     rows = document.get("reference_to_world") if isinstance(document, dict) else None
     try:

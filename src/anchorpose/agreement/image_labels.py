@@ -25,7 +25,8 @@ REMEDY: Final = "give rows camera,frame,joint,u,v with the column u and the row 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageErrors:
-    """Distances in the plane of the image, for the joints of one name, or for all; None where none is known.
+    """Distances in the plane of the image, for the joints of one name or for all joints; None where no distance is
+    known.
 
     labelled: number of labels in tracked frames; lost: number of these whose joint was lost. Millimetres are pixels at
     the distance of the tracked joint. within_50, within_100: share of ``labelled``, lost joints count as outside.
@@ -50,7 +51,7 @@ class _Label:
 
 
 def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[ImageErrors, ...]:
-    """Evaluate all joints, observed and inferred ones, and each labelled joint.
+    """Evaluate all joints together, observed and inferred joints separately, and each labelled joint.
 
     Raises InputError where a file cannot be used, or no labelled frame is among the results.
     """
@@ -74,7 +75,9 @@ def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[Image
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """A camera with its pose as used; time_s (n,): of its images by the results' clock; frame (n,): their numbers."""
+    """A camera with its pose as used. time_s (n,): times of its images on the results' clock; frame (n,): numbers of
+    the images.
+    """
 
     camera: Camera
     time_s: np.ndarray

@@ -1,5 +1,5 @@
-"""Match the frames of a results folder with those of another system: one clock, one frame, the same joints and
-angles.
+"""Match the frames of a results folder with those of another system, so that both have the same clock, the same frame
+of reference, and the same joints and angles.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def _clock_of_positions(
 
 
 def _angles_of(joints: JointTable, position_m: np.ndarray) -> AngleTable:
-    """Return the angles of the other system's joints by our formulas; their sigma is not known and not used."""
+    """Return the angles of the other system's joints by our formulas; their sigma is unknown and not used."""
     return joint_angles(
         JointTable(
             joints.frame, joints.time_s, position_m, joints.state_code, np.zeros((len(joints.frame), JOINT_COUNT))

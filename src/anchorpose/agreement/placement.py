@@ -1,9 +1,9 @@
 """Find another system's frame in ours, and the offsets of its joints by definition.
 
-Two systems without errors still differ: one takes the knee's centre midway between two markers, the other from the
-body's surface. Such an offset is constant in the segment's axes, and is separated here from errors, which are not
-constant. An offset that all joints share looks like another position of the frame unless the person turns; it is
-attributed to the frame.
+Even without errors, two systems differ in their definitions: for example, one places the knee's centre midway between
+two markers, the other computes it from the body's surface. Such an offset is constant in the segment's axes, and is
+separated here from errors, which are not constant. An offset that all joints share looks like another position of the
+frame unless the person turns; it is attributed to the frame.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def segment_axes(position_m: np.ndarray) -> np.ndarray:
     """Return the axes (n, 21, 3, 3), columns x, y, z, of each joint's segment; position_m (n, 21, 3), NaN where
     unknown.
 
-    A limb's axes are those of pelvis or trunk, turned the shortest way until they are in line with the limb.
+    A limb's axes are those of pelvis or trunk, rotated the shortest way until they are in line with the limb.
     """
     points = {name: position_m[:, index].T for name, index in JOINT_INDEX.items()}
     base = {"pelvis": _columns(pelvis_axes(points)), "trunk": _columns(trunk_axes(points))}
@@ -97,8 +97,9 @@ def place(
 ) -> Placement:
     """Find the reference's frame and the offsets of its definitions, from joints (n, 21, 3) at the same times.
 
-    sigma_m (n, 21): of ours; axes (n, 21, 3, 3): ``segment_axes`` of ours. given: T_world_reference where it is known;
-    only the offsets are found then. Raises DegenerateGeometry where the common joints do not determine a frame.
+    sigma_m (n, 21): sigma of our joints; axes (n, 21, 3, 3): ``segment_axes`` of our joints. given: T_world_reference
+    where it is known; then only the offsets are found. Raises DegenerateGeometry where the common joints do not
+    determine a frame.
     """
     weight = _weights(ours_m, sigma_m, theirs_m)
     both = weight > 0
@@ -113,7 +114,7 @@ def place(
 
 
 def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> np.ndarray:
-    """Return weights (n, 21) of mean 1, 0 where a joint is not common: an inferred joint determines the frame less."""
+    """Return weights (n, 21) with mean 1, which are 0 where a joint is not common and smaller for inferred joints."""
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2) & np.isfinite(sigma_m)
     both[:, both.sum(axis=0) < LEAST_FRAMES] = False
     weight = np.where(both, 1.0 / (np.where(both, sigma_m, 0.0) ** 2 + ERROR_M**2), 0.0)
@@ -121,8 +122,8 @@ def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> n
 
 
 def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return T_world_reference: its rotation with freer offsets, and the place of the body's middle with tighter
-    ones.
+    """Return T_world_reference. Its rotation comes from a fit with freer offsets, the place of the body's middle from a
+    fit with tighter offsets.
     """
     turned, placed = (
         _fit(ours_m, theirs_m, axes, weight, prior)[0] for prior in (TURN_PRIOR_FRAMES, SHIFT_PRIOR_FRAMES)
@@ -146,7 +147,7 @@ def _fit(
     prior_frames: float,
     given: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fit frame and offsets together, by Gauss-Newton: where a person turns, the two are distinct."""
+    """Fit frame and offsets together, by Gauss-Newton. They can be separated where the person turns."""
     known = (joint_weight > 0) & np.isfinite(axes).all(axis=(2, 3))
     every = max(1, len(known) // MOST_FRAMES)
     known[np.arange(len(known)) % every != 0] = False
@@ -226,7 +227,7 @@ def _spread(T: np.ndarray, others: list[np.ndarray], centre_m: np.ndarray) -> tu
 
 
 def _columns(axes: Axes) -> np.ndarray:
-    """Return (n, 3, 3)."""
+    """Return the matrices (n, 3, 3) with the given columns."""
     return np.stack([axes.x, axes.y, axes.z], axis=-1).transpose(1, 0, 2)
 
 

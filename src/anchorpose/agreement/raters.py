@@ -22,7 +22,9 @@ REMEDY: Final = "give the scores of the same sessions from every rater, each fil
 
 @dataclass(frozen=True, slots=True)
 class RaterAgreement:
-    """reliability: of a single score. raters: their initials. left_out: how many trials lack a score of a rater."""
+    """The agreement of raters. reliability: reliability of a single score. raters: the raters' initials. left_out:
+    number of trials that lack a rater's score.
+    """
 
     reliability: Reliability
     raters: tuple[str, ...]
@@ -30,7 +32,7 @@ class RaterAgreement:
 
 
 def rater_agreement(paths: Sequence[Path]) -> RaterAgreement:
-    """Return the agreement of two raters or more; paths: a file per rater and session, of 'anchorpose view --rate'.
+    """Return the agreement of two or more raters. paths: one file of 'anchorpose view --rate' per rater and session.
 
     Raises InputError where a file cannot be used, or the raters did not score the same trials.
     """
@@ -59,7 +61,7 @@ def _by_session_and_rater(files: dict[Path, Ratings]) -> dict[tuple[str, str], t
 
 
 def _grid(held: dict[tuple[str, str], tuple[Path, Ratings]], session: str, raters: Sequence[str]) -> np.ndarray:
-    """Return (trials, raters) the scores of a session, NaN where there is none."""
+    """Return the scores (trials, raters) of a session, NaN where a rater gave no score."""
     there = [held[key] for rater in raters if (key := (session, rater)) in held]
     path, first = there[0]
     missing = next((rater for rater in raters if (session, rater) not in held), None)

@@ -1,9 +1,10 @@
 """Read another system's recording as our joints and angles, on its own clock and in its own frame.
 
-Joint centres are found by labels: given, midway between markers, or a hip by an estimate. Regression: Harrington et al.
-2007 (doi:10.1016/j.jbiomech.2006.02.003), their equations of one variable each, which Sangeux et al. 2014
-(doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults. Functional method: the point of
-the pelvis about which the thigh's markers move on spheres, Gamage and Lasenby 2002 (doi:10.1016/S0021-9290(01)00160-9).
+Joint centres are found by labels: they are given, or lie midway between markers; hip centres may be estimated.
+Regression: Harrington et al. 2007 (doi:10.1016/j.jbiomech.2006.02.003), their equations of one variable each, which
+Sangeux et al. 2014 (doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults. Functional
+method: the point of the pelvis about which the thigh's markers move on spheres, Gamage and Lasenby 2002
+(doi:10.1016/S0021-9290(01)00160-9).
 """
 
 from __future__ import annotations
@@ -61,8 +62,9 @@ _SPELT: Final = re.compile(r"^(L|R|LEFT|RIGHT)(HIP|KNEE|ANKLE|SHOULDER|ELBOW|WRI
 class Marking:
     """The meaning of the file's labels.
 
-    centres: joint to the label of its centre. midpoints: joint to the labels whose mean is its centre. pelvis: ASIS
-    left and right, PSIS left and right; None where one is missing. thighs: for left and right the markers on the thigh.
+    centres: by joint, the label of its centre. midpoints: by joint, the labels whose mean is its centre. pelvis: labels
+    of ASIS left and right, PSIS left and right; None where one is missing. thighs: the markers on the left and the
+    right thigh.
     """
 
     centres: dict[str, str]
@@ -72,7 +74,7 @@ class Marking:
 
     @property
     def empty(self) -> bool:
-        """Return whether no joint follows from these labels."""
+        """Return whether these labels determine no joint."""
         return not self.centres and not self.midpoints and self.pelvis is None
 
 
@@ -164,7 +166,7 @@ class CentreTrack:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Return the joints that exist."""
+        """Return the names of the joints that exist."""
         return tuple(name for name, how in zip(JOINT_NAMES, self.origin, strict=True) if how is not None)
 
 
@@ -274,7 +276,7 @@ def with_sides_exchanged(track: CentreTrack) -> CentreTrack:
 
 
 def other_side(name: str) -> str:
-    """Return the same joint or angle of the other side; the name itself where it has none."""
+    """Return the name of the same joint or angle of the other side; the name itself where it has no side."""
     for left, right in ((*SIDES.values(),), ("_left", "_right")):
         if name.endswith(left):
             return name.removesuffix(left) + right
@@ -301,8 +303,8 @@ _PLUG_IN: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The other system's recording. time_s (t,): its own clock; centres: in its own frame; degrees (t, a) of
-    ``angles``, which have our names. notes: how the file was understood, in sentences.
+    """The other system's recording. time_s (t,): times on its own clock; centres: joint centres in its own frame;
+    degrees (t, a) of ``angles``, which have our names. notes: how the file was understood, in sentences.
 
     notes: what was understood of the file, in sentences.
     """

@@ -60,7 +60,7 @@ HEAD: Final = ",".join(COLUMNS)  # the first line of the table
 
 @dataclass(frozen=True, slots=True)
 class MeanSquares:
-    """Mean squares of a two-way analysis of variance: between subjects, between repeats, and the rest."""
+    """Mean squares of a two-way analysis of variance: between subjects, between repeats, and of the residuals."""
 
     subjects: float
     repeats: float

@@ -1,9 +1,9 @@
 """Compute bias and limits of agreement of repeated measurements, with intervals.
 
-Bland and Altman 2007 (doi:10.1080/10543400701329422), pairs whose true value changes: the variance of a difference is
-that within a unit plus that between units, both from a one-way analysis of variance. A unit is a subject or, with only
-one recording, a stretch of it. Intervals are by the method of variance estimates recovery: Zou 2013
-(doi:10.1177/0962280211402548).
+The method is Bland and Altman 2007 (doi:10.1080/10543400701329422), for pairs whose true value changes: the variance of
+a difference is the variance within a unit plus that between units, both from a one-way analysis of variance. A unit is
+a subject or, with only one recording, a stretch of it. Intervals are by the method of variance estimates recovery: Zou
+2013 (doi:10.1177/0962280211402548).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CONFIDENCE: Final = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A number with its 95 % interval; low and high are None where there are too few units for one."""
+    """A number with its 95 % interval; low and high are None where there are too few units for an interval."""
 
     value: float
     low: float | None = None
@@ -42,7 +42,8 @@ class Limits:
     bias: Estimate
     lower: Estimate
     upper: Estimate
-    within_sd: float | None  # standard deviation of differences in the same unit; None where no unit has two
+    # standard deviation of differences in the same unit; None where no unit has two differences
+    within_sd: float | None
     # standard deviation of the units' own means, without sampling error; None for a single unit
     between_sd: float | None
     sd: float  # standard deviation of a single difference
@@ -122,8 +123,8 @@ def _intervals(
 
 
 def _sigma_of_bias(mean: np.ndarray, size: np.ndarray, bias: float) -> float:
-    """Return the standard error of the mean of all differences: units are independent, differences within one are
-    not.
+    """Return the standard error of the mean of all differences. Units are independent, but differences within a unit
+    are not.
     """
     share = size / size.sum()
     units = len(mean)

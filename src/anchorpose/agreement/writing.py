@@ -69,7 +69,7 @@ def page_text(comparison: Comparison, alignments: Sequence[Sequence[str]], metho
 
 
 def distance_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
-    """Return (title, cells of ``DISTANCE_HEAD``) of joints and of all of them."""
+    """Return rows (title, cells of ``DISTANCE_HEAD``) for each joint and for all joints."""
     return [
         (_title(row), [f"{row.mean_abs:.1f}", f"{row.rmse:.1f}", f"{row.largest:.0f}", str(row.samples)])
         for row in comparison.rows
@@ -132,7 +132,7 @@ def _plots(comparison: Comparison) -> list[tuple[str, list[Markup]]]:
 
 
 class Plot:
-    """Where a plot lies in its picture, in units of the picture."""
+    """The place of a plot in its picture, in units of the picture."""
 
     WIDTH, HEIGHT = 420, 240
     LEFT, END, TOP, BASE = 52, 408, 10, 206
@@ -301,7 +301,7 @@ def _alignment(match: Match) -> Any:
 
 
 def alignment_sentences(match: Match) -> list[str]:
-    """Return how the clocks and frames of two recordings lie, with their uncertainty, for people."""
+    """Return sentences on how the clocks and frames of two recordings are related, with their uncertainty."""
     clock, placement = match.clock, match.placement
     begin, end = clock.overlap_s
     found = [

@@ -71,8 +71,8 @@ class Setup:
 class DepthImages(Setup):
     """A recording in memory.
 
-    depth_m: by camera name, images (n, height, width), metres along the optical axis; 0, NaN and infinite are no
-    reading. time_s: their times, rising; (n,) for all cameras, or by camera name.
+    depth_m: by camera name, images (n, height, width), metres along the optical axis; 0, NaN and infinite mean no
+    reading. time_s: their times, increasing; (n,) for all cameras, or by camera name.
     """
 
     depth_m: Mapping[str, np.ndarray]
@@ -108,7 +108,7 @@ class DepthImages(Setup):
 
 
 def grey_of(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Convert a depth image in metres to grey values (height, width) uint16, as the camera's files have them.
+    """Convert a depth image in metres to grey values (height, width) uint16, the form of the camera's files.
 
     Raises AnchorposeError where the shape is not the camera's, or a reading is negative or too large for the format.
     """

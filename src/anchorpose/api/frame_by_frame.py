@@ -44,8 +44,9 @@ START_S: Final = 6.0  # s, as ``anchorpose live``: a patient moves enough in it 
 class Pose:
     """The patient in one frame.
 
-    joints_m (21, 3): order of ``JOINT_NAMES``, metres in the world (X forward, Y up, Z to the patient's right), NaN
-    where a joint is lost. sigma_m (21,): one standard deviation along each axis. states: how each was determined.
+    joints_m (21, 3): in the order of ``JOINT_NAMES``, metres in the world (X forward, Y up, Z to the patient's right),
+    NaN where a joint is lost. sigma_m (21,): one standard deviation along each axis. states: how each joint was
+    determined.
     """
 
     frame: int
@@ -82,8 +83,8 @@ class Pose:
 class Tracker:
     """A tracker that finds the patient in successive depth images, and then gives the pose in each.
 
-    why: why ``step`` last returned None, one sentence; empty if it returned a pose. Use it in a ``with`` block, or
-    ``close`` it: it keeps the first seconds in a temporary folder until the patient is found.
+    why: one sentence on why ``step`` last returned None; empty if it returned a pose. Use it in a ``with`` block, or
+    call ``close``: the first seconds are kept in a temporary folder until the patient is found.
     """
 
     why: str
@@ -98,12 +99,12 @@ class Tracker:
         start_s: float = START_S,
         config: TrackConfig | None = None,
     ) -> None:
-        """Take cameras, whose images will follow, or a recording folder, whose cameras, patient and equipment are
-        used.
+        """Make a tracker for cameras, whose images will follow, or for a recording folder, whose cameras, patient and
+        equipment are used.
 
         subject, equipment (an equipment.json) and empty_room_m (by camera name, (height, width) metres): prior
-        knowledge. start_s: duration of the first seconds, from which the body is learnt. Raises InputError where any of
-        them cannot be used.
+        knowledge. start_s: duration of the first seconds, from which the body is learnt. Raises InputError where an
+        argument cannot be used.
         """
         known = _setup_of(Path(cameras)) if isinstance(cameras, Path | str) else Setup(cameras=tuple(cameras))
         self._setup = replace(
@@ -144,9 +145,10 @@ class Tracker:
     def step(self, depth_m: Mapping[str, np.ndarray], time_s: float) -> Pose | None:
         """Return the pose in the next frame; None while the patient is not found, or is lost (``why``).
 
-        depth_m: by camera name, (height, width) metres along the optical axis; 0, NaN and infinite are no reading; a
+        depth_m: by camera name, (height, width) metres along the optical axis; 0, NaN and infinite mean no reading; a
         missing camera has no image in this frame. time_s: later than that of the frame before. The step that ends the
-        first seconds takes as long as learning the body. Raises AnchorposeError where an argument does not fit.
+        first seconds also learns the body, and takes as long as that. Raises AnchorposeError where an argument does not
+        fit.
         """
         if not time_s > self._last_s:
             raise AnchorposeError(f"The frame at {time_s:g} s is not later than that before; give rising times.")
@@ -198,7 +200,7 @@ class Tracker:
         return self._catch_up(self._prepared)
 
     def _catch_up(self, prepared: Prepared) -> Estimate | None:
-        """Track the first seconds from a good frame on; return the newest estimate."""
+        """Track the kept first seconds, starting at a good frame; return the newest estimate."""
         run = replace(prepared.run, config=self._options.live(prepared.run.config))
         initial, recording = latest_good(run.room.initial_frames), run.room.recording
         self._follower, newest = Follower(run, initial.choice, prepared.learnt.shape), list[Estimate]()

@@ -1,4 +1,6 @@
-"""Make a recording of a path from the caller: a recording folder is one, a recorder's file is converted."""
+"""Turn the path that a caller gives into a recording: a recording folder is used as it is, a recorder's file is
+converted.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +12,18 @@ Progress = Callable[[int, int | None], None]
 
 
 class Watcher:
-    """A listener to progress and notes; this one is silent. The command line's draws bars and prints notes.
+    """A listener to progress and notes that ignores both. The command line has a subclass that draws bars and prints
+    notes.
 
-    how_to_resume: the advice in the message of a stopped run; None: the same command with --resume.
+    how_to_resume: the advice in the message of a stopped run; None: to repeat the command with --resume.
     """
 
     def __init__(self, how_to_resume: str | None = None) -> None:
         self.how_to_resume = how_to_resume
 
     def working(self, on: str, at_once: bool = True) -> AbstractContextManager[Progress]:
-        """Return a context manager for one piece of work; it yields a function called with (done, total), total None
-        while unknown.
+        """Return a context manager for one piece of work. It yields a function that the work calls with (done, total);
+        total is None while unknown.
 
         at_once: show the work before the first call, not only then.
         """

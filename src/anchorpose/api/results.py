@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATIENT: Final = "patient"
-WITHIN_M: Final = 0.1  # m, limit of ``confidence``: an error that shows in clinical measures and pictures of a pose
+WITHIN_M: Final = 0.1  # m, limit of ``confidence``; a larger error shows in clinical measures and pictures
 EVEN: Final = 0.01  # share of the frame interval: times that differ by less are evenly spaced
 
 
 class Results:
     """A results folder. Every table is read when it is used; missing values are NaN or None, never a number.
 
-    folder: its place; ``track`` without a folder argument keeps it as long as this object lives.
+    folder: its path. If ``track`` was called without a folder, the folder exists as long as this object lives.
     """
 
     folder: Path
@@ -88,9 +88,9 @@ class Results:
     def to_xarray(self) -> xr.Dataset:
         """Return the joints in the convention of the package ``movement`` for poses.
 
-        position (time, space, keypoints, individuals) metres, world; confidence (time, keypoints, individuals): how
-        probable it is, by sigma, that the joint is within 10 cm; sigma in metres along each axis and state beside it.
-        NaN where a joint is lost. Raises MissingPackage without xarray.
+        position (time, space, keypoints, individuals) metres, world; confidence (time, keypoints, individuals): the
+        probability, computed from sigma, that the error is below 10 cm. sigma (metres, along each axis) and state have
+        the same shape. NaN where a joint is lost. Raises MissingPackage without xarray.
         """
         try:
             import xarray as xr

@@ -1,4 +1,4 @@
-"""Track a whole recording, a folder or arrays, with one call. ``anchorpose track`` is a user of it."""
+"""Track a whole recording, a folder or arrays, with one call. The command ``anchorpose track`` calls it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from anchorpose.tracker.config import TrackConfig
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Options of tracking, each as the option of ``anchorpose track``; None: not given."""
+    """Options of tracking, with the names and meanings of the options of ``anchorpose track``; None: not given."""
 
     config: TrackConfig | None = None
     calibration: Path | str | None = None
@@ -39,9 +39,9 @@ def track(
     """Find the patient's 21 joints in every frame of a recording, and open the results.
 
     recording: a recording folder, a recorder's file, or depth images in memory. results: the folder to write, which
-    appears when all is done; without it, results are kept as long as the returned object lives. config: settings that
-    differ from the defaults. Other arguments are as the options of ``anchorpose track``. Raises InputError where the
-    recording cannot be used, or the folder exists and is not to be overwritten.
+    appears when tracking is complete; without it, the results are kept as long as the returned object lives. config:
+    settings that differ from the defaults. Other arguments are as the options of ``anchorpose track``. Raises
+    InputError where the recording cannot be used, or the folder exists and may not be overwritten.
     """
     options = Options(config, calibration, corrections, events, overwrite, threads=threads)
     return track_watched(recording, results, options, Watcher())

@@ -29,7 +29,8 @@ if find_spec("distributed") is None:
 SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
 CONNECT_S: Final = 20.0
-# deaths of its worker that a job survives; with more, the job is the cause, for example by too little memory
+# deaths of its worker after which a job is repeated; with more deaths the job is the cause, for example by too little
+# memory
 DEATHS: Final = 3
 
 SCHEDULING: Final = {
@@ -43,8 +44,9 @@ IGNORE_CTRL_C: Final = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_I
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The place of the workers. workers: their number, None for one per core (on a running scheduler, all it has).
-    scheduler: None for this machine, an address, or ``slurm``; slurm: keyword arguments of dask_jobqueue.SLURMCluster.
+    """The machine or scheduler on which the workers run. workers: their number, None for one per core (on a running
+    scheduler, all it has). scheduler: None for this machine, an address, or ``slurm``; slurm: keyword arguments of
+    dask_jobqueue.SLURMCluster.
     """
 
     workers: int | None = None
@@ -60,7 +62,7 @@ class Place:
 
 
 def cores() -> int:
-    """Return the cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -179,13 +181,14 @@ def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambd
         try:
             yield from _run(client, jobs, group, tick)
         except BaseException:
-            with suppress(Exception):  # the first error counts
+            with suppress(Exception):  # the first error is reported
                 client.run(stop_children, group)
             raise
 
 
 def _run(client: Client, jobs: Sequence[Job], group: str, tick: Callable[[], None]) -> Iterator[Outcome]:
-    """Run jobs, no more at once than there are threads: a job that waits on a worker would share in its death.
+    """Run jobs, at most as many at once as there are threads, since the death of a worker would also count against jobs
+    that wait on it.
 
     A future is released with its outcome. The scheduler then forgets the job, so that a worker's death does not repeat
     it.

@@ -1,7 +1,7 @@
 """Find the sessions of a batch, and name each one's results folder.
 
 Recordings are named one by one, by folder, by pattern, or in a table with one row each. ``batch.json`` records the name
-of each recording in the folder of a batch, over all calls: a name never passes from one recording to another.
+of each recording in the folder of a batch, over all calls: a name is never reused for another recording.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ COLUMNS: Final = ("recording", "session", "subject", *SETTINGS)
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """A recording to track: a path, or an address as text. name: of its results folder; subject: the patient by the
-    table; options: of its run.
+    """A recording to track, given by a path or an address. name: name of its results folder; subject: the patient, from
+    the table; options: options of its run.
     """
 
     recording: Path | str
@@ -77,7 +77,7 @@ class Session:
 
 
 def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
-    """Find the sessions that a user names, in the order given; only a table gives them names (``names``).
+    """Find the sessions that a user lists, in the order given; only a table gives them names (``names``).
 
     given: recordings (folders, or files of a recorder), folders that contain recordings, addresses, patterns such as
     ``clinic/*/recording``, and tables (``.csv``). options: for all of them; a row of a table overrides them. Raises
@@ -186,8 +186,8 @@ class NamedRecording:
     mark: str | None = None
 
     def is_of(self, other: NamedRecording) -> bool:
-        """Return whether both are the same recording: the same images at the same place, or moved from a place that is
-        gone.
+        """Return whether both entries are the same recording: the same images at the same path, or moved from a path
+        that no longer exists.
         """
         same_images = self.mark == other.mark or None in (self.mark, other.mark)
         if self.recording == other.recording:
@@ -210,7 +210,7 @@ def open_folder(out: Path, sessions: Sequence[Session]) -> tuple[Session, ...]:
     if inside:
         raise InputError(out, f"lies inside the recording {inside[0].recording}", "choose a folder outside of it")
     before = _read(mark)
-    _named(sessions, before, out)  # a refusal leaves no folder
+    _named(sessions, before, out)  # named before the folder is made, so that a refusal leaves no folder
     with new_folder(out.resolve(), out), FileLock(out / LOCK_FILE):
         before = _read(mark)
         named = _named(sessions, before, out)
@@ -242,7 +242,9 @@ def _write(path: Path, named: Sequence[NamedRecording]) -> None:
 
 
 def _named(sessions: Sequence[Session], before: Sequence[NamedRecording], out: Path) -> tuple[NamedRecording, ...]:
-    """Return an entry per session: named by the user, as in an earlier call, or as briefly as possible."""
+    """Return an entry per session, with the name that the user gave, the name of an earlier call, or the shortest
+    possible name.
+    """
     own = [NamedRecording("", each.shown, each.subject, _mark_of(each.place)) for each in sessions]
     names = [_given(each) or _earlier(one, before) for each, one in zip(sessions, own, strict=True)]
     taken = {_key(one.session): one for one in before}

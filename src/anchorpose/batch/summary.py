@@ -105,7 +105,7 @@ def note_outcome(out: Path, outcome: Outcome) -> None:
 
 
 def require_places(out: Path, sessions: Sequence[Session]) -> None:
-    """Raise InputError where a link or a thing of another kind is at a place to be written."""
+    """Raise InputError where a path to be written is a link or something else than expected."""
     for name in (RESULTS_FOLDER, LOGS_FOLDER):
         if (out / name).is_symlink() or (is_there(out / name) and not (out / name).is_dir()):
             raise InputError(out / name, "is a link, or no folder", MOVE_AWAY)
@@ -125,8 +125,8 @@ def row_of(
 ) -> tuple[SessionRow, tuple[Measure, ...]]:
     """Return a batch folder's row on a session, and its measures if it is done.
 
-    A session that failed in its last run is failed, whatever results exist. outcomes: by name, why sessions that have
-    just run failed, None where they did not.
+    A session that failed in its last run counts as failed, whatever results exist. outcomes: by name, why a session
+    that has just run failed, None where it did not fail.
     """
     results = out / RESULTS_FOLDER / session.name
     who: dict[str, Any] = {"session": session.name, "recording": session.shown, "subject": session.subject}
@@ -179,13 +179,13 @@ def _figures(results: Path) -> dict[str, Any]:
 
 
 def _measures(results: Path) -> tuple[Measure, ...]:
-    """Return the measures of a session that are not about a single person; none where it was not measured."""
+    """Return the measures of a session that are not about a single person; empty where the session was not measured."""
     path = results / MEASURES_FILE
     return tuple(measure for measure in read_measures(path) if measure.person is None) if is_there(path) else ()
 
 
 def write_tables(out: Path, rows: Sequence[SessionRow], measures: Iterable[tuple[SessionRow, Measure]]) -> None:
-    """Write both tables, each whole or not at all."""
+    """Write both tables, each completely or not at all."""
     _write(out, SESSIONS, rows)
     names = ("measure", "side", "part", "value", "unit", "sigma", "why")
     _write(
@@ -206,7 +206,7 @@ def _write(out: Path, table: RecordTable[Any], rows: Sequence[Any]) -> None:
 
 
 def _for_spreadsheets(table: pa.Table) -> pa.Table:
-    """Return the table with texts that no spreadsheet runs as a formula."""
+    """Return the table with texts changed such that no spreadsheet runs them as a formula."""
     for index, column in enumerate(table.schema):
         if column.type == _TEXT:
             cells = [cell and cell_text(cell) for cell in table[column.name].to_pylist()]
@@ -220,7 +220,7 @@ UNKNOWN: Final = Markup('<span title="{}">–</span>')
 
 
 def write_page(out: Path, rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]) -> Path:
-    """Write index.html. measures: of each finished session, by name."""
+    """Write index.html. measures: measures of each finished session, by name."""
     counts = Counter(row.state for row in rows)
     compared = [row for row in rows if row.state == DONE][:MOST_COMPARED]
     page = render_page(
@@ -277,7 +277,7 @@ def _titles(rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]
 def _measure_rows(
     rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]
 ) -> list[tuple[Markup, list[Markup]]]:
-    """Return (session, a cell per measure)."""
+    """Return the rows of the table: the session, and a cell per measure."""
     keys = list(_titles(rows, measures))
     found = [{_key(one): one for one in measures[row.session]} for row in rows]
     return [(_name(row), [_value(own.get(key)) for key in keys]) for row, own in zip(rows, found, strict=True)]

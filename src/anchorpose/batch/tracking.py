@@ -39,7 +39,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
     progress(0, len(sessions))
     for done, outcome in enumerate(run_jobs([_job(session, out) for session in sessions], place), 1):
         outcomes[outcome.name] = outcome.why
-        with suppress(OSError):  # the tables have it all the same
+        with suppress(OSError):  # the tables state the failure, too
             note_outcome(out, outcome)
         progress(done, len(sessions))
     return _summarise(sessions, out, outcomes)
@@ -84,7 +84,7 @@ ENDING_S: Final = 30.0  # time allowed for the child of a killed worker to end
 
 
 def track_session(session: Session, results: Path) -> bool:
-    """Track a session into a folder that appears when it is whole; return whether there was anything to do.
+    """Track a session into a folder that appears when it is complete; return whether there was anything to do.
 
     A session is done if ``run.json`` has the identity of its inputs, settings, code and libraries. Results of another
     identity are replaced; an unfinished run is resumed if it has the same identity, else begun again. Raises what
@@ -109,7 +109,7 @@ def track_session(session: Session, results: Path) -> bool:
 
 
 def done_identity(results: Path) -> str | None:
-    """Return the identity in the run.json of a results folder; None where there is none."""
+    """Return the identity in the run.json of a results folder; None where the folder has no such file or identity."""
     path = results / RUN_FILE
     return read_run(path).get("identity") if path.is_file() else None
 

@@ -1,7 +1,7 @@
 """Run a job of the scheduler in its own child process, and wait for it.
 
 None of the work happens in the worker: a crash, a leak or a killed child does not affect it, and a killed worker takes
-its child with it. It returns only a sentence, so that no result is lost with it.
+its child with it. The worker returns only a sentence, so that no result is lost with it.
 
 The work, a pickled call, comes on the child's standard input. (Anyone who may submit a job to dask can run anything on
 its workers anyway.) Nothing is unpickled from a disk, and results are the files that the work writes. The input stays
@@ -112,7 +112,7 @@ def _why(code: int, output: Path) -> str:
 
 
 def _last_line(output: Path) -> str:
-    """Return the last line with text, which is the sentence that a refused job ends with."""
+    """Return the last line with text, which for a refused job is the reason."""
     with output.open("rb") as stream:
         stream.seek(max(output.stat().st_size - TAIL_BYTES, 0))
         lines = stream.read().decode("utf-8", errors="replace").splitlines()
@@ -133,7 +133,8 @@ def do_work() -> int:
 
 
 def _stop_when_abandoned() -> None:
-    while os.read(sys.stdin.fileno(), 1):  # not by the stream: its lock would be held when the process ends
+    # os.read takes no lock of the stream, which would be held when the process ends
+    while os.read(sys.stdin.fileno(), 1):
         pass
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(ABANDONED_STOP_S)

@@ -1,4 +1,6 @@
-"""The body asset: mean adult, shape basis, skeleton and skinning weights, built by ``tools/build_body_asset.py``."""
+"""Define the body asset: mean adult, shape basis, skeleton and skinning weights, built by
+``tools/build_body_asset.py``.
+"""
 
 from __future__ import annotations
 
@@ -41,14 +43,14 @@ ADULT_COMPONENTS = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyAsset:
-    """Linear shape space over a skinned mesh. Axes X forward, Y up, Z to the body's right; metres; rest pose.
+    """A linear shape space over a skinned mesh. Axes X forward, Y up, Z to the body's right; metres; rest pose.
 
     vertices (v, 3), vertex_basis (k, v, 3): skin of the mean adult, and the change by one standard deviation of each
     shape coefficient. bone_heads, bone_tails (b, 3) and their bases (k, b, 3): the skeleton, moved by the same
-    coefficients. bone_parents (b,) int, -1 for the root; parents stand before children. skin_bones, skin_weights (v,
-    w): linear blend skinning, rows sum to 1. faces (f, 3) int32, counter-clockwise from outside. adult_sigma (c,):
-    standard deviations of adults' statistical coefficients, whose mean is 0; child_mean (c,) and child_covariance (c,
-    c): the coefficients of children of 0.95 to 1.60 m.
+    coefficients. bone_parents (b,) int, -1 for the root; parents come before children. skin_bones, skin_weights (v, w):
+    linear blend skinning, rows sum to 1. faces (f, 3) int32, counter-clockwise from outside. adult_sigma (c,): standard
+    deviations of adults' statistical coefficients, whose mean is 0; child_mean (c,) and child_covariance (c, c): the
+    coefficients of children of 0.95 to 1.60 m.
     """
 
     vertices: np.ndarray
@@ -65,7 +67,7 @@ class BodyAsset:
     adult_sigma: np.ndarray
     child_mean: np.ndarray
     child_covariance: np.ndarray
-    own_names: tuple[str, ...] = ()  # names of the last directions, single segments (``segments``)
+    own_names: tuple[str, ...] = ()  # names of the last directions, each of a single segment (``segments``)
 
     @property
     def shape_count(self) -> int:

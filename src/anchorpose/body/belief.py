@@ -16,9 +16,10 @@ UNSEEN_S: Final = 4.0  # s; a limb that was not at its expected place is as unce
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """How fast a prediction becomes uncertain: a random walk about the predicted motion.
+    """The rate at which a prediction becomes uncertain, by a random walk about the predicted motion.
 
-    turn_sigma, radians, and root_sigma_m: standard deviations of each bone's turn and of the root after one second.
+    turn_sigma (radians) and root_sigma_m: standard deviations of each bone's rotation and of the root's place after one
+    second.
     """
 
     turn_sigma: float
@@ -39,8 +40,9 @@ PATIENT_PACE: Final = Pace(turn_sigma=15.0 * DEGREE, root_sigma_m=0.08)
 class PoseBelief:
     """A pose and its uncertainty, in the parameters of ``Pose.moved``.
 
-    covariance (POSE_SIZE, POSE_SIZE): the pose's, from all knowledge. information (POSE_SIZE, POSE_SIZE): from all
-    observations so far, without the joint range, which every frame adds again and which must not count twice.
+    covariance (POSE_SIZE, POSE_SIZE): covariance of the pose, from all knowledge. information (POSE_SIZE, POSE_SIZE):
+    information from all observations so far, without the joint range, which every frame adds again and which must not
+    count twice.
     """
 
     pose: Pose
@@ -54,7 +56,8 @@ class PoseBelief:
     def grown(self, pose: Pose, variance: np.ndarray) -> PoseBelief:
         """Return the belief in another pose, with more variance (POSE_SIZE,) of each parameter.
 
-        The added variance is correlated as joints bend together: a hidden knee follows a hip that is seen to bend.
+        The added variance has the correlations of joints that bend together, so a hidden knee follows a hip that is
+        seen to bend.
         """
         sigma = np.sqrt(variance)
         growth = sigma[:, None] * turns_together(load_body_asset()) * sigma
@@ -69,11 +72,12 @@ exercises by seven people)."""
 
 
 def vague_belief(pose: Pose, unseen_s: np.ndarray | None = None) -> PoseBelief:
-    """Return the belief in a pose before its frame is looked at: half a radian and a quarter of a metre.
+    """Return the belief in a pose before its frame is used, with standard deviations of half a radian and a quarter of
+    a metre.
 
     unseen_s (PARTS, 2): seconds since each part of a limb, as in ``Likelihood``, was last seen. A hidden part is known
-    from before, the better the less time has passed; infinite: it was never seen. 0, and None for all parts: the frame
-    shows it, and nothing is known from before.
+    from earlier frames, the better the less time has passed; infinite means that it was never seen. 0 (and None, for
+    all parts) means that the frame shows the part and nothing is known from earlier frames.
     """
     sigma = np.full(POSE_SIZE, 0.5)
     sigma[-3:] = 0.25

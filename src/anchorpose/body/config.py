@@ -11,12 +11,14 @@ from anchorpose.settings import Count, Positive, settings
 
 
 class Source(StrEnum):
-    """A source of other poses for a pose in doubt; all but the last also cast that doubt (``body.proposals``)."""
+    """A source of alternatives to a pose in doubt; all sources but the last can also raise the doubt
+    (``body.proposals``).
+    """
 
     SURFACE = "surface"  # seen skin that no part of the posed body covers
     ANCHORS = "anchors"  # hands, feet and free ends that the geodesic distances find
     DESCRIPTOR = "descriptor"  # the learnt descriptor, which names places on the body
-    SIDES = "sides"  # limbs exchanged, or the body turned round; casts no doubt of its own
+    SIDES = "sides"  # limbs exchanged, or the body turned round; does not raise a doubt itself
 
 
 @settings
@@ -28,14 +30,16 @@ class RegistrationConfig:
     arm and ends with the thickness of clothes."""
 
     held_steps: Annotated[int, Field(ge=0, strict=True)] = 2
-    """Number of first steps in which matches and anchors pull as well. They are centimetres off, so they only help to
-    begin the registration; the surface alone ends it."""
+    """Number of first steps in which matches and anchors also pull. They are centimetres off, so they only help to
+    begin the registration; the surface alone ends it.
+    """
 
-    least_nodes: Count = 150  # nodes needed for a registration, of about 3,500; fewer show a hand, not a patient
+    least_nodes: Count = 150  # nodes needed for a registration; a patient has about 3,500, a hand has fewer than this
     node_count: Count = 2500  # nodes used at most: enough for 60 parameters; more only cost time
     surface_sigma_m: Positive = 0.010  # m; standard deviation of a node about the skin, from clothes and sensor
     rows_per_observation: Positive = 8.0  # neighbouring nodes that count as one observation, since they share errors
-    sources: tuple[Source, ...] = tuple(Source)  # sources of other poses in doubt; use fewer only for a comparison
+    # sources of alternatives to a pose in doubt; use fewer only for a comparison
+    sources: tuple[Source, ...] = tuple(Source)
 
 
 @settings
@@ -43,10 +47,11 @@ class LearningConfig:
     """Settings of how the shape is learnt, and from how much of the recording."""
 
     own_shape: bool = True  # False: no shape is learnt; the body is the mean adult of the given or seen height
-    window_s: Positive = 4.0  # s, learnt from at once; a patient moves enough in it to show where the limbs turn
-    longest_s: Positive = 30.0  # s, all stretches together; more changes nothing, and every second is tracked twice
+    # s, length of a window that is learnt from at once; patients move enough in it to show where limbs turn
+    window_s: Positive = 4.0
+    longest_s: Positive = 30.0  # s, in all stretches together; more changes nothing, and every second is tracked twice
     frame_count: Count = 12  # frames of the first window that the fit uses; more frames repeat the evidence
-    height_sigma_m: Positive = 0.01  # m; error of a measured height: shoes or none, morning or evening
+    height_sigma_m: Positive = 0.01  # m; error of a measured height, which depends on shoes and the time of day
 
 
 @settings
@@ -60,5 +65,6 @@ class VisibilityConfig:
 class UncertaintyConfig:
     """Corrections of the linear posterior, set on simulated people alone and in clinics (see docs/tracking.md)."""
 
-    floor_m: Positive = 0.0035  # m, smallest sigma; joints lie inside the body, and the learnt shape is no better
+    # m, smallest sigma; joints lie inside the body, and the learnt shape is not more accurate
+    floor_m: Positive = 0.0035
     inflation: Positive = 0.65  # factor on the posterior's sigma; neighbouring nodes share less error than assumed

@@ -1,4 +1,4 @@
-"""Build constraints that pull skin points to places and surfaces, among them the anchors at the body's tips."""
+"""Build constraints that pull skin points to places and surfaces, such as the body's tips to the anchors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors
 from anchorpose.surface.surface import Nodes
 
-NORMAL_WEIGHT_M: Final = 0.10  # m for normals that are 60 degrees apart
+NORMAL_WEIGHT_M: Final = 0.10  # m; normals that differ by 60 degrees count as this distance
 UNCOVERED_M: Final = 0.03  # m, the spacing of the skin points: a node farther from all of them lies off the body
 
 
@@ -35,14 +35,14 @@ class Constraints:
     scale_m: np.ndarray
 
     def where(self, chosen: np.ndarray) -> Constraints:
-        """Return the chosen rows; chosen (n,) bool."""
+        """Return the rows where ``chosen`` (n,) bool is True."""
         return Constraints(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     @staticmethod
     def alike(
         point: np.ndarray, target_m: np.ndarray, direction: np.ndarray, sigma_m: float, scale_m: float
     ) -> Constraints:
-        """Return rows with the same sigma and scale."""
+        """Return these rows, all with the same given sigma and scale."""
         count = len(point)
         return Constraints(point, target_m, direction, np.full(count, sigma_m), np.full(count, scale_m))
 
@@ -71,12 +71,11 @@ def join(parts: Sequence[Constraints]) -> Constraints:
 def surface_constraints(
     posed: PosedPoints, surface: Nodes, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Return rows by which each node of the surface pulls the nearest skin point that faces its camera: data to
-    model.
+    """Return rows from data to model: each node of the surface pulls the nearest skin point that faces its camera.
 
-    The plane's normal is the mean of both normals, which cancels the curvature (Rusinkiewicz 2019,
-    doi:10.1145/3306346.3323037). A node that no skin covers pulls straight to itself: with planes alone, limbs would
-    slide along their own axis.
+    The skin point is pulled onto a plane. The plane's normal is the mean of both normals, which cancels the curvature
+    (Rusinkiewicz 2019, doi:10.1145/3306346.3323037). A node that no skin covers pulls straight to itself: with planes
+    alone, limbs would slide along their own axis.
     """
     return rows_of_nodes(posed, surface, cameras, reach_m, config)[0]
 
@@ -84,7 +83,7 @@ def surface_constraints(
 def rows_of_nodes(
     posed: PosedPoints, surface: Nodes, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
 ) -> tuple[Constraints, np.ndarray]:
-    """Return the rows of ``surface_constraints``, and for each the node (n,) of the surface."""
+    """Return the rows of ``surface_constraints``, and the node (n,) of the surface for each row."""
     chosen, nodes, seen_from = _nodes_for_kernels(surface, config.node_count)
     point, node, direction = facing_rows(
         Oriented(posed.points_m, posed.normals),
@@ -116,7 +115,7 @@ def place_constraints(point: np.ndarray, target_m: np.ndarray, sigma_m: float, s
 
 
 def thin(count: int, wanted: int) -> np.ndarray:
-    """Return ``wanted`` indices spread evenly over ``count``, the same each time."""
+    """Return ``wanted`` indices spread evenly over ``count``; equal arguments give equal indices."""
     if count <= wanted:
         return np.arange(count)
     return np.linspace(0, count - 1, wanted).astype(np.int64)

@@ -1,7 +1,8 @@
-"""Divide the skin into clinical regions, measure where they touch equipment and people, and hold feet that stand.
+"""Divide the skin into clinical regions, measure where they touch equipment and people, and hold standing feet in
+place.
 
-A leg that a therapist hides is constrained by the hip alone, and rows from the outline push it to and fro. Patients in
-stand training stand: the foot's place on the floor is the best evidence of the leg.
+A leg that a therapist hides is constrained only by the hip, and rows from the outline push it to and fro. Since
+patients in stand training stand, the foot's place on the floor is the best evidence of the leg.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ REGION_BONES: Final = _all_regions()
 REGIONS: Final = tuple(REGION_BONES)
 
 
-KNEE_RADIUS_M: Final = 0.10  # m from the joint's centre: the kneecap and a hand's breadth around the leg
+KNEE_RADIUS_M: Final = 0.10  # m from the joint's centre; the kneecap and a hand's breadth around the leg
 
 
 @cache
@@ -72,7 +73,8 @@ def region_of_points(points: SkinPoints) -> np.ndarray:
 def region_of_skin(asset: BodyAsset, part: np.ndarray, place_m: np.ndarray, heads_m: np.ndarray) -> np.ndarray:
     """Return (p,) index into ``REGIONS``; the knee is the skin of thigh and shank around its joint.
 
-    part (p,): bone that moves the skin most; place_m (p, 3) and heads_m (b, 3) of the bones: in the rest pose.
+    part (p,): bone that moves each point most; place_m (p, 3): place of each point at rest; heads_m (b, 3): heads of
+    the bones at rest.
     """
     whole = {bone: k for k, (name, bones) in enumerate(REGION_BONES.items()) if not _is_knee(name) for bone in bones}
     region = np.array([whole[name] for name in asset.bone_names])[part]
@@ -89,7 +91,7 @@ def _is_knee(region: str) -> bool:
 
 @cache
 def area_of_point(points: SkinPoints) -> float:
-    """Square metres of skin that each of the evenly spread points stands for, on the mean adult."""
+    """Return the area (m2) of skin that each of the evenly spread points represents, on the mean adult."""
     asset = points.asset
     a, b, c = (asset.vertices[asset.faces[:, corner]] for corner in range(3))
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0 / len(points.vertex))
@@ -100,8 +102,8 @@ class Nearness:
     """Pairs of a skin point of the patient and another person within ``HAND_M`` of it, sorted by person, then point.
 
     person (n,) uint8: pixel label; point (n,) int32: skin point; distance_m (n,) float32: to that person's nearest
-    skin; remembered (n,) bool: that skin is hidden now and was seen shortly before. shown (p,) bool: skin points of the
-    patient that some camera sees.
+    skin; remembered (n,) bool: whether the other person's skin is hidden now and was seen shortly before. shown (p,)
+    bool: skin points of the patient that some camera sees.
     """
 
     person: np.ndarray
@@ -143,7 +145,7 @@ def find_nearness(
 
 
 def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: points no farther than ``HAND_M`` from the box around others."""
+    """Return (n,) bool: points no farther than ``HAND_M`` from the box around the other people's points ``box_m``."""
     if not len(box_m):
         return np.zeros(len(points_m), dtype=bool)
     low, high = box_m.min(axis=0) - HAND_M, box_m.max(axis=0) + HAND_M
@@ -151,19 +153,20 @@ def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
 
 
 SIDES = ("Left", "Right")
-PLACES: Final = 6  # skin points that hold a foot: its place and its rotation
-STILL_S: Final = 0.4  # seen standing for this long: longer than the sole is flat on the floor during a step
-STILL_M: Final = 0.03  # m; while standing the foot stays within it: the noise of a visible ankle
-SIGMA_M: Final = 0.02  # uncertainty of the foot's place when it goes out of sight
-DRIFT_M_S: Final = 0.05  # growth of this uncertainty while unseen: a small step in two seconds
-ON_FLOOR_M: Final = 0.10  # height of a standing foot's sole above the floor: the place of a hidden foot is as uncertain
-DOUBT_M: Final = 0.10  # a knee that is seen to move farther takes the foot with it
+PLACES: Final = 6  # number of skin points that hold a foot's place and rotation
+STILL_S: Final = 0.4  # s for which a foot must be seen standing; during a step the sole is flat on the floor for less
+STILL_M: Final = 0.03  # m; a standing foot stays within it: the noise of a visible ankle
+SIGMA_M: Final = 0.02  # m, uncertainty of the foot's place when it goes out of sight
+DRIFT_M_S: Final = 0.05  # m/s, growth of this uncertainty while unseen: a small step in two seconds
+# m, largest height of a standing foot's sole above the floor; a hidden foot's place is as uncertain
+ON_FLOOR_M: Final = 0.10
+DOUBT_M: Final = 0.10  # m; a knee that is seen to move farther takes the foot with it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stand:
-    """The place where a foot stands. places_m (k, 3): of its skin points, ankle_m (3,), world; since_s: when it was
-    last known to be there; seen: whether it was seen there, or is only assumed to be.
+    """The place where a foot stands. places_m (k, 3): places of its skin points, ankle_m (3,): its ankle, both in the
+    world; since_s: when it was last known to be there; seen: whether it was seen there, or is only assumed to be there.
     """
 
     places_m: np.ndarray
@@ -193,11 +196,12 @@ class StandingFeet:
         time_s: float,
         floor_m: float | None = None,
     ) -> None:
-        """Add one more frame: posed skin points (p, 3), joints (21, 3), what cameras show of them; floor_m: if known.
+        """Add one more frame: posed skin points (p, 3), joints (21, 3) and their visibility.
 
-        A foot that is seen stands or does not; one that is hidden stays where it stood; one that the cameras look past
-        has gone. One that was never seen to stand, but is believed to be on the floor, hardly moves from there to the
-        next frame: while hip and knee are seen to bend, it does not swing with them.
+        floor_m: height of the floor, None where unknown. For a visible foot, this decides whether it stands. A hidden
+        foot stays where it stood, and a foot whose place cameras see past has gone. A foot that was never seen to
+        stand, but is believed to be on the floor, hardly moves until the next frame, so it does not swing while hip and
+        knee are seen to bend.
         """
         for side in SIDES:
             ankle = JOINT_INDEX[f"Ankle{side}"]
@@ -226,7 +230,7 @@ class StandingFeet:
     def _believe(
         self, side: str, skin_m: np.ndarray, ankle_m: np.ndarray, time_s: float, floor_m: float | None
     ) -> None:
-        """Assume that a foot which nothing shows stands where the body has it, if that is on the floor."""
+        """Assume that an unseen foot stands where the body's pose puts it, if this is on the floor."""
         places_m = skin_m[self._skin[side]]
         if floor_m is not None and places_m[:, 1].min() < floor_m + ON_FLOOR_M:
             self._stand[side] = _Stand(places_m, ankle_m, time_s, seen=False)
@@ -234,7 +238,7 @@ class StandingFeet:
             self._stand.pop(side, None)
 
     def forget(self, joints: Sequence[int]) -> None:
-        """Forget where the feet stood whose joints (indices) a reviewer corrected."""
+        """Forget where feet stood if a reviewer corrected their joints (indices)."""
         for side in SIDES:
             if {JOINT_INDEX[f"Ankle{side}"], JOINT_INDEX[f"Foot{side}"]} & set(joints):
                 self._stand.pop(side, None)

@@ -36,7 +36,7 @@ _ENDS: Final = {
     "knee": ("Knee",),
     "shank": ("Knee", "Ankle"),
 }
-"""The joints that determine where a region's skin is: it is as uncertain as the less certain of them."""
+"""The joints that determine where a region's skin is: the skin is as uncertain as the less certain of them."""
 
 
 def _joints_of(region: str) -> list[int]:
@@ -54,9 +54,9 @@ class EquipmentGaps:
     """Pairs of an equipment part and a body region within ``NEAR_M`` of it, sorted by part, then region.
 
     part (n,) int16: index into the parts of the model; region (n,) uint8: index into ``REGIONS``. gap_m (n,) float32:
-    least distance of the region's skin to the part's surface, negative inside of it; sigma_m (n,) float32: standard
+    least distance of the region's skin to the part's surface, negative inside the part; sigma_m (n,) float32: standard
     deviation of the gap. area_m2 (n,) float32: area of the region's skin within reach of the part; shown (n,) float32:
-    seen share of the part of that skin that faces a camera, 0 where none does.
+    of that skin, the share of its camera-facing points that is seen; 0 where no point faces a camera.
     """
 
     part: np.ndarray
@@ -109,8 +109,8 @@ def find_equipment_gaps(
 
 
 def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return part, region and gap (k,) of each region near a part, and how many of its points each row of ``counted``
-    has.
+    """Return part, region and gap (k,) of each region near a part, and how many of the region's points are True in each
+    row of ``counted``.
 
     distance_m, region (n,): the skin points around the part; counted (3, n) bool. The last array returned is (3, k).
     """
@@ -122,7 +122,7 @@ def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.
 
 
 def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-    """Return (p,) bool: points in a box. Testing one axis at a time takes half of the time."""
+    """Return (p,) bool: points in a box. Testing one axis after another takes half of the time."""
     inside = (skin_m[:, 0] > low_m[0]) & (skin_m[:, 0] < high_m[0])
     for axis in (1, 2):
         inside &= (skin_m[:, axis] > low_m[axis]) & (skin_m[:, axis] < high_m[axis])
@@ -139,7 +139,7 @@ def region_sigma(joint_sigma_m: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.array(sigma) + MODEL_SIGMA_M**2))
 
 
-@lru_cache(maxsize=2)  # a run has one model
+@lru_cache(maxsize=2)  # a run has a single model of the equipment
 def part_boxes(equipment: EquipmentModel) -> tuple[np.ndarray, np.ndarray]:
     """Return low and high (parts, 3): the box around each part, ``NEAR_M`` wider on every side."""
     corners = [part.triangles()[0] for part in equipment.parts]

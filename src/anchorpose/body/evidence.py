@@ -1,4 +1,4 @@
-"""Gather what constrains a pose in one frame: the surface, the outlines, and that body parts do not intersect."""
+"""Gather the constraints on a pose in one frame: the surface, the outlines, and that body parts do not intersect."""
 
 from __future__ import annotations
 
@@ -22,30 +22,33 @@ from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
 
 OUTLINE_SIGMA_M: Final = 0.020  # m, error of an outline: one to two pixels at 2.5 m, since edges flicker
-THICK_PX: Final = 5  # pixels; an object that hides a limb is wider, a silhouette's rim of lost readings is thinner
+# pixels; an object that hides a limb is wider, the rim of lost readings around a silhouette is thinner
+THICK_PX: Final = 5
 
 _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint")
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
 _FOOT: Final = ("Foot", "ToeBase")
 _SHANK: Final = ("Leg", *_FOOT)
-_FLESH_M: Final = 0.03  # depth below the skin that must stay outside of the other shank: half of a shank's thickness
-_DEEPEST_M: Final = 0.15  # half a trunk's thickness: for deeper points the nearest skin is not the way out
-_ALLOWED_M: Final = 0.01  # depth to which soft tissue gives
-_ALLOWED_FLOOR_M: Final = 0.03  # error of the floor's height at the patient's place, and of the soles of rough bodies
+# m below the skin; flesh down to this depth stays outside the other shank: half of a shank's thickness
+_FLESH_M: Final = 0.03
+_DEEPEST_M: Final = 0.15  # m, half a trunk's thickness; for deeper points the nearest skin is not the way out
+_ALLOWED_M: Final = 0.01  # m, depth to which soft tissue gives way
+# m, error of the floor's height at the patient's place, and of the soles of rough bodies
+_ALLOWED_FLOOR_M: Final = 0.03
 _SIGMA_M: Final = 0.01
 _STANDING_M: Final = (
     0.14  # m, sigma of a foot's height; 95 of 100 feet in rehabilitation stand, so that a raised foot costs 6 nats
 )
-_IN_THE_AIR_M: Final = 0.5  # m above the floor from where the cost of a raised foot grows little
+_IN_THE_AIR_M: Final = 0.5  # m above the floor; the cost of a raised foot grows little beyond it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
     """A person's nodes, and every camera's labelled depth frame with the person's outline in it.
 
-    surface: with edges if it is the whole seen surface; evidence needs only its nodes. views and outlines: None for a
-    camera without a frame; outlines also where the person is not in the image. floor_m: height of the floor, None where
-    unknown. label: the person's pixel label.
+    surface: the seen nodes, with edges if it is the whole seen surface; evidence needs only the nodes. views and
+    outlines: None for a camera without a frame; outlines also None where the person is not in the image. floor_m:
+    height of the floor, None where unknown. label: the person's pixel label.
     """
 
     surface: Nodes | Surface
@@ -67,8 +70,8 @@ def gather_evidence(
 def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Return all constraint rows: nodes pull the skin, unseen skin is pulled to the outline, limbs stay out of the
-    trunk, feet stand on the floor.
+    """Return all constraint rows: nodes pull the skin, wrongly unseen skin is pulled to the outline, limbs stay out of
+    the trunk, feet stand on the floor.
     """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
@@ -83,12 +86,12 @@ def evidence_rows(
 
 
 def find_outline(view: View) -> np.ndarray | None:
-    """Return (height, width) bool: pixels where the patient is or may be unseen; None if the patient is not in the
-    view.
+    """Return (height, width) bool: pixels where the patient is seen, or may be without being seen; None if the patient
+    is not in the view.
 
-    The patient may be where they are seen, behind equipment, at pixels without reading, and behind another person. Only
-    background, or another person behind them, excludes them. The thin rim of lost and flying readings along every
-    silhouette counts as the background beside it.
+    The patient may be at their own pixels, behind equipment, at pixels without a reading, and behind another person.
+    Only background, or a person farther away than the patient, excludes the patient. The thin rim of lost and flying
+    readings along every silhouette counts as background.
     """
     import cv2
 
@@ -106,10 +109,10 @@ def find_outline(view: View) -> np.ndarray | None:
 def outline_constraints(
     posed: PosedPoints, view: View, outline: np.ndarray, camera: Camera, reach_m: float
 ) -> Constraints:
-    """Return rows that pull skin which should be seen, but is not, to the patient's outline: model to data.
+    """Return rows from model to data, which pull skin that should be seen, but is not, to the patient's outline.
 
     A skin point in front of background (without a reading where the room was removed) or in front of another person
-    cannot be there; it is moved across the ray to the nearest pixel where the patient is or may be. Pixels without
+    cannot be there. It is pulled across the ray to the nearest pixel where the patient is or may be. Pixels without a
     reading and pixels of equipment give no row.
     """
     point, target, direction = _stray_rows(
@@ -159,7 +162,9 @@ def _stray_rows(
 
 @njit(cache=True, nogil=True)
 def _stray(label: int, depth: float, farthest: float) -> bool:
-    """Return whether a pixel shows the room, or another person, behind the farthest depth that the skin may have."""
+    """Return whether a pixel shows the room or another person, at a depth beyond the farthest that the skin may
+    have.
+    """
     if label != PixelLabel.BACKGROUND and label < PixelLabel.OTHER_PERSON:
         return False
     return depth <= 0.0 or depth > farthest
@@ -167,14 +172,17 @@ def _stray(label: int, depth: float, farthest: float) -> bool:
 
 @njit(cache=True, nogil=True)
 def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int) -> tuple[int, int]:
-    """Return row and column of the nearest True pixel at most reach_px rows and columns away; -1, -1 without one."""
+    """Return row and column of the nearest True pixel at most reach_px rows and columns away; -1, -1 without such a
+    pixel.
+    """
     height, width = possible.shape
     best, best_row, best_column = np.inf, -1, -1
     for ring in range(reach_px + 1):
         if ring * ring >= best:
             break
         for r in range(max(0, row - ring), min(height - 1, row + ring) + 1):
-            step = 1 if abs(r - row) == ring else max(1, 2 * ring)  # the ring's sides have two pixels per row
+            # rows between the ring's top and bottom have two pixels
+            step = 1 if abs(r - row) == ring else max(1, 2 * ring)
             for c in range(column - ring, column + ring + 1, step):
                 if c < 0 or c >= width or not possible[r, c]:
                     continue
@@ -186,7 +194,7 @@ def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int)
 
 @cache
 def trunk_and_arms(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of the skin points on the trunk, and of those on forearms and hands."""
+    """Return the indices of the skin points on the trunk, and of the skin points on forearms and hands."""
     names = np.array(points.asset.bone_names)[points.part]
     trunk = np.flatnonzero(np.isin(names, _TRUNK))
     arms = np.flatnonzero([str(name).endswith(_LIMBS) for name in names])
@@ -195,7 +203,7 @@ def trunk_and_arms(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def shanks(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of the skin points on the left shank and foot, and on the right ones."""
+    """Return the indices of the skin points on the left shank and foot, and on the right shank and foot."""
     names = np.array(points.asset.bone_names)[points.part]
     left, right = (np.flatnonzero(np.isin(names, [f"{side}{part}" for part in _SHANK])) for side in ("Left", "Right"))
     return left, right
@@ -205,15 +213,16 @@ def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
     """Return rows that push body parts out of each other, towards the nearest skin of the other part.
 
     There is a row for each point of a forearm or hand inside the trunk, and for each point of the left shank and foot
-    whose flesh lies inside the right shank. (Two shanks that explain the same surface share the same skin.)
+    whose flesh lies inside the right shank. Without these rows, two shanks that explain the same surface could occupy
+    the same space.
     """
     (trunk, arms), (left, right) = trunk_and_arms(body.points), shanks(body.points)
     return join([_pushed_out(body, posed, arms, trunk, 0.0), _pushed_out(body, posed, left, right, _FLESH_M)])
 
 
 def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarray, below_m: float) -> Constraints:
-    """Return rows for the points of a limb that lie inside a part; below_m: depth below the limb's skin that is
-    tested.
+    """Return rows for the points of a limb that lie inside a part of the body. below_m: depth below the limb's skin
+    that is tested.
     """
     if body.shape.missing:
         limb = limb[~missing_points(body.points.asset, body.points.part[limb], body.shape.missing)]
@@ -227,7 +236,9 @@ def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarr
 
 
 def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
-    """Return a row for each skin point below the floor height, upwards; feet may sink in as far as a carpet gives."""
+    """Return a row, pulling upwards, for each skin point below the floor; feet may sink in as far as a carpet gives
+    way.
+    """
     below = np.flatnonzero(posed.points_m[:, 1] < floor_m - _ALLOWED_FLOOR_M)
     target = posed.points_m[below].copy()
     target[:, 1] = floor_m - _ALLOWED_FLOOR_M
@@ -236,8 +247,8 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
 
 
 def standing_rows(body: Body, posed: PosedPoints, floor_m: float, rows_per_observation: float) -> Constraints:
-    """Return a row for each foot, from its lowest skin to the floor. It counts as one observation, and little for a
-    raised foot. A leg that nothing shows then stands or sits as others do.
+    """Return a row for each foot, from its lowest skin to the floor. It counts as one observation, and less for a
+    raised foot. By these rows, an unseen leg stands or sits as legs usually do.
     """
     feet = [_lowest(posed, foot) for foot in _feet(body.points, body.shape.missing) if len(foot)]
     target = posed.points_m[feet].copy()
@@ -267,8 +278,8 @@ def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.
 def _nearest(
     asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ``asked`` arm points with trunk skin nearer than the greatest depth, and the nearest trunk skin of
-    each; rows of both.
+    """Return the row of each ``asked`` arm point that has trunk skin nearer than the greatest depth, and the row of its
+    nearest trunk skin.
     """
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

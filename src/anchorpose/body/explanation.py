@@ -1,7 +1,7 @@
-"""Measure how well a pose explains a frame, from its depth images alone; predictions are not used.
+"""Measure how well a pose explains a frame, from the frame's depth images alone, without predictions.
 
-Two things show that a limb is elsewhere: seen skin of the patient that no part of the body covers, and skin of the body
-in front of something that a camera sees. The first is an area, the second a share of each limb.
+Two quantities show that a limb is elsewhere: the area of seen skin of the patient that no part of the posed body
+covers, and the share of each limb's skin that a camera sees past.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import View
 
-# m from node to skin; beyond it a node is not covered: clothes, point spacing and half a forearm
+# m from node to skin, beyond which a node is uncovered: clothes, point spacing and half a forearm
 COVERED_M: Final = 0.06
 NODES: Final = 2500  # nodes that are compared, as many as registration uses
 LEAST_FACING: Final = 8  # skin points; a share of fewer points is not reliable
@@ -33,10 +33,10 @@ LEAST_FACING: Final = 8  # skin points; a share of fewer points is not reliable
 class Explanation:
     """The measures of how well one pose explains one frame.
 
-    covered (c,), node (u,) int: covered and uncovered nodes of the surface, of every ``thinned``-th. uncovered_m2: area
-    of the uncovered ones, in the camera that sees most of it. seen_past (PARTS,): share of each limb's camera-facing
-    skin that a camera sees past, in the camera where it is largest; NaN where too little of it is in view. covering
-    (p,) bool: skin points that cover a node.
+    covered (c,), node (u,) int: covered and uncovered nodes, among every ``thinned``-th node of the surface.
+    uncovered_m2: area of the uncovered nodes, in the camera that sees most of it. seen_past (PARTS,): share of each
+    limb's camera-facing skin that a camera sees past, in the camera where it is largest; NaN where too little of the
+    limb is in view. covering (p,) bool: skin points that cover a node.
     """
 
     covered: np.ndarray
@@ -63,7 +63,7 @@ def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Expla
 
 
 def node_area_m2(evidence: Evidence) -> np.ndarray:
-    """Return the area (c,), m2, that one node of each camera stands for, as if skin faced the camera; 0 without
+    """Return the area (c,), m2, that one node of each camera represents, as if skin faced the camera; 0 without
     nodes.
     """
     area = np.zeros(len(evidence.cameras))
@@ -79,8 +79,8 @@ def node_area_m2(evidence: Evidence) -> np.ndarray:
 def seen_past(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Return the shares (PARTS,) seen past, as in ``Explanation``: hidden skin does not count, only skin with a farther
-    reading does.
+    """Return the shares (PARTS,) seen past, as in ``Explanation``. Only skin with a farther reading counts as seen
+    past; hidden skin does not.
     """
     most = np.full(PARTS, np.nan)
     for past, counted in _seen_past_counts(points, posed, views, cameras):
@@ -91,8 +91,8 @@ def seen_past(
 def seen_past_by_all(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Return the shares (PARTS,) seen past in all cameras together. If a body's direction is only roughly right, the
-    camera that shows its profile sees past more than the others.
+    """Return the shares (PARTS,) seen past in all cameras together. It is used because for a body whose direction is
+    only roughly right, the camera that shows its profile sees past more than all others.
     """
     counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
     past, counted = np.sum(counts, axis=0)

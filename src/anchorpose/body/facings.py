@@ -1,4 +1,4 @@
-"""Decide by the whole body, with its limbs searched for, which way a person faces in a first frame."""
+"""Decide which way a person faces in a first frame, by the whole body and after searching for its limbs."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from anchorpose.body.skin_points import Body, body_points, build_body
 
 
 class Facing(NamedTuple):
-    """A first pose with its limbs searched for. first: with the pose and the log probability after the search; rivals:
-    poses with the same facing that the frame cannot exclude.
+    """A first pose after a search for its limbs. first: the first pose, with the pose and the log probability after the
+    search; rivals: poses with the same facing that the frame cannot exclude.
     """
 
     first: FirstPose
@@ -37,10 +37,10 @@ def search_facings(
 ) -> tuple[Facing, tuple[Rival, ...]]:
     """Search for the limbs of each facing; return the likeliest one, and its rivals.
 
-    A body that is turned round explains a trunk as well as the right one: only its limbs show which is right.
-    facings: of one person, the likelier first; others: bodies fitted to the other facing, which remain rivals;
-    expected: the pose before the patient was lost, None for the first time. ``found.found`` of the result is False
-    where no facing explains the surface.
+    A body that is turned round explains a trunk as well as the correct body does; only its limbs show which is correct.
+    facings: first poses of one person, the likelier first; others: bodies fitted to the other facing, which remain
+    rivals; expected: the pose before the patient was lost, None when the patient is searched for the first time.
+    ``found.found`` of the result is False where no facing explains the surface.
     """
     searched = [_searched(first, expected, evidence, config) for first in facings]
     best, *turned = [one for one in searched if one.found.found] or searched[:1]
@@ -63,6 +63,6 @@ def _searched(first: FirstPose, expected: PoseBelief | None, evidence: Evidence,
 
 
 def _rival(best: FirstPose, turned: FirstPose) -> Rival:
-    """Return the person facing the other way as a rival of the likeliest first pose."""
+    """Return the pose of the person facing the other way, as a rival of the likeliest first pose."""
     own = None if turned.shape is best.shape else build_body(body_points(), turned.shape)
     return Rival(vague_belief(turned.pose), best.ahead_of(turned), body=own)

@@ -1,4 +1,6 @@
-"""Articulated registration: Gauss-Newton on pose (and shape) against the constraints, with joint ranges as priors."""
+"""Register the articulated body: Gauss-Newton on pose (and shape) against the constraints, with joint ranges as
+priors.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_poin
 from anchorpose.rotations import inverse_left_jacobian
 
 HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # sigma beyond the limit of a knee, elbow or hip
-LEAST_OBSERVED: Final = 2.0  # observations of a part to count as seen: a single one may be an outlier
+LEAST_OBSERVED: Final = 2.0  # observations by which a part counts as seen; a single observation may be an outlier
 MAX_TURN: Final = 30.0 * DEGREE  # largest turn of a bone in one step of the solver
 
 Predicted = tuple[Pose, np.ndarray]
@@ -47,7 +49,7 @@ def pose_equations(
 ) -> NormalEquations:
     """Return the normal equations of one frame from its data and the prior, with shape columns if asked for.
 
-    prior: the pose's, from ``prior_equations``.
+    prior: the prior on the pose, from ``prior_equations``.
     """
     size = POSE_SIZE + (0 if free is None else sum(free))
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
@@ -67,8 +69,8 @@ def pose_equations(
 
 
 def hidden_bones(points: SkinPoints, rows: Constraints, rows_per_observation: float) -> tuple[int, ...]:
-    """Return the rows of ``MOVING_BONES`` of the limbs, up to elbow or knee and beyond, that the constraint rows hardly
-    show.
+    """Return the rows of ``MOVING_BONES`` for the parts of limbs (up to elbow or knee, and beyond) that the constraint
+    rows hardly show.
     """
     observed = np.bincount(segment_of_points(points)[rows.point], minlength=2 * PARTS) / rows_per_observation
     return _bones_of_segments(tuple((observed < LEAST_OBSERVED).tolist()))
@@ -102,7 +104,7 @@ def range_information(points: SkinPoints, pose: Pose, hidden: tuple[int, ...]) -
 
 @njit(cache=True, nogil=True)
 def _coupled(information: np.ndarray, m: int, n: int) -> bool:
-    """Return whether the information couples two bones: the root and independent bones are not coupled."""
+    """Return whether the information couples two bones. The root, and independent bones, are not coupled."""
     for i in range(3):
         for j in range(3):
             if information[m, i, n, j] != 0.0:
@@ -162,7 +164,7 @@ def _range_equations(
 def solve_damped(equations: NormalEquations) -> np.ndarray:
     """Return the Gauss-Newton change with slight Marquardt damping (doi:10.1137/0111030).
 
-    Parameters without observations stay as they are, such as the place of a body that is near no node.
+    Parameters without observations do not change, such as the place of a body that is not near any node.
     """
     diagonal = np.diag(equations.hessian)
     hessian = equations.hessian + np.diag(np.where(diagonal == 0.0, 1.0, 1e-3 * diagonal))
@@ -183,7 +185,7 @@ def damped_step(
 ) -> Pose:
     """Return the pose after one Gauss-Newton step; without a prediction the pose may be far off.
 
-    The rows may then come from another limb than the one that they pull, so no limb counts as seen in ``joint_range``.
+    In that case rows may come from another limb than they pull, so no limb counts as seen in ``joint_range``.
     """
     hidden = None if predicted is None else hidden_bones(body.points, rows, rows_per_observation)
     prior = prior_equations(body.points, pose, predicted, hidden)

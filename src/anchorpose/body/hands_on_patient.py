@@ -1,7 +1,8 @@
-"""Find skin of other people that was labelled as the patient's: readings off the posed skin, joined to the person.
+"""Find skin of other people that was labelled as the patient's: readings that lie off the posed skin and are connected
+to a person.
 
-A hand that holds the patient shows no step in depth, so that segmentation often continues the patient over it. The
-posed skin tells them apart: it lies a hand's thickness below such readings.
+A hand that holds the patient shows no step in depth, so segmentation often continues the patient over it. The posed
+skin distinguishes them, since it lies a hand's thickness below such readings.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from anchorpose.isolation.components import JumpLimit, label_components
 from anchorpose.isolation.view import PixelLabel, View
 
 HAND_M: Final = 0.2  # length of a hand, from the finger tips to the wrist
-STANDS_OFF_M: Final = 0.015  # m, of a reading from the patient's skin: fingers; most errors of the skin are smaller
-SKIN_REACH_M: Final = 0.10  # m, half a thigh: readings farther from all skin than this stand off it by any measure
+STANDS_OFF_M: Final = 0.015  # m between a reading and the patient's skin: fingers; most errors of the skin are smaller
+SKIN_REACH_M: Final = 0.10  # m, half a thigh; readings farther from all skin certainly stand off it
 STEP_PX: Final = 2  # step between the rows and columns that are used: 14 mm at 2.5 m, a finger's width
 STEEPEST: Final = 8.0
 """Depth per width between neighbouring pixels of a hand and its arm: 83 degrees, as a forearm that points at the camera
@@ -30,7 +31,7 @@ is seen. With 2, a tenth of the contacts in four clinics for tuning was missed t
 def find_hands(
     posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return points_m (n, 3) float32 world, and the label (n,) uint8 of the person whose skin each shows."""
+    """Return points_m (n, 3) float32 world, and the label (n,) uint8 of the person whose skin each point shows."""
     points, owners = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
@@ -68,7 +69,7 @@ def _beside_people(
 
 
 def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: places (n, 3) outside of the nearest skin by more than a hand's thickness, or far from all
+    """Return (n,) bool: places (n, 3) outside the nearest skin by more than a hand's thickness, or far from all
     skin.
     """
     nearest = nearest_point(posed.points_m, place_m.astype(np.float64), SKIN_REACH_M)
@@ -79,7 +80,9 @@ def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
 def _owners(
     depth_m: np.ndarray, labels: np.ndarray, row: np.ndarray, column: np.ndarray, focal_px: float
 ) -> np.ndarray:
-    """Return (n,) uint8: label of the person that each pixel joins without a step in depth, 0 where it joins nobody."""
+    """Return (n,) uint8: label of the person to whom each pixel connects without a step in depth; 0 without such a
+    person.
+    """
     person = labels >= PixelLabel.OTHER_PERSON
     mask = person.copy()
     mask[row, column] = True

@@ -1,7 +1,7 @@
 """Find the first pose and a first estimate of the shape from the learnt descriptor's matches and the surface.
 
 ``find_first_pose`` is for the patient, and estimates the shape too; ``find_rough_pose`` is for unknown people, with a
-body of given shape. The matches propose poses, the surface decides between them.
+body of given shape. The matches propose poses, and the surface decides between them.
 """
 
 from __future__ import annotations
@@ -25,16 +25,17 @@ from anchorpose.body.skin_points import Body, FittedShape, body_points, build_bo
 _REACHES_M: Final = (0.20, 0.20, 0.15, 0.15, 0.15, 0.12, 0.12, 0.12)
 """Reach in metres of each step from the matched pose onto the surface: matches of hands are up to 0.2 m off."""
 
-_RIGID_STEPS: Final = 2  # steps before the shape may change too: a wrong height would pull limbs to wrong places
+# first steps without a change of shape; while the pose is rough, a wrong height would pull limbs to wrong places
+_RIGID_STEPS: Final = 2
 _ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstPose:
-    """The best of several bodies. log: log probability of pose and shape by the images and the prior, nats; facing:
-    prior log probability of the facing (``facing_nats``).
+    """The best first pose among several bodies. log: log probability of pose and shape by the images and the prior,
+    nats; facing: prior log probability of the facing (``facing_nats``).
 
-    others: the person facing the other way, first with the same body, then with a body fitted to that facing.
+    others: first poses of the person facing the other way, with the same body, then with a body fitted to that facing.
     """
 
     pose: Pose
@@ -49,7 +50,7 @@ class FirstPose:
         return self.belief.shape
 
     def ahead_of(self, turned: FirstPose) -> float:
-        """Return how much likelier this pose is than the person facing the other way, believed nats."""
+        """Return by how much this pose is likelier than that of the person facing the other way, believed nats."""
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 
 
@@ -57,8 +58,8 @@ class FirstPose:
 class FirstShape:
     """The knowledge of the shape before the first pose.
 
-    tried: the patient's learnt shape, or first estimates (changed by the fit if ``may_change``), each with its prior
-    belief, an adult's or a child's.
+    tried: the shapes to try, each with its prior belief (an adult's or a child's): the patient's learnt shape, or first
+    estimates, which the fit changes if ``may_change``.
     """
 
     tried: Sequence[ShapeBelief]
@@ -70,7 +71,7 @@ def find_first_pose(
 ) -> FirstPose:
     """Fit each body to the matches and the surface, keep the most probable, and also turn it round.
 
-    A learnt body belongs to the facing it was learnt with; the other facing has another body.
+    A learnt body is valid only for the facing with which it was learnt; the other facing needs another body.
     """
     found = [_fitted(evidence, person.matches, tried, person.pose, shape, config) for tried in shape.tried]
     number = max(range(len(found)), key=lambda k: found[k].log)

@@ -13,17 +13,17 @@ from anchorpose.body.fit import limited, prior_equations
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 
-JOINT_SIGMA_M: Final = 0.01  # m; predicted joints are means over whole parts and need not be met more exactly
-CONTRADICTED: Final = 3.8  # sigmas of both together: two in a thousand are farther off; beyond it a wrong limb was seen
+JOINT_SIGMA_M: Final = 0.01  # m; predicted joints are means over whole parts, so a closer fit is not needed
+CONTRADICTED: Final = 3.8  # sigmas of both together, exceeded twice in a thousand; beyond it, a wrong limb was seen
 _STEPS: Final = 3
-_CORRECTION_STEPS: Final = 8  # steps; a limb that was on the wrong side of the body has far to go
+_CORRECTION_STEPS: Final = 8  # steps; a limb on the wrong side of the body has far to go
 
 
 def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
     """Return the pose near ``start`` whose joints come closest to joints_m (21, 3); rows of NaN are ignored."""
     bones = joint_bones(body.points.asset)
     known = np.isfinite(joints_m).all(axis=1)
-    nearby = np.diag(1.0 / PATIENT_PACE.variance(1.0))  # parameters that the joints leave open keep their values
+    nearby = np.diag(1.0 / PATIENT_PACE.variance(1.0))  # parameters that the joints do not determine keep their values
     pose = start
     for _ in range(_STEPS):
         transforms = body.transforms(pose)
@@ -58,8 +58,8 @@ def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> 
 
 
 def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
-    """Return the belief with the limbs of the corrected joints as uncertain as if long unseen; other limbs stay
-    certain.
+    """Return the belief in which limbs of corrected joints are as uncertain as limbs unseen for long; other limbs do
+    not change.
     """
     growth = PATIENT_PACE.variance(UNSEEN_S)
     limbs = np.unique(LIMB_OF_JOINTS[corrected.joint])

@@ -1,8 +1,8 @@
-"""Describe how joints bend in people: the range of each joint, and how those of arms and legs bend together.
+"""Describe how joints bend in people: the range of each joint, and how the joints of arms and legs bend together.
 
 With ranges alone, a hidden leg of a seated person would hang straight. Joints of one limb bend together, and so do both
-sides: how much was measured on people captured at rehabilitation exercises (``tools/measure_limb_turns.py``). It
-predicts hidden parts of limbs and decides which of two poses is likelier; visible parts follow their readings.
+sides. How much was measured on captured people at rehabilitation exercises (``tools/measure_limb_turns.py``). These
+statistics predict hidden parts of limbs and decide which of two poses is likelier; visible parts follow their readings.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
 
 
 class JointRange(NamedTuple):
-    """Distribution of bone turns in people: one Gaussian on the rotation vectors of all moving bones, and hinge
+    """Distribution of bone rotations in people: one Gaussian on the rotation vectors of all moving bones, and hinge
     limits.
 
     mean (m, 3) radians; information (m, 3, m, 3): inverse of the covariance, 0 for the root. hinge (m, 3): unit axis
@@ -62,7 +62,7 @@ Flexions have such wide ranges anyway; with wider ones, thighs of seated people 
 
 
 class LimbTurns(NamedTuple):
-    """Statistics of how captured people held arms and legs: mean (k,) radians and covariance (k, k) of
+    """Statistics of how captured people held arms and legs: mean (k,), radians, and covariance (k, k) of
     ``captured_turns``.
     """
 
@@ -84,8 +84,9 @@ def captured_turns() -> np.ndarray:
     """Return the rows (k, 3 m) that select, from the bones' rotation vectors, the turns that captured skeletons show;
     left side first.
 
-    They are all turns of the arms, and flexions of hips and knees. A skeleton of joints shows neither how a thigh turns
-    about itself nor where a foot points, and it has no lower back: its thighs bend against the trunk.
+    These are all turns of the arms, and the flexions of hips and knees. A captured skeleton of joints does not show how
+    a thigh turns about its long axis or where a foot points. It has no lower back, so its thighs bend against the
+    trunk.
     """
     shown = []
     for side in ("Left", "Right"):
@@ -104,8 +105,8 @@ def _limb(name: str) -> str:
 
 
 def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
-    """Return the rows (3, 3) hinge axis (a positive turn bends the limb), across, along; and the bend at rest,
-    radians.
+    """Return three axes as rows (3, 3), the hinge axis (a positive turn bends the limb), the axis across it and the
+    axis along the bone; and the bend at rest, radians.
     """
     bone = asset.bone(name)
     parent, child = asset.bone_parents[bone], bone + 1
@@ -123,9 +124,9 @@ def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
 def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> JointRange:
     """Return the joint range of the asset's skeleton; the root is free.
 
-    hidden: rows of ``MOVING_BONES`` that nothing shows. Their turns are expected from the visible ones, as captured
-    people bend their limbs; visible bones have the textbooks' ranges, twice as wide, about the rest pose. None: all
-    bones are distributed as captured.
+    hidden: rows of ``MOVING_BONES`` for unseen bones. The turns of hidden bones are expected from those of visible
+    bones, as captured people bend their limbs. Visible bones have the textbooks' ranges, twice as wide, about the rest
+    pose. None: all bones are distributed as captured.
     """
     captured = _as_captured(asset)
     if hidden is None:
@@ -151,8 +152,8 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
 
 
 class _Textbook(NamedTuple):
-    """The textbooks' ranges. covariance (3 m, 3 m): of the bones' turns, each independent, 0 for the root; other fields
-    as in ``JointRange``.
+    """The textbooks' ranges. covariance (3 m, 3 m): covariance of the bones' turns, which are independent of each
+    other, 0 for the root; other fields as in ``JointRange``.
     """
 
     covariance: np.ndarray
@@ -180,7 +181,7 @@ def _textbook(asset: BodyAsset) -> _Textbook:
 
 @cache
 def _where_seen(asset: BodyAsset) -> np.ndarray:
-    """Return the covariance (3 m, 3 m) of the turns of visible bones: see ``SEEN_SPREAD``."""
+    """Return the covariance (3 m, 3 m) of the turns of visible bones; see ``SEEN_SPREAD``."""
     covariance = _textbook(asset).covariance.copy()
     for row in range(1, len(MOVING_BONES)):
         own = slice(3 * row, 3 * row + 3)
@@ -194,8 +195,9 @@ def _where_seen(asset: BodyAsset) -> np.ndarray:
 def _as_captured(asset: BodyAsset) -> JointRange:
     """Return the joint range with ``captured_turns`` as captured, and all other turns by the textbooks.
 
-    How hips and spine share the flexion between trunk and thighs was not captured. By their ranges the spine takes a
-    quarter of it (a third in people who sit down, Schoberth 1962), and the share varies by the spine's range.
+    How hips and spine share the flexion between trunk and thighs was not captured. By the ranges of hips and spine, the
+    spine takes a quarter of it (a third in people who sit down, Schoberth 1962), and this share varies by the spine's
+    range.
     """
     count, shown, turns = len(MOVING_BONES), captured_turns(), limb_turns()
     ranges, hinge, limit = _textbook(asset)
@@ -213,10 +215,10 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
-    """Return the covariance (k, k) of ``captured_turns`` in people: as captured, plus each joint's own independent
-    part.
+    """Return the covariance (k, k) of ``captured_turns`` in people: as captured, plus an independent part of each
+    joint.
 
-    expected (k, k): by the textbooks' ranges, which are a lower bound.
+    expected (k, k): covariance by the textbooks' ranges, which are a lower bound.
     """
     factor = np.linalg.cholesky(expected)
     captured = np.linalg.solve(factor, np.linalg.solve(factor, turns.covariance).T)
@@ -242,9 +244,9 @@ RHYTHM: Final = 0.2  # share of the arm's turn beyond it: 30 degrees for an arm 
 
 
 def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None = None) -> JointRange:
-    """Return ``joint_range`` with the shoulder girdle's mean raised as the pose's arms are.
+    """Return ``joint_range`` with the shoulder girdle's mean raised according to the arms in the pose.
 
-    The mean follows the arm, and exerts no pull on it. Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
+    The mean follows the arm without pulling it. Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
     """
     ranges = joint_range(asset, hidden)
     mean = ranges.mean.copy()

@@ -25,8 +25,8 @@ class BodyMesh:
     def bone_transforms(self, rotations: np.ndarray, root_m: np.ndarray) -> np.ndarray:
         """Compute the rigid motion of each bone from rest to posed body (forward kinematics).
 
-        rotations : (b, 3, 3), each bone's turn relative to its parent, in the axes of the rest pose.
-        root_m : (3,), where the head of the root bone goes.
+        rotations : (b, 3, 3), each bone's rotation relative to its parent, in the axes of the rest pose. root_m : (3,),
+        place of the root bone's head.
         Returns T_world_rest : (b, 4, 4).
         """
         return forward(self.asset.bone_parents, self.bone_heads, rotations, root_m)
@@ -133,7 +133,9 @@ def skin(
 def joint_frames(
     transforms: np.ndarray, heads: np.ndarray, parents: np.ndarray, moving: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return pivot (m, 3), each moving bone's head in the world, and frame (m, 3, 3), the parent's axes of its turn."""
+    """Return pivot (m, 3), the head of each moving bone in the world, and frame (m, 3, 3), the parent's axes about
+    which the bone turns.
+    """
     pivot, frame = np.empty((len(moving), 3)), np.empty((len(moving), 3, 3))
     for m in range(len(moving)):
         bone, parent = moving[m], parents[moving[m]]
@@ -186,14 +188,14 @@ def below(asset: BodyAsset, bone: int) -> np.ndarray:
     """Return (b,) bool: the bone and all bones below it."""
     found = np.zeros(len(asset.bone_names), bool)
     found[bone] = True
-    for other, parent in enumerate(asset.bone_parents.tolist()):  # parents stand before children
+    for other, parent in enumerate(asset.bone_parents.tolist()):  # parents come before children
         found[other] |= parent >= 0 and bool(found[parent])
     return found
 
 
 def without_parts(mesh: BodyMesh, parts: Sequence[str]) -> BodyMesh:
-    """Return the body without some parts: each part collapses into the joint where it would begin, so no turn moves
-    it.
+    """Return the body without some parts: each part collapses into the joint where it would begin, so that no rotation
+    moves it.
     """
     vertices, heads, tails = mesh.vertices.copy(), mesh.bone_heads.copy(), mesh.bone_tails.copy()
     for part in parts:
@@ -210,7 +212,9 @@ def missing_points(asset: BodyAsset, part_of_points: np.ndarray, parts: Sequence
 
 
 def missing_joints(asset: BodyAsset, parts: Sequence[str]) -> np.ndarray:
-    """Return (21,) bool: joints beyond the stumps; the joint where a missing part would begin exists."""
+    """Return (21,) bool: missing joints, which lie beyond the stumps. The joint where a missing part would begin
+    exists.
+    """
     bones = joint_bones(asset)
     stumps = [stump_of(asset, part) for part in parts]
     outermost = [stump for stump in stumps if not any(below(asset, other)[stump] for other in stumps if other != stump)]

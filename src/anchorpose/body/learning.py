@@ -22,8 +22,8 @@ from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body, pos
 from anchorpose.body.standing_off import BONE_SHARE, standing_off
 from anchorpose.joints import JOINT_INDEX
 
-REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)  # reach of each step; three more steps left the bones unchanged
-REFINING_M: Final = (0.07, 0.06)  # reach of each step where the shape is known from earlier frames
+REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)  # m, reach of each step; three more steps left the bones unchanged
+REFINING_M: Final = (0.07, 0.06)  # m, reach of each step where the shape is known from earlier frames
 LARGEST_STEP: Final = 1.0  # largest change of a coefficient in one step of the solver, in standard deviations
 
 
@@ -46,8 +46,9 @@ def learn_body(
 ) -> LearnedBody:
     """Fit one shape to all frames, with each frame's own pose: alternate correspondences and a joint Gauss-Newton step.
 
-    shape: the initial shape. known: the belief without these frames, from a prior or from earlier frames: where it is
-    certain the frames hardly change it, where it is not they decide. Raises ValueError when no frame is given.
+    shape: the initial shape. known: the belief without these frames, from a prior or from earlier frames. Where this
+    belief is certain, the frames hardly change it; where it is uncertain, the frames decide. Raises ValueError when no
+    frame is given.
     """
     if not poses:
         raise ValueError("a body needs at least one frame to be learnt from")
@@ -63,10 +64,10 @@ def learn_body(
 
 
 def most_different(points: SkinPoints, poses: Sequence[Pose], count: int) -> list[int]:
-    """Return rising indices of up to ``count`` poses whose limbs are bent and turned most differently.
+    """Return increasing indices of up to ``count`` poses whose limbs are bent and turned most differently.
 
-    Each chosen pose is as far as possible from the chosen ones: bent limbs show where they turn, and similar poses show
-    nothing new.
+    Each next pose is as far as possible from the poses chosen before it: bent limbs show where they turn, and similar
+    poses show nothing new.
     """
     limbs = [row for row, bone in enumerate(MOVING_BONES) if bone.endswith(("Arm", "UpLeg", "Leg"))]
     turns = np.array([pose.rotation_vectors(points.moving)[limbs].ravel() for pose in poses])
@@ -81,7 +82,7 @@ def most_different(points: SkinPoints, poses: Sequence[Pose], count: int) -> lis
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeFrame:
-    """One frame that takes part in learning the shape: its pose so far and its constraints."""
+    """One frame that is used for learning the shape: its present pose and its constraints."""
 
     pose: Pose
     constraints: Constraints
@@ -96,7 +97,7 @@ def learn_shape_step(
 ) -> tuple[ShapeBelief, list[Pose]]:
     """Take one Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
 
-    known: the belief without these frames. Returns the belief with them, linearised at ``shape``, and the poses.
+    known: the belief without these frames. Return the belief with these frames, linearised at ``shape``, and the poses.
     """
     body, count = build_body(points, shape), known.free.coefficients
     seen, slope = np.zeros_like(known.seen), np.zeros_like(known.pull)

@@ -1,8 +1,8 @@
 """Compute the likelihood of depth readings given a body's pose, and how well each limb is explained.
 
 The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or what
-is behind it; the score is the logarithm of how much more probable the readings are with the body than without it.
-Hidden skin does not count, skin that a camera sees past lowers the score, skin that explains a reading raises it.
+is behind it; the score is the logarithm of how much more probable the readings are with the body than without it. Skin
+that explains a reading raises the score, skin that a camera sees past lowers it, and hidden skin does not change it.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import pixel_of_ray
 
-FOOTPRINT_M: Final = 0.02  # width of a pixel at reduced resolution: half of a wrist's width
-SKIN_SIGMA_M: Final = 0.02  # between rendered skin and reading: clothes, and the coarse sampling of the skin
-ALIKE_M: Final = 0.05  # side of a patch whose readings have a common error, from clothes and folds, not from the sensor
-RANGE_M: Final = 4.0  # range of a depth camera: an unknown object is anywhere within it
+FOOTPRINT_M: Final = 0.02  # m, width of a pixel at reduced resolution: half of a wrist's width
+SKIN_SIGMA_M: Final = 0.02  # m between rendered skin and reading: clothes, and the coarse sampling of the skin
+ALIKE_M: Final = 0.05  # m, side of a patch whose readings share an error from clothes and folds, not from the sensor
+RANGE_M: Final = 4.0  # m, range of a depth camera; an unknown object may be anywhere within it
 CLUTTER: Final = 0.1  # share of the pixels that show an unknown object
-PAST: Final = 0.05  # share of the rendered skin that cameras see past in a right pose, since outlines are rough
-LEAST_SEEN: Final = 1.0  # explained observations of a part to count as seen: 25 cm2, three fingers
-LEAST_SHARE: Final = 0.15  # explained share of a part to count as seen: a strip of a thigh does not show its knee
+PAST: Final = 0.05  # share of the rendered skin that cameras see past in a correct pose, since outlines are rough
+LEAST_SEEN: Final = 1.0  # explained observations by which a part counts as seen: 25 cm2, three fingers
+LEAST_SHARE: Final = 0.15  # explained share by which a part counts as seen; a strip of a thigh does not show its knee
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +38,9 @@ class Likelihood:
     """The likelihood of the readings of each limb, as in ``LIMB_OF_BONES``, up to elbow or knee and beyond; (PARTS, 2)
     each.
 
-    log: nats, how much more probable its pixels' readings are with the body than without it. explained, past, hidden:
-    independent observations, patches of ``ALIKE_M``, that show its skin, something behind it, or something before it.
+    log: log likelihood ratio in nats, by how much the readings of its pixels are more probable with the body than
+    without it. explained, past, hidden: numbers of independent observations, patches of ``ALIKE_M``, that show its
+    skin, something behind it, or something in front of it.
     """
 
     log: np.ndarray
@@ -49,7 +50,7 @@ class Likelihood:
 
     @property
     def seen(self) -> np.ndarray:
-        """Return (PARTS, 2) bool: parts of limbs whose readings show them where the pose has them."""
+        """Return (PARTS, 2) bool: parts of limbs that the readings show where the pose puts them."""
         turned = self.explained + self.past + self.hidden
         return np.asarray((self.explained >= LEAST_SEEN) & (self.explained >= LEAST_SHARE * turned))
 
@@ -77,8 +78,8 @@ def most_nats(area_m2: float) -> float:
 
 
 class RenderedSkin(NamedTuple):
-    """The skin rendered at every ``step``-th row and column of an image. depth_m (h, w) float64: nearest skin, infinite
-    where there is none; point (h, w) int64: the skin point there, else -1. patches: how many patches of ``ALIKE_M`` a
+    """The skin rendered at every ``step``-th row and column of an image. depth_m (h, w) float64: depth of the nearest
+    skin, infinite without skin; point (h, w) int64: its skin point, else -1. patches: how many patches of ``ALIKE_M`` a
     pixel covers, at most one.
     """
 

@@ -1,8 +1,8 @@
 """Propose poses with one limb moved: onto uncovered skin, or along the path of an anchor.
 
-The proposals do not depend on a prediction, except through the trunk, for which there are proposals too
-(``exchanged``). The end of a limb shows where the limb is even if the body leaves no skin uncovered: an arm fitted to
-the wrong side of a walker covers its rail.
+The proposals depend on a prediction only through the trunk, for which there are proposals too (``exchanged``). The end
+of a limb shows where the limb is even if the body leaves no skin uncovered. For example, an arm fitted to the wrong
+side of a walker covers the walker's rail.
 """
 
 from __future__ import annotations
@@ -32,16 +32,17 @@ from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_INDEX
 SIDES: Final = ("Left", "Right")
 NEIGHBOUR_M: Final = 0.05  # m between thinned nodes of one piece: twice their spacing
 SMALLEST_M2: Final = 0.002  # a few fingers: smaller uncovered pieces are clothes
-MOST_PIECES: Final = 3  # two arms and a leg; further pieces are examined after these limbs have been found
+MOST_PIECES: Final = 3  # pieces at a time: two arms and a leg; further pieces are examined after these limbs were found
 TURNS: Final = 4  # solver turns of three steps each: a limb may have to move by half a circle
 SETTLED_M: Final = 0.01  # m; the solver stops when joints move less, since a proposal is registered afterwards
-REACH_SLACK_M: Final = 0.15  # m by which a tip may be beyond the limb's length: the trunk leans, the shoulder moves
+# m by which a tip may lie beyond the limb's length, since the trunk leans and the shoulder moves
+REACH_SLACK_M: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """A limb listed from its end: joints, how far along the skin each lies from the tip at rest, and how deep
-    inside.
+    """A limb listed from its end: its joints, the distance of each along the skin from the tip at rest, and its depth
+    below the skin.
     """
 
     bones: tuple[str, ...]
@@ -67,8 +68,10 @@ _SIDED: Final = tuple(JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "H
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimbPath:
-    """The axis of an uncovered piece of surface: places_m (k, 3) on the skin from its tip to where it meets the body,
-    inward (k, 3) unit, along_m (k,) distance from the tip. area_m2: area of the piece, 0 where not measured."""
+    """The axis of an uncovered piece of surface. places_m (k, 3): places on the skin, from the piece's tip to where it
+    meets the body; inward (k, 3): unit vectors into the limb; along_m (k,): distance from the tip. area_m2: area of the
+    piece, 0 where not measured.
+    """
 
     places_m: np.ndarray
     inward: np.ndarray
@@ -79,7 +82,7 @@ class LimbPath:
 def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPath]:
     """Return the axis of each large piece of seen skin that the body does not cover, the largest piece first.
 
-    The root of a piece is where it meets covered skin or, if a bar cuts it off, the node nearest to covered skin; its
+    The root of a piece is where it meets covered skin or, if a bar cuts it off, the node nearest to covered skin. The
     tip is the node farthest from the root along the piece.
     """
     surface, bare = evidence.surface, explanation.node
@@ -98,7 +101,9 @@ def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPa
 
 
 def _pieces(points_m: np.ndarray) -> tuple[csr_array, np.ndarray]:
-    """Return the graph of neighbouring nodes, metres, and the connected piece (u,) int of each node."""
+    """Return the graph of neighbouring nodes, with edge lengths in metres, and the connected piece (u,) int of each
+    node.
+    """
     pairs = cKDTree(points_m).query_pairs(NEIGHBOUR_M, output_type="ndarray")
     length = np.linalg.norm(points_m[pairs[:, 0]] - points_m[pairs[:, 1]], axis=1)
     graph = csr_array((length, (pairs[:, 0], pairs[:, 1])), shape=(len(points_m), len(points_m)))
@@ -107,7 +112,9 @@ def _pieces(points_m: np.ndarray) -> tuple[csr_array, np.ndarray]:
 
 
 def _from_covered(points_m: np.ndarray, covered_m: np.ndarray) -> np.ndarray:
-    """Return (u,) metres from each node to the nearest covered one; 0 everywhere if none is covered."""
+    """Return (u,) the distance in metres from each node to the nearest covered node; 0 everywhere if no node is
+    covered.
+    """
     if not len(covered_m):
         return np.zeros(len(points_m))
     distance, _ = cKDTree(covered_m).query(points_m)
@@ -128,10 +135,10 @@ def _path(
 
 
 def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] = CHAINS) -> Iterator[Pose]:
-    """Yield the pose with one limb laid along a path, for each of the chains that can reach its tip.
+    """Yield the pose with one limb laid along a path, for each of the chains that can reach the path's tip.
 
-    Joints within the path's length lie on it. Joints beyond its end follow the joint ranges, from a limb at rest, or
-    stay where they are.
+    Joints within the path's length lie on the path. Joints beyond its end follow the joint ranges, from a limb at rest,
+    or stay where they are.
     """
     joints = body.joints(pose)
     lengths = limb_lengths(body)
@@ -153,7 +160,7 @@ def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] =
 def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
     """Yield the pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
 
-    Limbs keep their places and exchange their names: the skin then fits as well, but joints and feet do not.
+    Limbs keep their places and exchange their names. The skin fits as well then, but joints and feet do not.
     """
     joints = body.joints(pose)
     asset = body.points.asset
@@ -173,7 +180,7 @@ def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
 
 @cache
 def _mirrored() -> np.ndarray:
-    """Return (21,) the corresponding joint of the other side; a joint of the trunk is its own."""
+    """Return (21,) the corresponding joint of the other side; for a joint of the trunk, the joint itself."""
     swap = {"Left": "Right", "Right": "Left"}
     other = np.arange(JOINT_COUNT)
     for name, index in JOINT_INDEX.items():
@@ -184,8 +191,8 @@ def _mirrored() -> np.ndarray:
 
 
 def limb_lengths(body: Body) -> list[tuple[np.ndarray, float]]:
-    """Return, for each of ``CHAINS``, metres from the tip to each of its joints, and from the tip to the limb's
-    root.
+    """Return, for each of ``CHAINS``, the length in metres from the tip to each of its joints, and from the tip to the
+    limb's root.
     """
     asset, rest = body.points.asset, body.mesh.rest_joints()
     found = []
@@ -216,8 +223,8 @@ def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
 
 
 def _held_but(joints: np.ndarray, limbs: Sequence[Chain]) -> np.ndarray:
-    """Return wanted joints (21, 3): the present places, but NaN for the joints of some limbs, which the caller
-    places.
+    """Return wanted joints (21, 3): the present places, with NaN for the joints of some limbs, which the caller fills
+    in.
     """
     wanted = joints.copy()
     wanted[[JOINT_INDEX[name] for chain in limbs for name in chain.joints]] = np.nan
@@ -245,15 +252,16 @@ def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
 
 
 CONTRADICTED_M: Final = 0.15  # m from an anchor to the tip of its limb that makes a proposal worth trying
-INSIDE_TIP_M: Final = 0.03  # m by which an anchor lies nearer to the centre than its limb's tip: half of a cap's depth
+# m by which an anchor lies nearer to the body's centre than its limb's tip: half of a cap's depth
+INSIDE_TIP_M: Final = 0.03
 
 
 def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[LimbPath, tuple[Chain, ...]]]:
     """Yield the paths of hands and feet that contradict the pose, and of free ends, each with the limbs it may belong
     to.
 
-    A hand may belong to either arm and a foot to either leg, since sides are exchanged if the body's facing was wrong.
-    A free end may belong to any limb.
+    A hand may belong to either arm and a foot to either leg, since a wrong facing of the body exchanges the sides. A
+    free end may belong to any limb.
     """
     anchors, elsewhere = seen.anchors, contradicted_by(body, pose, seen.anchors, CONTRADICTED_M)
     ends = [

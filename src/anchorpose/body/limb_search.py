@@ -1,4 +1,4 @@
-"""Find limbs again: propose poses from the images, register them, and compare them on equal evidence.
+"""Find misplaced limbs again: propose poses from the images, register them, and compare them by the same evidence.
 
 The search runs where a pose leaves seen skin uncovered, or where limbs may have been exchanged.
 """
@@ -26,11 +26,11 @@ from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
 
-# area of seen, uncovered skin that starts a search: half a hand; clothes and grips leave no more
+# m2 of seen, uncovered skin that start a search: half a hand; clothes and grips leave no more uncovered
 LOOK_AGAIN_M2: Final = 0.005
 ROUNDS: Final = 4  # rounds, one for each limb
-TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # m from a proposed limb to the seen one, in each step
-TRIAL_NODES: Final = 800  # a third of the nodes suffice to tell a good pose from a bad one
+TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # m from a proposed limb to the seen limb, in each step
+TRIAL_NODES: Final = 800  # nodes used; a third of all nodes suffice to tell a good pose from a bad one
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
 SAME_M: Final = 0.04  # m; poses with all joints nearer than this lead to the same registration
 BEST: Final = 3  # poses kept: the present pose, registered again, and two others
@@ -40,8 +40,8 @@ BEST: Final = 3  # poses kept: the present pose, registered again, and two other
 class Search:
     """The result of a search.
 
-    registration: of the best pose; taken: whether it differs from the given pose. rivals: poses that the frame cannot
-    exclude.
+    registration: registration of the best pose; taken: whether the best pose differs from the given pose. rivals: other
+    poses that the frame cannot exclude.
     """
 
     registration: Registration
@@ -51,8 +51,8 @@ class Search:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tried:
-    """A tried pose and its log probabilities, nats. images: by the images and the body; moved: the cost of being
-    elsewhere than expected.
+    """A tried pose and its log probabilities, nats. images: log probability by the images and the body priors; moved:
+    cost of being elsewhere than expected.
     """
 
     pose: Pose
@@ -74,14 +74,14 @@ class Expected:
     sigma_m: np.ndarray
 
     def tried(self, pose: Pose, evidence: Evidence) -> Tried:
-        """Evaluate a pose by the images, and by how far each limb, or the trunk, is from its expected place."""
+        """Evaluate a pose by the images and by the distance of each limb, and of the trunk, from its expected place."""
         return Tried(pose, log_probability(self.body, pose, evidence), self.moved(self.body.joints(pose)))
 
     def moved(self, joints_m: np.ndarray) -> float:
         """Return the cost of joints (21, 3) that are elsewhere than expected, nats.
 
-        It has Cauchy's tails: a lost limb may be anywhere, but a known one does not turn round between two frames, and
-        a body that turns round has to explain five limbs.
+        The cost has the tails of a Cauchy distribution: a lost limb may be anywhere, but a known limb does not turn
+        round between two frames, and a body that turns round pays for all limbs and the trunk.
         """
         away = np.linalg.norm(joints_m - self.joints_m, axis=1) / self.sigma_m
         farthest = np.zeros(PARTS)
@@ -99,8 +99,8 @@ def expected_joints(body: Body, belief: PoseBelief) -> Expected:
 
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
-    """Return whether the images show that a limb is elsewhere; ``hidden``: some limb covers nothing, so less area
-    suffices.
+    """Return whether the images show that a limb is elsewhere. hidden: whether some limb covers nothing, so that less
+    uncovered area suffices.
     """
     return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
 
@@ -115,15 +115,15 @@ def search_limbs(
 ) -> Search:
     """Move limbs to where they are seen, as long as that explains the frame better; return the best registration.
 
-    predicted: the expected pose; a limb found elsewhere shows that it was wrong, so it gets as little weight as after
-    ``UNSEEN_S`` without sight. anchors: the frame's, None for a first pose.
+    predicted: the expected pose. A limb found elsewhere shows that this expectation was wrong, so it gets as little
+    weight as after ``UNSEEN_S`` without sight. anchors: anchors of the frame, None for a first pose.
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
     now, best = expected.tried(found.belief.pose, evidence), list[Tried]()
     pose = now.pose
     for number in range(ROUNDS):
-        # the descriptor's proposal does not depend on the pose in doubt: once is enough
+        # the descriptor's proposal does not depend on the pose in doubt, so one round with it is enough
         sources = [source for source in config.sources if number == 0 or source is not Source.DESCRIPTOR]
         proposed = proposals(Doubted(body, pose, evidence, anchors), sources)
         tried = _register_all(expected, _distinct(body, [pose, *proposed]), uncertain, evidence, trial)
@@ -146,7 +146,7 @@ def _decided(
     evidence: Evidence,
     config: RegistrationConfig,
 ) -> Search:
-    """Decide, by one frame, between the pose that was found, ``now``, and others."""
+    """Decide, by one frame, between ``now``, the pose that was found, and other poses."""
     ways, places_m = list[tuple[Registration, Rival]](), list[np.ndarray]()
     for one, lag in sorted(_compared(body, now, others, evidence), key=lambda way: way[1] + way[0].moved):
         joints_m = body.joints(one.pose)
@@ -164,7 +164,7 @@ def _decided(
 
 
 def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
-    """Yield the other poses, each with the believed nats by which it explains the images worse."""
+    """Yield the other poses, each with the believed nats by which it explains the images worse than the best."""
     for one in others:
         if one.pose is not now.pose:
             parts = parts_apart(body.joints(one.pose), body.joints(now.pose))
@@ -188,7 +188,7 @@ def _register_all(
 ) -> list[Tried]:
     """Return the first pose unchanged and all poses after a short registration, with their probabilities.
 
-    The first pose is registered too: limbs that only lag behind must not favour a body that is turned round.
+    The first pose is registered as well, so that limbs which only lag behind do not favour a body that is turned round.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
     return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])
@@ -201,7 +201,7 @@ def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, 
 def _best_few(
     expected: Expected, tried: Sequence[Tried], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """Register the first pose and the best of the others equally; return them, the best first."""
+    """Register the first pose and the best other poses in the same way; return them, the best first."""
     body, refining = expected.body, replace(config, reaches_m=REFINED_REACHES_M)
     others = sorted(tried[1:], key=lambda one: -one.log)[:BEST]
     refined = each(lambda one: _settled(body, one.pose, uncertain, evidence, refining), others)

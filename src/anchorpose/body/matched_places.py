@@ -1,7 +1,7 @@
 """Match pixels to places on the body by the learnt descriptor, and fit the body's pose to the matches.
 
 The paper matches nodes whose geodesic distances agree (Definition 5). The learnt descriptor gives the place on the skin
-itself, so that a single frame has matches all over the body, and the pose needs no start.
+itself, so a single frame has matches all over the body, and no initial pose is needed.
 """
 
 from __future__ import annotations
@@ -25,24 +25,25 @@ from anchorpose.descriptor.learnt import described
 from anchorpose.isolation.view import View
 
 LEAST_MATCHES: Final = 30  # matches; 60 cm2 at two metres, a hand
-MATCHES: Final = 800  # matches used; a person at two metres has 2,000, but more only cost time
+MATCHES: Final = 800  # matches used; a person at two metres has 2,000, but more of them only cost time
 LEAST_SIGMA_M: Final = 0.03  # m, smallest error of a match: skin points are as far apart, and clothes as thick
 MATCHES_PER_OBSERVATION: Final = 10.0  # the network is wrong about whole parts, not about single pixels
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
 """Distance at which a match counts a quarter, in each step: from a limb's length down to a limb's width."""
 
-MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20  # an unknown person's, adults and children together
+MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20  # m, of an unknown person, adults and children together
 STATURES_M: Final = (0.90, 2.15)  # m; one person in a thousand is shorter or taller, including the error of one frame
-_SCALINGS: Final = 3  # scalings; the stature is then 4, 3 and 2 % off in the median
-_AGAIN: Final = 4  # steps from a pose that fits already
-_NO_KERNEL_M: Final = 1e3  # m, so large that no kernel acts: the rows' weights are robust already
+_SCALINGS: Final = 3  # number of scalings; after each, the stature is off by 4, 3 and 2 % in the median
+_AGAIN: Final = 4  # steps from a pose that already fits
+_NO_KERNEL_M: Final = 1e3  # m, so large that the kernel has no effect, since the rows' weights are robust already
 _ALIGNING: Final = 8  # steps of the reweighted alignment of the trunk
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """Matches between pixels and places on the body. place (n, 3): on the standing mean adult of stature 1, X forward,
-    Y up from the floor, Z right; target_m (n, 3): in the world; error (n,): expected error of place, in statures.
+    """Matches between pixels and places on the body. place (n, 3): place on the standing mean adult of stature 1, X
+    forward, Y up from the floor, Z right; target_m (n, 3): place of the pixel in the world; error (n,): expected error
+    of ``place``, in statures.
     """
 
     place: np.ndarray
@@ -54,7 +55,9 @@ class Matches:
 
     @property
     def turned(self) -> Matches:
-        """Return the matches as if the person faces the other way, which is the network's most frequent mistake."""
+        """Return the matches as if the person faced the other way; mistaking the facing is the network's most frequent
+        error.
+        """
         return replace(self, place=self.place * [-1.0, 1.0, -1.0])
 
 
@@ -76,8 +79,8 @@ def _matches_of(view: View, camera: Camera, label: int) -> Matches:
 
 
 class MatchedPerson(NamedTuple):
-    """Matches and their results: stature_m, the standing height (within 3 % in half of all single frames), and the pose
-    of an ordinary adult of this height.
+    """Matches and their results. stature_m: the standing height (within 3 % in half of all single frames); pose: the
+    pose of an ordinary adult of this height.
     """
 
     matches: Matches
@@ -86,7 +89,7 @@ class MatchedPerson(NamedTuple):
 
 
 def match_person(matches: Matches) -> MatchedPerson:
-    """Fit an ordinary body to the matches and scale it until distances on both agree, alternately.
+    """Fit an ordinary body to the matches, and scale it so that distances on both agree; repeat this alternately.
 
     The distribution of statures is a prior, since few or uncertain matches determine a stature poorly. Raises
     ValueError for fewer than ``LEAST_MATCHES``.
@@ -106,7 +109,7 @@ def _adult(points: SkinPoints, stature_cm: int) -> Body:
 
 
 def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
-    """Return the most probable stature, by matches on a body of the present stature and by the prior."""
+    """Return the most probable stature, by the prior and by matches on a body of the present stature."""
     point, target_m, sigma_m = _chosen(body, matches)
     own_m = pose_points(body, pose).points_m[point]
     weight = (sigma_m * (1.0 + (np.linalg.norm(own_m - target_m, axis=1) / SCALES_M[-1]) ** 2)) ** -2
@@ -145,7 +148,7 @@ def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.nd
 def _rows(
     posed_m: np.ndarray, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray, scale_m: float
 ) -> Constraints:
-    """Return three rows per match, with one robust weight (Geman and McClure) for the match's whole distance."""
+    """Return three rows per match, which share one robust weight (Geman and McClure) by the match's distance."""
     away_m = np.linalg.norm(posed_m[point] - target_m, axis=1)
     spread_m = np.repeat(sigma_m * (1.0 + (away_m / scale_m) ** 2), 3)
     direction = np.tile(np.eye(3), (len(point), 1))
@@ -168,8 +171,8 @@ def _skin_at(points: SkinPoints, place: np.ndarray) -> np.ndarray:
 
 
 def _aligned(body: Body, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray) -> Pose:
-    """Return the rest pose, aligned so that the trunk lies on its matches; the whole body where the trunk has too
-    few.
+    """Return the rest pose, aligned so that the trunk lies on its matches, or the whole body if the trunk has too few
+    matches.
     """
     asset = body.points.asset
     rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-MAX_VOXELS: Final = 1_000_000  # 8 MB of row starts; nodes spread wider than a room get coarser voxels
+MAX_VOXELS: Final = 1_000_000  # 8 MB of row starts; nodes that are spread wider than a room get coarser voxels
 
 
 class Voxels(NamedTuple):
@@ -72,8 +72,8 @@ class Oriented(NamedTuple):
 class Grid(NamedTuple):
     """Points sorted by cell, contiguous in memory.
 
-    order (k,): the points' rows; skin (k, 6): place and normal; start: where each cell begins; origin (3,): the lowest
-    corner; shape (3,): cells along each axis.
+    order (k,): the original row of each point; skin (k, 6): place and normal of each point; start: where each cell
+    begins; origin (3,): the lowest corner; shape (3,): number of cells along each axis.
     """
 
     order: np.ndarray
@@ -87,11 +87,11 @@ class Grid(NamedTuple):
 def nearest_facing(
     skin: Oriented, nodes: Oriented, seen_from: np.ndarray, eyes: np.ndarray, reach: float, normal_weight: float
 ) -> np.ndarray:
-    """Return the skin point (n,) int64 of each node, -1 where none is nearer than reach.
+    """Return the skin point (n,) int64 nearest to each node, -1 where no skin point is nearer than reach.
 
-    The distance is measured in six numbers: the place, and the normal times ``normal_weight``. seen_from (n,): the
-    camera that saw each node; eyes (c, 3): where the cameras are. Exact: cells that are farther off than the best found
-    so far are left out, and the match of the node before is the first guess.
+    The distance is between vectors of six numbers: the place, and the normal times ``normal_weight``. seen_from (n,):
+    the camera that saw each node; eyes (c, 3): positions of the cameras. The result is exact: only cells that are
+    farther away than the best point so far are left out. The match of the previous node is the first guess.
     """
     nearest = np.full(len(nodes.places_m), -1, np.int64)
     for camera in range(len(eyes)):
@@ -124,7 +124,7 @@ def facing_rows(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return skin point (m,), node (m,) and unit direction (m, 3) for every node that has a nearest point.
 
-    The direction is the mean of both normals, or straight to a node farther off than ``uncovered``.
+    The direction is the mean of both normals, or points straight to the node if it is farther away than ``uncovered``.
     """
     nearest = nearest_facing(skin, nodes, seen_from, eyes, reach, normal_weight)
     point, found, count = np.empty(len(nearest), np.int64), np.empty(len(nearest), np.int64), 0
@@ -150,7 +150,7 @@ def facing_rows(
 
 @njit(cache=True, nogil=True)
 def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.ndarray:
-    """Return (n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 where none is nearer than
+    """Return (n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 where no point is nearer than
     reach.
     """
     nearest = np.full(len(nodes), -1, np.int64)
@@ -177,7 +177,7 @@ def _facing(skin: Oriented, eye: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _grid(surface: Oriented, chosen: np.ndarray) -> Grid:
-    """Return the chosen points by cell."""
+    """Return the chosen points as a ``Grid``, sorted by cell."""
     points = surface.places_m
     origin, top = points[chosen[0]].copy(), points[chosen[0]].copy()
     for p in chosen:
@@ -206,9 +206,9 @@ def _distance2(skin: np.ndarray, spot: int, nodes: Oriented, node: int, normal_w
 
 @njit(cache=True, nogil=True)
 def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: float) -> int:
-    """Return the row of ``grid.skin`` nearest to a node, if nearer than the root of ``best``, else -1.
+    """Return the row of ``grid.skin`` nearest to a node, if it is nearer than the square root of ``best``, else -1.
 
-    The node's own cell comes first: a point found there narrows the search around it.
+    The node's own cell is searched first, since a point found there narrows the search around it.
     """
     skin, start, shape, found = grid.skin, grid.start, grid.shape, -1
     origin = grid.origin

@@ -1,4 +1,4 @@
-"""Represent a pose of the body by bone turns and root, and changes of it."""
+"""Represent a pose of the body by bone rotations and the root's place, and changes of a pose."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ DEGREE: Final = np.pi / 180.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """A pose. rotations (b, 3, 3): each bone relative to its parent, rest axes. root_m (3,): the root bone's head,
-    world.
+    """A pose. rotations (b, 3, 3): rotation of each bone relative to its parent, in the axes of the rest pose. root_m
+    (3,): the root bone's head, world.
     """
 
     rotations: np.ndarray
@@ -60,7 +60,7 @@ class Pose:
         return Pose(rotations, self.root_m + change[-3:])
 
     def change_to(self, after: Pose, moving: np.ndarray) -> np.ndarray:
-        """Return the change (POSE_SIZE,) that leads to another pose: ``self.moved(change, moving)`` is ``after``."""
+        """Return the change (POSE_SIZE,) to another pose, such that ``self.moved(change, moving)`` is ``after``."""
         turned = after.rotations[moving] @ self.rotations[moving].transpose(0, 2, 1)
         return np.append(rotation_vectors(turned).ravel(), after.root_m - self.root_m)
 

@@ -34,12 +34,12 @@ def accumulate_pose(
 
 @cache
 def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Return the row (b,) of the moving bone that carries each bone, and the row (m,) above each moving bone, -1 for
-    the root.
+    """Return the row (b,) of the moving bone that carries each bone, and the row (m,) of the moving bone above each
+    moving bone; both are -1 for the root.
 
     Moving bones are numbered as in ``SkinPoints.moving``, parents before children.
     """
-    # the last moving bone that is above the bone or is the bone
+    # the last moving bone that is the bone itself or above it
     carrier = len(points.moving) - 1 - points.below[::-1].argmax(axis=0)
     parents = points.asset.bone_parents[points.moving]
     return carrier, np.where(parents >= 0, carrier[parents], -1)
@@ -74,10 +74,10 @@ def _by_bones(
     spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the moments (m, m, 6, 6) of each pair of carriers, and forces (m, 6) on each: torque about the origin,
-    then force.
+    """Return the moments (m, m, 6, 6) of each pair of carriers, and the force (m, 6) on each carrier: torque about the
+    origin, then force.
 
-    Each pair of carriers is stored once: ``_mirror`` adds the other half of the moments.
+    Each pair of carriers is stored once; ``_mirror`` adds the other half of the moments.
     """
     pairs, forces = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
     most = bones.shape[1]
@@ -125,7 +125,7 @@ def _by_bones(
 
 @njit(cache=True, nogil=True)
 def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place: np.ndarray) -> None:
-    """Add a bone's share of the carried point's place to place (3,)."""
+    """Add a bone's share of a carried point's position to ``place`` (3,)."""
     T, r = T_world_rest, rest_m
     for i in range(3):
         place[i] += share * (T[i, 3] + T[i, 0] * r[0] + T[i, 1] * r[1] + T[i, 2] * r[2])
@@ -133,7 +133,7 @@ def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place
 
 @njit(cache=True, nogil=True)
 def _mirror(pairs: np.ndarray) -> None:
-    """Add the transpose in place, except to a carrier's moments with itself, which are complete."""
+    """Add the transpose of the moments in place, except for a carrier's moments with itself, which are complete."""
     for one in range(len(pairs)):
         for other in range(one):
             for i in range(6):
@@ -163,8 +163,8 @@ def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarra
 def _by_parameter(
     pivot: np.ndarray, frame: np.ndarray, pairs: np.ndarray, forces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Convert moments about the origin to turns about the pivots in the parents' axes; the last three are the root's
-    shift.
+    """Convert moments about the origin to pose parameters: rotations about the pivots in the parents' axes, then the
+    root's translation as the last three.
     """
     count = len(pivot)
     screws = _screws(pivot, frame)
@@ -195,7 +195,7 @@ def _by_parameter(
 
 @njit(cache=True, nogil=True)
 def _screws(pivot: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Return each parameter (m + 1, 3, 6) as turn and shift about the origin."""
+    """Return each parameter (m + 1, 3, 6) as a rotation about the origin and a translation."""
     count = len(pivot)
     screws = np.zeros((count + 1, 3, 6))
     for m in range(count):

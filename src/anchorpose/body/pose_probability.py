@@ -1,8 +1,9 @@
-"""Compute how probable a pose is by the frame and by prior knowledge of bodies, to decide between poses.
+"""Compute the probability of a pose, given a frame and prior knowledge of bodies, to decide between poses.
 
-Readings give the distance of skin, the learnt descriptor gives its place on the body: a body that is turned round, or
-two legs on the pixels of one, cover as much surface as the right pose. The descriptor is wrong about whole limbs at a
-time, so it counts as one observation per large patch. It is one term of the sum: readings can overrule it.
+Readings give the distance of skin, the learnt descriptor gives its place on the body. The descriptor is needed because
+a body that is turned round, or two legs on the pixels of one, cover as much surface as the correct pose. Its errors
+concern whole limbs at a time, so it counts as one observation per large patch. It is only one term of the sum, and
+readings can overrule it.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from anchorpose.camera import Camera
 from anchorpose.descriptor.learnt import described, nearest_rays
 from anchorpose.isolation.view import View
 
-SPACING_M: Final = 0.028  # spacing of skin points
-# width of a pixel whose place is compared: the descriptor's own grid at two to four metres
+SPACING_M: Final = 0.028  # m, spacing of skin points
+# m, width of a pixel whose place is compared: the descriptor's own grid at two to four metres
 NAMED_FOOTPRINT_M: Final = 0.04
-NAMED_ALIKE_M: Final = 0.25  # side of a patch whose places have a common error: the integral of their correlation
+NAMED_ALIKE_M: Final = 0.25  # m, side of a patch whose places share an error: the integral of their correlation
 WRONGLY_NAMED: Final = (
-    0.03  # share of the places that are over three of their deviations off, simulated and real (UTD-MHAD)
+    0.03  # share of the places that are off by more than three deviations, simulated and real (UTD-MHAD)
 )
 FROM_BEFORE: Final = 20.0
 """Ratio: how much more often a single camera stands before the patient than behind.
@@ -43,7 +44,8 @@ SKIN_AREA: Final = 0.6  # an adult's skin area, in statures squared: 1.8 m2 at 1
 def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
     """Return the log probability of a pose by readings, descriptor and prior knowledge of bodies, nats.
 
-    The prior knowledge: joints bend as in people, limbs do not intersect (patches of skin are independent), feet stand.
+    The prior knowledge is that joints bend as in people, that limbs do not intersect (patches of skin count as
+    independent), and that feet stand.
     """
     posed = pose_points(body, pose)
     known = prior_equations(body.points, pose, None).cost
@@ -75,7 +77,8 @@ def _cost(rows: Constraints, posed: PosedPoints) -> float:
 
 
 def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
-    """Return how much more probable the descriptor's places are with each limb where it is than with any other skin.
+    """Return by how much the descriptor's places are more probable with each limb in its pose than with any other skin
+    there.
 
     The result is (PARTS, 2) nats, as in ``Likelihood``, over the person's readings that the skin explains.
     """

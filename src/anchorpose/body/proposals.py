@@ -1,6 +1,6 @@
 """Propose poses from the images, each source independently, without using the predicted pose.
 
-A prediction enters only through the trunk, for which there are proposals too.
+They depend on a prediction only through the trunk, for which there are proposals too.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.isolation.view import PixelLabel
 
-# squared deviations of all joint ranges by which a proposal may be rarer than the pose in doubt
+# sum of squared deviations from joint ranges by which a proposal may exceed the pose in doubt
 MOST_UNUSUAL: Final = 10.0
 
 
@@ -29,7 +29,7 @@ MOST_UNUSUAL: Final = 10.0
 class Doubted:
     """A pose in doubt and the frame's evidence.
 
-    anchors: None for a first pose, which comes from the descriptor before anchors are searched for.
+    anchors: None for a first pose, which the descriptor gives before anchors are searched for.
     """
 
     body: Body
@@ -41,7 +41,7 @@ class Doubted:
 def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
     """Yield the poses that the sources propose, except those with limbs bent much more than in the doubted pose.
 
-    Otherwise a hidden leg could be laid along an arm. The images alone decide a limb's side.
+    Without this exception a hidden leg could be laid along an arm. A limb's side is decided by the images alone.
     """
     most = rarity(doubted.body, doubted.pose) + MOST_UNUSUAL
     for source in sources:
@@ -51,12 +51,12 @@ def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
 
 
 def rarity(body: Body, pose: Pose) -> float:
-    """Return how unusually the joints are bent: the sum of squared deviations from their usual range."""
+    """Return how rare a pose is: the sum of squared deviations of the joints from their usual range."""
     return prior_equations(body.points, pose, None).cost
 
 
 def _along_surface(doubted: Doubted) -> Iterator[Pose]:
-    """Yield the pose with a limb along uncovered skin."""
+    """Yield the pose with a limb laid along uncovered skin, for each such limb."""
     body, pose, evidence = doubted.body, doubted.pose, doubted.evidence
     explanation = explain(body.points, pose_points(body, pose), evidence)
     for path in uncovered_paths(evidence, explanation):
@@ -64,13 +64,17 @@ def _along_surface(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
-    """Yield the pose with a limb along the geodesic path of an anchor, or of an unnamed end (paper, Definition 2)."""
+    """Yield the pose with a limb laid along the geodesic path of an anchor, or of an end without a name (paper,
+    Definition 2).
+    """
     if doubted.anchors is not None:
         yield from anchor_poses(doubted.body, doubted.pose, doubted.anchors)
 
 
 def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
-    """Yield the whole body by the learnt descriptor, also with front and back exchanged, its most frequent mistake."""
+    """Yield the pose of the whole body by the learnt descriptor, then with front and back exchanged, the descriptor's
+    most frequent mistake.
+    """
     if doubted.anchors is None:
         return
     matches = matches_of(doubted.evidence.views, doubted.evidence.cameras, PixelLabel.PATIENT)

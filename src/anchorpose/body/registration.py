@@ -24,10 +24,10 @@ LEAST_EXPLAINED: Final = 0.3  # share of nodes near the body; below it the surfa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """The registered pose: the belief in it, and explained, the share of the surface's nodes near the body, 0 where
-    nothing was seen.
+    """The registered pose.
 
-    found is False where too little was seen or the surface is not this body's: the belief is then the unchanged
+    belief: the belief in the pose; explained: share of the surface's nodes near the body, 0 where nothing was seen;
+    found: False where too little was seen or the surface does not belong to this body. The belief is then the unchanged
     prediction.
     """
 
@@ -38,7 +38,7 @@ class Registration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Held:
-    """Constraint rows besides the evidence; first: used in the first steps; always: used in all steps."""
+    """Constraint rows besides the evidence. first: rows used in the first steps; always: rows used in all steps."""
 
     first: Constraints
     always: Constraints
@@ -52,11 +52,11 @@ def register(
     config: RegistrationConfig,
     fixed: Constraints | None = None,
 ) -> Registration:
-    """Register all parts of the body at once: they stay joined, and bones keep their length. tau-hat = ICP(tau,
+    """Register all parts of the body at once: they stay joined, and bones keep their length. This is tau-hat = ICP(tau,
     phi).
 
-    held: rows of the tree and the anchors, used in the first steps only. fixed: rows of every step that do not reduce
-    the uncertainty, since they are not observations.
+    held: rows of the tree and the anchors, used only in the first steps. fixed: rows used in all steps; they do not
+    reduce the uncertainty, since they are not observations.
     """
     if len(evidence.surface) < config.least_nodes:
         return Registration(predicted, 0.0, False)
@@ -68,15 +68,15 @@ def register(
 def posterior(
     body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> Registration:
-    """Return the belief in a pose given the evidence, and whether the surface is this body's.
+    """Return the belief in a pose given the evidence, and whether the surface belongs to this body.
 
-    Only seen skin makes a pose more certain. The constraint that a limb is not in front of visible room is one-sided,
-    so it is left out of the covariance.
+    Only seen skin makes a pose more certain. The constraint that a limb is not in front of visible background is
+    one-sided, so it is left out of the covariance.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
     share = len(rows) / max(1, min(len(evidence.surface), config.node_count))
-    # the readings are likelier without this body
+    # the readings are more probable without this body
     if share < LEAST_EXPLAINED or likelihood(body, pose, evidence).total < 0.0:
         return Registration(predicted, share, False)
     expected = (predicted.pose, predicted.information)

@@ -1,8 +1,8 @@
-"""Follow poses that explain the images almost as well as the best one, until the images decide (paper, Section
-IV-D).
+"""Follow rivals, which are poses that explain the images almost as well as the best pose, until the images decide
+(paper, Section IV-D).
 
 The best pose and its rivals are registered to every frame side by side. A rival that explains the last frames clearly
-better replaces the best pose; until then each rival widens sigma.
+better replaces the best pose; until then each rival increases sigma.
 """
 
 from __future__ import annotations
@@ -24,26 +24,28 @@ from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
-APART_M: Final = 0.08  # m; poses with all joints nearer than this count as one: clothes and grips move as much
+# m; poses with all joints nearer than this count as the same pose: clothes and grips move as much
+APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
 """Nats by which errors of shape and clothes change a comparison of poses, per limb, or trunk, that differs.
 
 Where only head and arms of a body were visible, the right body and the same body turned round differed by 3 and 5 nats
 in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
 
-MEMORY_S: Final = 0.3  # s after which a frame counts by a third: limbs were elsewhere then
-LEAST_GAIN: Final = 3.0  # nats: a new pose must be twenty times as likely
-DECIDED: Final = 6.0  # nats: a pose e^6 times less likely than the best is dropped, one e^6 times likelier takes over
+MEMORY_S: Final = 0.3  # s after which a frame has a third of its weight, since limbs have moved
+LEAST_GAIN: Final = 3.0  # nats; a new pose must be twenty times as likely
+# nats; a rival e^6 times less likely than the best pose is dropped, a rival e^6 times likelier takes over
+DECIDED: Final = 6.0
 MOST: Final = 3  # rivals; each costs as much as the registration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rival:
-    """A pose besides the best.
+    """A pose that competes with the best pose.
 
-    lag: by how much it explains the last frames worse, a mean in believed nats; moved: the rest of the cost of being
-    elsewhere than expected, nats. body: the rival's own, None if the same as the best pose's. A rival with its own body
-    never becomes the best, since bones keep their length: it only widens sigma.
+    lag: by how much it explains the last frames worse, a mean in believed nats; moved: the remaining cost of being
+    elsewhere than expected, nats. body: the rival's own body, None if it is the best pose's body. A rival with its own
+    body never becomes the best, since bones keep their length; it only increases sigma.
     """
 
     belief: PoseBelief
@@ -57,18 +59,18 @@ class Rival:
         return self.lag + self.moved
 
     def joints_m(self, body: Body) -> np.ndarray:
-        """Return the rival's joints (21, 3), metres, world; body: that of the best pose."""
+        """Return the rival's joints (21, 3), metres, world. body: the body of the best pose."""
         return (self.body or body).joints(self.belief.pose)
 
     def beside(self, best: Rival) -> Rival:
-        """Return the same rival with its lag behind another pose, which becomes the best."""
+        """Return the same rival with its lag behind another pose, which becomes the best pose."""
         return replace(self, lag=self.lag - best.lag, moved=self.moved - best.moved)
 
 
 def believed(lead: float, parts: int) -> float:
-    """Convert a lead in nats to believed nats: the logarithm of how much likelier it is right than wrong.
+    """Convert a lead in nats to believed nats: the logarithm of the odds that the lead is right.
 
-    parts: the number of limbs (or trunk) with other places; each adds errors of shape and clothes.
+    parts: number of parts (limbs or trunk) in other places; each adds errors of shape and clothes.
     """
     deviations = abs(lead) / (LIMB_ERROR * max(parts, 1))
     odds = float(log_ndtr(deviations) - log_ndtr(-deviations))
@@ -118,10 +120,10 @@ def follow_rivals(
 
 
 def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Rival, ...]:
-    """Return the few other poses that matter most, are distinct from the best and from each other, and not excluded.
+    """Return the few other poses that matter most.
 
-    They are ranked by their effect on sigma: a body that is turned round counts for more than a likelier place of a
-    hand.
+    They are not excluded by the images, and differ from the best pose and from each other. They are ranked by their
+    effect on sigma: a body that is turned round matters more than a likelier place of a hand.
     """
     kept, places_m = list[Rival](), [body.joints(best.pose)]
     for rival in sorted(others, key=lambda one: one.behind):
@@ -137,7 +139,7 @@ def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Ri
 def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: Sequence[Rival]) -> np.ndarray:
     """Return sigma (21,) of the mixture of the best pose's joints (21, 3) with its rivals, per axis.
 
-    A rival's weight is its likelihood. Its own spread is taken to be that of the best pose.
+    A rival's weight is its likelihood. Its own spread is assumed to equal that of the best pose.
     """
     weight = np.exp(-np.array([0.0, *(rival.behind for rival in rivals)]))
     weight /= weight.sum()

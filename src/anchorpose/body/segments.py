@@ -1,5 +1,5 @@
-"""Define shape directions of single people: length and girth of each limb segment, left and right apart, and of the
-trunk.
+"""Define shape directions in which single people differ: length and girth of each limb segment, left and right apart,
+and of the trunk.
 
 The statistical components of the asset move all segments together, left equal to right. Each direction here changes one
 segment of the mean adult: a length stretches the segment along its axis and shifts everything beyond its end; a girth
@@ -56,8 +56,8 @@ II.
 
 
 class _Bulge(NamedTuple):
-    """A region of trunk skin that moves along an axis (0 forward, 2 sideways), in the direction ``towards`` (1, -1; 0:
-    both sides apart).
+    """A region of trunk skin that moves along an axis (0 forward, 2 sideways). towards: 1 or -1 for its direction; 0:
+    both sides move apart.
     """
 
     axis: int
@@ -94,7 +94,7 @@ class Direction:
 
 @cache
 def load_body_asset() -> BodyAsset:
-    """Return the asset that is fitted to patients: the shipped one with the directions of single segments."""
+    """Return the asset that is fitted to patients: the shipped asset and the directions of single segments."""
     return with_own_segments(stored_asset())
 
 
@@ -131,15 +131,16 @@ def _bones_of(segment: str, side: str) -> tuple[str, str]:
 
 
 def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], sigma: float) -> Direction:
-    """Return the direction that lengthens spans, each from one bone's head to another's, by a share ``sigma``, on both
-    sides together.
+    """Return the direction that lengthens spans, each from the head of one bone to that of another, by a share
+    ``sigma``, both sides together.
     """
     total = [np.zeros_like(asset.vertices), np.zeros_like(asset.bone_heads), np.zeros_like(asset.bone_tails)]
     for start, end in spans:
         first, last = asset.bone(start), asset.bone(end)
         step = asset.bone_heads[last] - asset.bone_heads[first]
         along = _shares_along(asset, first, last)
-        of_vertex = asset.vertices @ along[:, :3].T + along[:, 3]  # (v, b): the vertex as part of each bone
+        # (v, b): the share of each vertex, as if it were part of the bone
+        of_vertex = asset.vertices @ along[:, :3].T + along[:, 3]
         share = (asset.skin_weights * np.take_along_axis(of_vertex, asset.skin_bones, axis=1)).sum(axis=1)
         total[0] += share[:, None] * step
         for kept, points in ((total[1], asset.bone_heads), (total[2], asset.bone_tails)):
@@ -149,9 +150,10 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """Return (b, 4) per bone: the share of the span's growth by which a point moves, affine in its place at rest.
+    """Return, per bone (b, 4), the share of the span's growth by which a point moves, as an affine function of its
+    place at rest.
 
-    Points of the span move in proportion to their place along it; everything beyond the span moves as a whole.
+    Points of the span move in proportion to their place along it, and everything beyond the span moves as a whole.
     """
     heads, parents = asset.bone_heads, asset.bone_parents.tolist()
     step = heads[last] - heads[first]
@@ -189,8 +191,8 @@ def share_of_bones(asset: BodyAsset, names: Sequence[str]) -> np.ndarray:
 
 
 def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
-    """Return the direction that moves trunk skin outward along one axis around a height, less the less it faces that
-    way.
+    """Return the direction that moves trunk skin around a height outward along one axis. Skin moves less the less it
+    faces along this axis.
     """
     share = share_of_bones(asset, TRUNK)
     facing = asset.vertices[:, bulge.axis] - np.median(asset.bone_heads[[asset.bone(b) for b in TRUNK]][:, bulge.axis])
@@ -203,7 +205,9 @@ def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
 
 
 def _larger(asset: BodyAsset, name: str, end: str, sigma: float) -> Direction:
-    """Return the direction that enlarges a bone and everything beyond it about its head by a share ``sigma``."""
+    """Return the direction that enlarges a bone, and everything beyond it, by a share ``sigma`` about the bone's
+    head.
+    """
     bone, below = asset.bone(end), np.zeros(len(asset.bone_names))
     below[bone] = 1.0
     for other, parent in enumerate(asset.bone_parents.tolist()):  # parents stand before children

@@ -1,4 +1,4 @@
-"""Describe what is known of a person's shape before any observation."""
+"""Describe the prior knowledge of a person's shape, before any observation."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from anchorpose.body.shape_rows import FreeShape
 from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, even_clothes, skin_points
 from anchorpose.body.standing_off import patches_of
 
-CLOTHING_MEAN_M: Final = 0.006  # mean thickness of clothes
+CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003
-PATCH_SIGMA_M: Final = 0.0035  # muscles, fat and folds that no shape direction has
-THICKEST_M: Final = 0.03  # largest thickness of clothes
+PATCH_SIGMA_M: Final = 0.0035  # m, muscles, fat and folds that no shape direction describes
+THICKEST_M: Final = 0.03  # m, largest thickness of clothes
 TAILS: Final = 4.0  # degrees of freedom of Student's t: one segment in twenty lies beyond 2.8 deviations
-COVERED: Final = 4.0  # factor on a segment's thickness deviation under an orthosis or a helmet
-_HEIGHT_STEPS: Final = 3  # iterations: the highest and the lowest vertex may change with the shape
+COVERED: Final = 4.0  # factor on the deviation of a segment's thickness under an orthosis or a helmet
+_HEIGHT_STEPS: Final = 3  # iterations, since the highest and the lowest vertex may change with the shape
 
 _ALIKE_LENGTHS: Final = np.array(
     [[1.00, 0.34, 0.18, 0.35], [0.34, 1.00, 0.25, 0.43], [0.18, 0.25, 1.00, 0.04], [0.35, 0.43, 0.04, 1.00]]
@@ -41,12 +41,13 @@ more with contractures)."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeBelief:
-    """The most likely shape, and its grounds: a prior and the observations.
+    """The most likely shape, and what it follows from: a prior and the observations.
 
-    mean (s,), prior (s, s): the prior's mean and information (inverse covariance) of the ``free`` first coefficients,
-    then the first offsets of the shape; other parameters are fixed. soft (s,) bool: parameters whose prior has the
-    tails of Student's t, so that a very unusual segment costs little more than an unusual one. seen (s, s): information
-    of the observations; pull (s,): this information times the shape that fits them best.
+    mean (s,), prior (s, s): the prior's mean and information (inverse covariance) of the free parameters, which are the
+    ``free`` first coefficients, then the first offsets of the shape; all other parameters are fixed. soft (s,) bool:
+    parameters whose prior has the tails of Student's t, so that a very unusual segment costs little more than an
+    unusual one. seen (s, s): information of the observations; pull (s,): this information times the shape that fits
+    them best.
     """
 
     shape: FittedShape
@@ -63,7 +64,7 @@ class ShapeBelief:
         return self._prior_at(self.shape) + self.seen
 
     def equations(self, shape: FittedShape) -> tuple[np.ndarray, np.ndarray]:
-        """Return hessian (s, s) and gradient (s,), at a shape, of half its squared deviations from prior and
+        """Return hessian (s, s) and gradient (s,), at a shape, of half the sum of its squared deviations from prior and
         observations.
         """
         prior, at = self._prior_at(shape), self.vector(shape)
@@ -99,7 +100,7 @@ class ShapeBelief:
         return float(away @ self._prior_at(shape) @ away)
 
     def deviations(self, shape: FittedShape) -> np.ndarray:
-        """Return by how many of the prior's standard deviations (s,) each parameter is from its mean."""
+        """Return (s,) the deviation of each parameter from its mean, in standard deviations of the prior."""
         return np.abs(self.vector(shape) - self.mean) / np.sqrt(np.diag(np.linalg.inv(self.prior)))
 
     def variance(self, rows: np.ndarray) -> np.ndarray:
@@ -169,8 +170,8 @@ def child_belief(asset: BodyAsset) -> ShapeBelief:
 
 
 def _belief(asset: BodyAsset, common: np.ndarray, covariance: np.ndarray) -> ShapeBelief:
-    """Return the prior of a group with statistical coefficients (c,), (c, c); personal coefficients have a deviation of
-    one.
+    """Return the prior of a group (adults or children) whose statistical coefficients have the given mean (c,) and
+    covariance (c, c); personal coefficients have a deviation of one.
     """
     coefficients = np.append(common, np.zeros(len(asset.own_names)))
     mean = FittedShape(coefficients, even_clothes(CLOTHING_MEAN_M))

@@ -1,5 +1,5 @@
-"""Compute rows with respect to pose, shape and clothes together, compiled: learning needs them for every node of many
-frames.
+"""Compute rows with respect to pose, shape and clothes together, in compiled code, since learning needs them for every
+node of many frames.
 
 ``skin_points.pose_jacobian`` and ``skin_points.shape_jacobian`` are the reference implementation.
 """
@@ -20,7 +20,9 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, shape_off
 
 
 class FreeShape(NamedTuple):
-    """The numbers of the shape's first coefficients and first offsets that are free."""
+    """The numbers of free parameters: how many of the shape's first coefficients, and of its first offsets, are
+    free.
+    """
 
     coefficients: int
     offsets: int
@@ -41,7 +43,9 @@ def accumulate_shape(
 def full_jacobian(
     body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, free: FreeShape
 ) -> np.ndarray:
-    """Return (n, s) how far each point moves along its direction with each parameter of pose and free shape."""
+    """Return the Jacobian (n, s): how far each point moves along its direction with each parameter of pose and free
+    shape.
+    """
     points = body.points
     pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, points.asset.bone_parents, points.moving)
     bones = _Bones(

@@ -13,7 +13,7 @@ from anchorpose.body.skin_points import Body, SkinPoints
 from anchorpose.surface.surface import BodyMap
 
 LEAST_EDGE_M: Final = 1e-6  # length of a missing limb's edges; a graph has no edge of length 0
-LANDMARKS: Final = 24  # one landmark every 30 cm: enough to resolve the distances of an adult's skin points
+LANDMARKS: Final = 24  # landmarks, one every 30 cm: enough to resolve the distances of an adult's skin points
 
 
 def map_body(body: Body) -> BodyMap:
@@ -50,7 +50,9 @@ def _edge_lengths(vertices: np.ndarray, edges: np.ndarray) -> csr_array:
 
 @cache
 def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Return neighbour pairs and the point each passes, on the mean body: neighbours hardly depend on the shape."""
+    """Return pairs of neighbours on the mean body, and the point that each pair passes. Neighbours hardly depend on the
+    shape.
+    """
     vertices, edges = points.asset.vertices, _edges(points)
     direct = _neighbours(_edge_lengths(vertices, edges), edges, points.vertex)
     return _second_neighbours(direct, vertices[points.vertex])
@@ -68,11 +70,13 @@ def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.n
 
 
 def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.ndarray:
-    """Return pairs (e, 2) of sampled points whose cells touch; a cell is the vertices nearest to a point."""
+    """Return pairs (e, 2) of sampled points whose cells touch; a point's cell consists of the vertices nearest to
+    it.
+    """
     _, _, nearest = dijkstra(mesh, directed=False, indices=vertex, min_only=True, return_predecessors=True)
     place = np.full(mesh.shape[0] + 1, -1)
     place[vertex] = np.arange(len(vertex))
-    cell = place[np.maximum(nearest, -1)]  # eyes and teeth belong to no cell: their source is negative
+    cell = place[np.maximum(nearest, -1)]  # eyes and teeth do not belong to any cell: their source is negative
     cell[vertex] = np.arange(len(vertex))
     touching = np.sort(cell[edges], axis=1)
     return np.unique(touching[(touching[:, 0] >= 0) & (touching[:, 0] != touching[:, 1])], axis=0)
@@ -81,7 +85,7 @@ def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.nd
 def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return pairs (e, 2) of neighbours and second neighbours, and the point (e,) that each pair passes.
 
-    It takes the shortest of several paths; direct neighbours pass the first point of the pair.
+    Where a pair has several paths, the shortest is used; direct neighbours pass the first point of the pair.
     """
     both = np.concatenate([direct, direct[:, ::-1]])
     both = both[np.argsort(both[:, 0], kind="stable")]

@@ -30,8 +30,8 @@ CLOTHES: Final = {
 }
 """Pieces of clothing, each of its own thickness, and the bones whose skin they cover."""
 
-PATCHES: Final = 96  # patches of skin, about 14 cm apart: a muscle, a fold or the rim of a brace is as large
-PATCH_M: Final = 0.07  # standard deviation of a patch's bell-shaped profile
+PATCHES: Final = 96  # patches of skin, about 14 cm apart, as large as a muscle, a fold or the rim of a brace
+PATCH_M: Final = 0.07  # m, standard deviation of a patch's bell-shaped profile
 OFFSETS: Final = len(CLOTHES) + PATCHES
 """Number of directions in which the seen surface differs from the body's skin: pieces of clothing, then patches."""
 
@@ -42,8 +42,8 @@ class SkinPoints:
 
     vertex (p,): index into the asset's skin. weights (p, b): dense skinning weights; bones, influence (p, w): the same
     in sparse form, heaviest first, padded with 0. part (p,): bone that moves the point most. covered (p, c): 0 to 1,
-    how far each of ``OFFSETS`` moves a point. below (m, b): see ``descendants``. moving (m,): bones. faces_of (p, f):
-    faces around each point, padded by repeating the first.
+    how far each of ``OFFSETS`` moves a point. below (m, b): see ``descendants``. moving (m,): the moving bones.
+    faces_of (p, f): faces around each point, padded by repeating the first.
     """
 
     asset: BodyAsset
@@ -168,8 +168,8 @@ def _spread_out(asset: BodyAsset, count: int) -> np.ndarray:
 
 
 def _patches(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
-    """Return how far each patch moves each point (p, PATCHES): a bell around its middle, on skin that faces the same
-    way.
+    """Return how far each patch moves each point (p, PATCHES): a bell-shaped profile around the patch's middle, on skin
+    that faces the same way.
     """
     place = asset.vertices[vertex]
     normals = _normals(asset.vertices, asset.faces[_faces_around(asset, vertex)])
@@ -258,7 +258,9 @@ def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction:
 
 
 def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarray:
-    """Return how far each coefficient moves each bone's points (b, count, 3), beside their move in the rest pose."""
+    """Return how far each coefficient moves each bone's points (b, count, 3), in addition to their movement in the rest
+    pose.
+    """
     transforms, head_basis = posed.transforms, asset.bone_head_basis[:count]
     shift = np.zeros((len(transforms), count, 3))  # shift of each bone's head in the world
     for bone, parent in enumerate(asset.bone_parents):
@@ -269,13 +271,15 @@ def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarra
 
 
 def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints_m: np.ndarray) -> np.ndarray:
-    """Return the derivative (n, 3, POSE_SIZE) by the pose of points joints_m (n, 3) in the world, each fixed to a bone
-    (n,).
+    """Return the derivative (n, 3, POSE_SIZE), with respect to the pose, of points joints_m (n, 3) in the world, each
+    fixed to a bone (n,).
     """
     pivot, frame = joint_frames(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
     return joint_derivative(pivot, frame, body.points.below, bones, joints_m)
 
 
 def place_variance(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the variance (n,), mean of the three axes, m2, of places with derivative (n, 3, POSE_SIZE)."""
+    """Return the variance (n,) in m2, mean of the three axes, of places whose derivative by the pose is (n, 3,
+    POSE_SIZE).
+    """
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)

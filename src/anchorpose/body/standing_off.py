@@ -1,6 +1,7 @@
-"""Find segments that are unlike human ones: the seen surface stands off the learnt body, or the limb is too thick.
+"""Find body segments that do not look human, because the seen surface stands off the learnt body or the limb is too
+thick.
 
-Under an orthosis, a cast, a bandage or a skirt the body model does not fit, however well it was learnt, and bones and
+Under an orthosis, a cast, a bandage or a skirt the body model does not fit, however well it was learnt. So bones and
 joints of such a segment are less certain.
 """
 
@@ -17,10 +18,10 @@ from anchorpose.body.skin_points import CLOTHES, FittedShape, SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
-# m at 95 of 100 skin points: at most 0.010 on ten people without braces, 0.021 to 0.040 with one
+# m at 95 of 100 skin points; at most 0.010 on ten people without braces, 0.021 to 0.040 with a brace
 LEAST_M: Final = 0.015
-TOO_THICK: Final = 2.0  # deviations of girth above the other side: at most 0.9 without braces, 2.9 to 6.7 with one
-ORDINARY: Final = 0.5  # deviations up to which the other side shows how thick this one should be
+TOO_THICK: Final = 2.0  # deviations of girth above the other side; at most 0.9 without braces, 2.9 to 6.7 with a brace
+ORDINARY: Final = 0.5  # deviations up to which the other side shows how thick this side should be
 JOINT_SHARE: Final = 0.5  # error of a segment's joints along an axis, as a share of how far its skin stands off
 BONE_SHARE: Final = 0.5  # error of the length between its joints, as a share of how far its skin stands off
 
@@ -48,7 +49,7 @@ def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, fl
 
 
 def _thicker(asset: BodyAsset, shape: FittedShape, name: CoveredPart) -> float:
-    """Return by how many deviations a limb is thicker than on the other side, or than people's limbs are."""
+    """Return by how many deviations a limb is thicker than on the other side, or than limbs usually are."""
     if name == "trunk":
         return 0.0
     segment, side = name.rsplit("_", 1)
@@ -65,9 +66,9 @@ def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
     return float(np.linalg.norm(moved[points_of_segments(points)[name]], axis=1).mean())
 
 
-@lru_cache(maxsize=4)  # each frame needs it for the same shape
+@lru_cache(maxsize=4)  # every frame asks for the same shape
 def standing_off_sigma_m(points: SkinPoints, shape: FittedShape) -> np.ndarray:
-    """Return (21,) by how much a joint may be off along an axis, 0 where only clothes are worn."""
+    """Return (21,) the additional sigma of each joint along an axis, 0 where only clothes are worn."""
     sigma = np.zeros(len(JOINT_INDEX))
     for name, away_m in standing_off(points, shape).items():
         for joint in _joints_of(name):

@@ -36,7 +36,7 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
-NODES: Final = 1200  # each stands for two of the fit's nodes: sigma changes by under a tenth, in half of the time
+NODES: Final = 1200  # nodes; half of the fit's nodes halve the time and change sigma by under a tenth
 
 
 def noise_covariance(
@@ -44,9 +44,9 @@ def noise_covariance(
 ) -> np.ndarray:
     """Return the covariance (POSE_SIZE, POSE_SIZE) of the pose from the noise of this frame's readings alone.
 
-    noises: one per camera, None where it has no depth image. The fit weighs all rows alike; a change n of the readings
-    changes the pose by ``C J^T W n`` (C the belief's covariance), so that noise of covariance N gives ``C J^T W N W J
-    C``. In N, nodes of one patch of ``shared_px`` pixels share one error; nodes of different patches are independent.
+    noises: one per camera, None where it has no depth image. The fit weights all rows alike. A change n of the readings
+    changes the pose by ``C J^T W n``, where C is the belief's covariance, so noise of covariance N gives ``C J^T W N W
+    J C``. In N, nodes of one patch of ``shared_px`` pixels share one error; nodes of different patches are independent.
     """
     posed = pose_points(body, belief.pose)
     few = replace(config, node_count=min(config.node_count, NODES))
@@ -63,8 +63,8 @@ def noise_covariance(
 def _felt(
     body: Body, posed: PosedPoints, point: np.ndarray, direction: np.ndarray, strength: np.ndarray, patch: np.ndarray
 ) -> np.ndarray:
-    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE), S the strength of each row; rows of negative patches share no
-    error.
+    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE), where S is the strength of each row. Rows with a negative patch do
+    not share their error.
     """
     alone, shared = patch < 0, patch >= 0
     none = np.zeros(int(alone.sum()))
@@ -82,8 +82,8 @@ def node_noise(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the sigma (n,) of each node along its normal, metres, and the patch (n,) whose error it shares.
 
-    thinned: share of the nodes that are used. Where a used node stands for more pixels than share an error, denoising
-    averages them: the node is then a patch by itself, with less noise. Sigma is 0 where the camera's noise is unknown.
+    thinned: share of the nodes that are used. If a used node represents more pixels than share an error, denoising
+    averages them, and the node is a patch by itself with less noise. Sigma is 0 where the camera's noise is unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -105,10 +105,11 @@ def node_noise(
 
 
 def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> float:
-    """Return the side, metres at the patient, of the patch of pixels that share one error, in the camera where it is
+    """Return the side, in metres at the patient, of a patch of pixels that share one error, in the camera where it is
     smallest.
 
-    It is 0 where no camera shows the patient. Matching windows and smoothing shift the edges of a limb by a part of it.
+    It is 0 where no camera shows the patient. A sensor's matching windows and smoothing shift the edges of a limb by a
+    part of it.
     """
     found = [
         np.sqrt(noise.shared_px) * distance_m / camera.intrinsics.fx
@@ -118,12 +119,13 @@ def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> f
     return float(min(found, default=0.0))
 
 
-WORTH_M2: Final = 0.004  # area of uncovered skin that is considered: clothes and grips leave as much uncovered
+# m2, least area of uncovered skin that is considered; clothes and grips leave as much uncovered
+WORTH_M2: Final = 0.004
 IN_REACH_M: Final = 0.45  # m from the piece's tip: a shank, or a forearm with its hand
 END_ON: Final = float(np.cos(np.radians(35.0)))  # a limb turned farther from the ray shows more than half of its length
-# factor on the rows that count as one: differently bent fingers move a whole hand; set on one reach
+# factor on the rows that count as one: differently bent fingers move a whole hand; set on one recorded reach
 MORE_ALIKE: Final = 2.0
-HIDDEN: Final = 0.5  # share of a limb's skin; with more of it hidden the frame says nothing of the limb
+HIDDEN: Final = 0.5  # share of a limb's skin; with more of it hidden, the frame does not show the limb
 BROADER_M: Final = 0.13  # m by which a chest is broader than deep: 0.35 m and 0.22 m
 
 _HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
@@ -166,9 +168,9 @@ def joint_sigma(
 ) -> np.ndarray:
     """Return the standard deviation (21,) of the joints' position errors per axis, metres.
 
-    covariance (POSE_SIZE, POSE_SIZE): the pose's, inverse of the normal equations' hessian; noise, of the same shape:
-    ``noise_covariance``, None where the cameras' noise is unknown. patch_m: ``finest_patch_m``; a limb lies midway
-    between two edges, each equally likely anywhere within such a patch.
+    covariance (POSE_SIZE, POSE_SIZE): covariance of the pose, the inverse of the normal equations' hessian; noise, of
+    the same shape: ``noise_covariance``, None where the cameras' noise is unknown. patch_m: ``finest_patch_m``; a limb
+    lies midway between its two edges, each of which is equally likely anywhere within such a patch.
     """
     places = body.mesh.joints(posed.transforms)
     every = config.inflation**2 * covariance + (0.0 if noise is None else noise)
@@ -178,7 +180,9 @@ def joint_sigma(
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
-    """Return the sigma (p,) of skin points: that of the middle of the part that moves each point."""
+    """Return the sigma (p,) of skin points, which equals the sigma of the middle of the body part that moves each
+    point.
+    """
     count = np.bincount(body.points.part)
     parts = np.flatnonzero(count)
     middles = np.stack([np.bincount(body.points.part, posed.points_m[:, axis]) for axis in range(3)], axis=1)
@@ -204,10 +208,10 @@ def smeared_sigma(
     registration: RegistrationConfig,
     config: UncertaintyConfig,
 ) -> np.ndarray:
-    """Return sigma_m (21,), larger where filters blur depth edges over edge_m at the patient.
+    """Return sigma_m (21,), increased where filters blur depth edges over edge_m at the patient.
 
-    A node then determines the skin only to the width of an edge, and nodes within that width count as one. The filters
-    blur the next frame in the same way, so earlier frames add no certainty: only this frame and the joint ranges count.
+    A node then determines the skin only to the width of an edge, and nodes within this width count as one. The filters
+    blur every frame in the same way, so earlier frames add no certainty; only this frame and the joint ranges count.
     The trunk's facing follows from the difference between its breadth and its depth, both uncertain by an edge; joints
     off its axis are therefore uncertain in proportion to their distance from it.
     """
@@ -223,7 +227,7 @@ def smeared_sigma(
     spread = _spread_by_frame(body, pose, wide, vague_belief(pose).information, alike)
     variance = np.trace(spread, axis1=1, axis2=2) / 3.0
     off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
-    turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # along one of three axes
+    turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # the error is along one of three axes
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance + turned))
 
 
@@ -236,12 +240,13 @@ def frame_alone_sigma(
     floor_m: float,
     unseen_s: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return sigma_m (21,), larger for limbs about which earlier frames know no more than this one.
+    """Return sigma_m (21,), increased for limbs about which earlier frames add no knowledge.
 
     If a limb points at every camera, only the front of its hand is seen, and its elbow is uncertain. Earlier frames
-    have the same error, but would count as independent. They know less and less of hidden parts (unseen_s as in
-    ``vague_belief``): that a foot stands, for example, must count once, not in every frame. So such a limb is as
-    certain as this frame, its joint ranges and the time since it was seen make it.
+    have the same error, but would count as independent. The older they are, the less they show of hidden parts
+    (unseen_s as in ``vague_belief``). The knowledge that a foot stands, for example, must count once, not in every
+    frame. So the sigma of such a limb comes from this frame alone, the joint ranges and the time since the limb was
+    seen.
     """
     posed = pose_points(body, pose)
     joints = body.mesh.joints(posed.transforms)
@@ -252,11 +257,12 @@ def frame_alone_sigma(
     if not mine.any():
         return sigma_m
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
-    if hidden is not None:  # parts that the readings do not show have no nodes nearby either
+    if hidden is not None:  # parts that the readings do not show have no nodes nearby
         rows = rows.where(~hidden.ravel()[segment_of_points(body.points)[rows.point]])
     known = vague_belief(pose, unseen_s).information
     spread = _spread_by_frame(body, pose, rows, known, MORE_ALIKE * config.rows_per_observation)
-    variance = np.linalg.eigvalsh(spread)[:, -1]  # along one axis: a hidden knee errs forward, a pointing arm in depth
+    # along the worst axis: a hidden knee errs forward, a pointing arm in depth
+    variance = np.linalg.eigvalsh(spread)[:, -1]
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
     sigma[mine] = np.maximum(sigma[mine], alone[mine])
     return sigma
@@ -265,7 +271,8 @@ def frame_alone_sigma(
 def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
     """Return whether the limb lies along the cameras' rays, unhidden, and no camera sees it from the side.
 
-    The part beyond elbow or knee is tested. Its end may be off by more than counts as seen, which is the question here.
+    The part beyond elbow or knee is tested. Whether its end is seen is not tested, since the end may be displaced too
+    far to count as seen, which is the case that is sought here.
     """
     root, far = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
     looking = [
@@ -288,10 +295,11 @@ def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain:
 def _spread_by_frame(
     body: Body, pose: Pose, rows: Constraints, known: np.ndarray, rows_per_observation: float
 ) -> np.ndarray:
-    """Return the mean squared error (21, 3, 3) of the joints, by one frame's rows, the joint ranges and what is known.
+    """Return the mean squared error (21, 3, 3) of the joints, by one frame's rows, the joint ranges and prior
+    knowledge.
 
-    These may place a joint elsewhere than the pose does: the distance is part of the error. known (POSE_SIZE,
-    POSE_SIZE): information about the pose from earlier frames.
+    Together they may place a joint elsewhere than the pose does; this distance is a part of the error. known
+    (POSE_SIZE, POSE_SIZE): information about the pose from earlier frames.
     """
     posed = pose_points(body, pose)
     prior = prior_equations(body.points, pose, (pose, known), hidden_bones(body.points, rows, rows_per_observation))
@@ -305,11 +313,12 @@ def _spread_by_frame(
 def unexplained_sigma(
     body: Body, pose: Pose, evidence: Evidence, explanation: Explanation, sigma_m: np.ndarray
 ) -> np.ndarray:
-    """Return sigma_m (21,) of the mixture with limbs that lie on seen skin which the body does not cover.
+    """Return sigma_m (21,) of a mixture in which limbs may lie on seen skin that the body does not cover.
 
-    Each uncovered piece belongs to the limb whose skin is nearest to its root. Hand or foot, and the joints up to elbow
-    or knee, may be at the piece's tip, with the odds of the likelihood that the piece would add against what the limb
-    would lose at its place. The same holds for elbow and knee, with the loss of the whole limb.
+    Each uncovered piece belongs to the limb whose skin is nearest to the piece's root. The hand or foot, and the joints
+    up to elbow or knee, may be at the piece's tip. The odds compare the likelihood that the piece would add with the
+    likelihood that the limb would lose at its present place. The same holds for elbow and knee, with the loss of the
+    whole limb.
     """
     posed = pose_points(body, pose)
     joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
@@ -328,8 +337,8 @@ def unexplained_sigma(
 
 
 def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()) -> frozenset[int]:
-    """Return the hands and feet (joints) that cameras saw past, in this frame or before, and that were not seen
-    since.
+    """Return the hands and feet (joints) whose place cameras saw past, in this frame or before, and that were not seen
+    since then.
     """
     return frozenset(
         end
@@ -341,10 +350,10 @@ def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()
 def before_lost_ends(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, lost: frozenset[int]
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
-    """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for wrists and ankles before lost hands and feet
+    """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for wrists and ankles next to lost hands and feet
     (``lost_ends``).
 
-    Where cameras see past the place of a hand, its forearm may have been fitted to another person's arm: the wrist then
+    Where cameras see past the place of a hand, its forearm may have been fitted to another person's arm. Then the wrist
     is not observed, and may be off by half of its distance from the elbow.
     """
     told, sigma = list(states), sigma_m.copy()

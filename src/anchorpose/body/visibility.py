@@ -1,4 +1,6 @@
-"""Decide from the skin around a joint whether cameras see it, what hides it, and whether their depth is too poor."""
+"""Decide, from the skin around a joint, whether cameras see the joint, what hides it, and whether the depth is too
+poor.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,11 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.lens import lens_array, pixel_of_ray
 
-JOINT_RADIUS_M: Final = 0.13  # radius of the skin that counts for a joint: half a shank
-TRUNK_RADIUS_M: Final = 0.22  # the same for the spine, which lies at the back: distance to the skin of the belly
+JOINT_RADIUS_M: Final = 0.13  # m, radius of the skin that counts for a joint: half a shank
+TRUNK_RADIUS_M: Final = 0.22  # m, radius for the spine, which lies at the back: distance to the skin of the belly
 LEAST_SEEN: Final = 0.2  # share of the skin around a joint, facing one camera, that must cover seen nodes
-MOST_OUTSIDE: Final = 0.5  # share of that skin outside the image; with more the joint itself lies outside
+# share of the skin around a joint outside the image; with more, the joint itself lies outside
+MOST_OUTSIDE: Final = 0.5
 GRAZING: Final = 0.25  # cosine below which skin is edge-on and returns almost no depth
 
 _TRUNK = ("Hips", "Spine")
@@ -39,7 +42,7 @@ _REASONS = (
 
 
 class SkinReason(IntEnum):
-    """The kind of reading at a skin point's pixel; all but the last are reasons in the order of ``_REASONS``."""
+    """The kind of reading at a skin point's pixel; all kinds but the last are reasons, in the order of ``_REASONS``."""
 
     SEEN = 0  # the patient, at the point's own depth
     SELF = 1  # the patient, in front of the point
@@ -51,7 +54,7 @@ class SkinReason(IntEnum):
 
 
 class Projection(NamedTuple):
-    """A camera as kernels need it: both poses (4, 4), and the lens (``lens_array``)."""
+    """A camera in the form that kernels need: its pose in both directions (4, 4), and the lens (``lens_array``)."""
 
     T_world_camera: np.ndarray
     T_camera_world: np.ndarray
@@ -66,7 +69,9 @@ def projection_of(camera: Camera) -> Projection:
 
 @cache
 def skin_around_joints(points: SkinPoints) -> tuple[np.ndarray, ...]:
-    """Return, for each joint, the skin points of its own and the adjacent part within its radius at rest."""
+    """Return, for each joint, the skin points of its own and the adjacent body part that lie within its radius at
+    rest.
+    """
     asset: BodyAsset = points.asset
     body = shape_body(asset, np.zeros(1))
     place = body.vertices[points.vertex]
@@ -88,12 +93,13 @@ def joint_states(
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> tuple[JointState, ...]:
-    """Return the state of each of the 21 joints: the best one of all cameras, else the reason that hides most of it.
+    """Return the state of each of the 21 joints: observed if any camera sees it, else the reason that hides most of its
+    skin.
 
     covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin at the
     patient's pixels that covers no node, such as an arm within the trunk, is behind the seen surface. A joint is lost
-    where cameras see past most of the skin around it and the patient is not seen there: then it is not where the pose
-    puts it.
+    where cameras see past most of the skin around it and the patient is not seen there, since then it is not where the
+    pose puts it.
     """
     votes = np.zeros((JOINT_COUNT, SkinReason.PAST + 1))
     observed, possible = np.zeros(JOINT_COUNT, dtype=bool), np.zeros(JOINT_COUNT, dtype=bool)
@@ -125,7 +131,7 @@ def joint_states(
 def seen_skin(
     posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera], config: VisibilityConfig
 ) -> np.ndarray:
-    """Return (p,) bool: skin points that face a camera and are seen there as the patient's."""
+    """Return (p,) bool: skin points that face a camera and are seen there with the patient's label."""
     seen = np.zeros(len(posed.points_m), dtype=bool)
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
@@ -217,11 +223,11 @@ def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing
     return facing
 
 
-MOST_MISSING: Final = 0.5  # share of the skin turned to a camera that may lack a reading
+MOST_MISSING: Final = 0.5  # share of the camera-facing skin that may lack a reading
 
 
 class PoorKind(StrEnum):
-    """The defect that makes a camera's depth images poor."""
+    """The kind of defect that makes a camera's depth images poor."""
 
     EDGES = "edges"  # edges blurred by filters, or by pixels as wide as a limb
     STEPS = "steps"  # steps between neighbouring readings
@@ -242,15 +248,15 @@ class PoorDepth:
 
     @property
     def resolves_limbs(self) -> bool:
-        """Return whether the readings that exist still resolve limbs: with holes, only the other joints become
-        hidden.
+        """Return whether the existing readings still resolve limbs. They do with holes, where only joints at the holes
+        become hidden.
         """
         return self.kind is PoorKind.HOLES
 
 
 def too_coarse(camera: str, detail: DepthDetail, distance_m: float) -> PoorDepth | None:
-    """Return the defect that makes depth too coarse for a limb at this distance, edges or steps wider than it; None if
-    fine.
+    """Return the defect that makes depth too coarse at this distance: edges or steps wider than a limb; None if neither
+    is.
     """
     edge_m, step_m = detail.edge_m(distance_m), detail.step_m(distance_m)
     if max(edge_m, step_m) <= LIMB_M:
@@ -266,10 +272,10 @@ def poor_depth(
     details: Sequence[DepthDetail | None],
     reach_m: float,
 ) -> tuple[PoorDepth | None, ...]:
-    """Return, per camera, why its depth image of the patient is too poor for joints; None where it is not, or shows
-    nobody.
+    """Return, per camera, why its depth image of the patient is too poor for joints; None where it is good enough, or
+    shows nobody.
 
-    posed: the body as found. details: one per camera, None where it has no depth image of the frame.
+    posed: the body in its found pose. details: one per camera, None where it has no depth image of the frame.
     """
     return tuple(
         None if view is None or detail is None else _of_camera(posed, view, camera, detail, reach_m)

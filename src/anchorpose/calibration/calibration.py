@@ -38,8 +38,8 @@ class PoseFigure:
 
 @dataclass(frozen=True, slots=True)
 class PoseRecord:
-    """The record of a camera's pose: sigma_m of the equipment's position in it and sigma_rad of its direction, None
-    where unknown.
+    """The record of a camera's pose. sigma_m: sigma of the equipment's position in the camera; sigma_rad: sigma of its
+    direction; None where unknown.
     """
 
     camera: str
@@ -51,7 +51,9 @@ class PoseRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorResidual:
-    """How well a camera sees the floor: its name, rms of the plane, share of readings on it, tilt against world Y."""
+    """The quality of a camera's view of the floor: the camera's name, rms of the plane, share of readings on it, tilt
+    against world Y.
+    """
 
     camera: str
     residual_m: float
@@ -70,8 +72,8 @@ class DoubtSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoseDoubt:
-    """A doubt about camera poses, as one sentence; off_m: displacement of the seen surfaces, NaN where unknown;
-    refuted: beyond what noise and tape measures explain, so that tracking is refused.
+    """A doubt about camera poses, as one sentence. off_m: displacement of the seen surfaces, NaN where unknown;
+    refuted: whether it is more than noise and tape measures explain, so that tracking is refused.
     """
 
     source: DoubtSource

@@ -1,7 +1,7 @@
 """Find the poses of cameras relative to each other where only people and the floor are known.
 
 Each camera's floor gives its tilt and height. The turn about the vertical and the shift over the floor come from people
-in common view: first their places over time (``search_ground``), then their surfaces at the same moments
+in common view: first from their places over time (``search_ground``), then from their surfaces at the same moments
 (``common_view``). Fitting walls and floor as well was worse on simulated clinics (5 instead of 2 mm): the systematic
 error of a time-of-flight camera bends large distant planes, and a shift along a wall has no effect.
 """
@@ -25,24 +25,25 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of, pair_
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
-LEAST_SPAN_S: Final = 8.0  # s, shortest recording; people walk too little in less: 4 s once gave a wrong placement
-PLACES: Final = 8  # search results that are refined; the right one was among the first three
-WORST_IMPOSSIBLE: Final = 0.1  # share of people beside those of the other camera; right placements had 0.01 to 0.06
+LEAST_SPAN_S: Final = 8.0  # s, shortest recording; people walk too little in less, and 4 s once gave a wrong placement
+PLACES: Final = 8  # search results that are refined; the correct one was always among the first three
+# share of one camera's people that miss the other camera's people; correct placements had 0.01 to 0.06
+WORST_IMPOSSIBLE: Final = 0.1
 LEAST_COMMON: Final = 0.3  # least overlap of the views; with less, no reading can contradict a wrong placement
-WORST_RESIDUAL_M: Final = 0.008  # m; right placements had 2 or 3 mm, and a front fitted to a back had 11
+WORST_RESIDUAL_M: Final = 0.008  # m; correct placements had 2 or 3 mm, a front fitted to a back had 11
 WORST_SIGMA_M: Final = 0.005
-WORST_SIGMA_RAD: Final = 0.0052  # 0.3 degrees
+WORST_SIGMA_RAD: Final = 0.0052  # largest sigma of the turn: 0.3 degrees
 ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0  # factors on the limits above, while the clocks are only known to 50 ms
 DISTINCT_M: Final = 0.05  # placements that differ by more are different
 
 CELL_M: Final = 0.1
-MAPPED_MOMENTS: Final = 12  # moments drawn into the maps of the ground; more add nothing
+MAPPED_MOMENTS: Final = 12  # moments that are drawn into the maps of the ground; more moments add nothing
 REACH_M: Final = 6.0  # m from each camera; beyond it depth cameras see little
 BLUR_M: Final = 0.12  # m, blur of the maps, since two cameras see different sides of a body
-TURNS: Final = 120  # turns tried, one every 3 degrees: at 5 m, a step moves a person by half a body's breadth
-BODY_M: Final = 0.1  # m from the visible skin to the middle of a trunk
+TURNS: Final = 120  # number of turns tried, one every 3 degrees: at 5 m, a step moves a person by half a body's breadth
+BODY_M: Final = 0.1  # m from visible skin to the middle of a trunk
 LOW_M, HIGH_M = 0.2, 2.2  # heights used: above the floor's noise, below the ceiling
-APART_RAD, APART_M = 0.35, 0.4  # search results that are nearer than both are the same placement
+APART_RAD, APART_M = 0.35, 0.4  # search results whose differences are below both limits are the same placement
 
 
 @settings
@@ -54,8 +55,8 @@ class PlacingConfig:
 
 
 class NoCameraToCamera(StrEnum):
-    """The reason why cameras could not be placed relative to each other: a result, because an empty room shows nothing
-    in common.
+    """The reason why cameras could not be placed relative to each other. It is a result and not an error, since cameras
+    have nothing in common in an empty room.
     """
 
     NO_FLOOR = "a camera sees no floor"
@@ -69,7 +70,7 @@ class NoCameraToCamera(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraLink:
-    """How camera ``second`` was placed relative to ``first``, both positions in the list of cameras."""
+    """The placement of camera ``second`` relative to camera ``first``; both are positions in the list of cameras."""
 
     first: int
     second: int
@@ -92,8 +93,9 @@ def find_camera_to_camera(
     """Find every camera's pose relative to the first camera's, from frames of ``recording`` with synchronised
     clocks.
 
-    floors: one per camera. Cameras that share little with the first are placed through another one. rough_clocks: the
-    clocks are known to 50 ms only; then worse fits are accepted, as poses to compare the clocks by.
+    floors: one per camera. Cameras that share little with the first camera are placed through another camera.
+    rough_clocks: whether the clocks are known only to 50 ms; then worse fits are accepted, since the poses serve only
+    to compare the clocks.
     """
     planes = [floor for floor in floors if isinstance(floor, FloorPlane)]
     if len(planes) < len(floors):
@@ -184,7 +186,8 @@ def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
     """Return T_first_second (4, 4) between level frames of the best ``PLACES`` placements, best first, all distinct.
 
     Two cameras with a known floor differ by a turn about the vertical and a shift over the floor. For every turn, maps
-    of the ground (people at the same times, and the room's walls and furniture) are correlated over all shifts at once.
+    of the ground (of people at the same times, and of the room's walls and furniture) are correlated over all shifts at
+    once.
     """
     maps = _maps(first, 0.0)
     size = next_fast_len(2 * maps.shape[1])

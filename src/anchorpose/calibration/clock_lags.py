@@ -1,9 +1,9 @@
 """Measure the lags between the cameras' clocks: roughly from signals of motion, then precisely from shared surfaces.
 
-Each camera sees another side of a body, so a movement differs in size between cameras but not in time. The signal of
-motion is the change of depth, summed in bands of height over the floor; it needs no pose, no background and no
-detection of people. With surfaces alone every lag would have to be tried on full depth frames; signals alone are off by
-10 to 60 ms, because cameras on different sides see different parts of a movement.
+Cameras see different sides of a body, so a movement differs between them in size but not in time. The signal of motion
+is the change of depth, summed in bands of height over the floor. It needs neither poses, nor a background, nor a
+detection of people. With surfaces alone, every lag would have to be tried on full depth frames. With signals alone,
+lags are off by 10 to 60 ms, because cameras on different sides see different parts of a movement.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from anchorpose.calibration.first_frames import FloorPlane, noise_per_m
 from anchorpose.camera import Camera
 from anchorpose.recording.depth_image import RecordedFrames
 
-BANDS_M: Final = np.linspace(0.1, 2.0, 9)  # edges of the height bands; below them is the floor, above them nobody
-FAR_JUMP_M: Final = 0.08  # change within three frames; a larger one is another surface that appears, at any distance
+BANDS_M: Final = np.linspace(0.1, 2.0, 9)  # m, edges of the height bands; below is the floor, above is nobody
+FAR_JUMP_M: Final = 0.08  # m, change within three frames; with a larger change another surface appears, at any distance
 SIGNAL_STEP_PX: Final = 4  # every fourth pixel of every fourth row is used: a body still has 900
 NOISE_GATE: Final = 4.0  # sigmas of the difference of two readings; smaller changes are noise
-SMOOTH_S: Final = 0.1  # width of smoothing: two frames at 15 Hz; limbs start and stop in 0.2 s
-LEAST_OVERLAP_S: Final = 1.5  # duration of one movement
+SMOOTH_S: Final = 0.1  # s, width of smoothing: two frames at 15 Hz; limbs start and stop in 0.2 s
+LEAST_OVERLAP_S: Final = 1.5  # s, duration of one movement
 LEAST_OVERLAP: Final = 0.6  # share of the shorter signal; with less overlap, chance agrees as well as truth
-PEAKS_APART_S: Final = 0.4  # a second peak nearer than this belongs to the first
-LEAST_PEAK: Final = 0.4  # correlation; on simulated clinics right lags had 0.41 to 0.84, wrong lags up to 0.42
-CERTAIN_LEAD: Final = 2.0  # times the second peak, for a lag that is accepted without a check by surfaces
-PEAKS: Final = 4  # peaks that surfaces check where none is certain
+PEAKS_APART_S: Final = 0.4  # s; a second peak nearer than this belongs to the first
+LEAST_PEAK: Final = 0.4  # correlation; on simulated clinics correct lags had 0.41 to 0.84, wrong lags up to 0.42
+CERTAIN_LEAD: Final = 2.0  # times the second peak, for a lag that is accepted without checking it by surfaces
+PEAKS: Final = 4  # number of peaks that are checked by surfaces where none is certain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionSignal:
-    """A camera's motion over time. time_s (n,): of its clock; speed (n, bands): square root of area times speed of the
-    change in each band.
+    """A camera's motion over time. time_s (n,): times on its clock; speed (n, bands): square root of area times speed
+    of the change in each band.
     """
 
     time_s: np.ndarray
@@ -46,8 +46,8 @@ class MotionSignal:
 
 @dataclass(frozen=True, slots=True)
 class SignalLag:
-    """A lag by signals. lag_s: the second clock less the first at one moment; peak: correlation there; second: the best
-    elsewhere.
+    """A lag by signals. lag_s: the second clock minus the first at the same moment; peak: correlation at this lag;
+    second: best correlation at other lags.
     """
 
     lag_s: float
@@ -65,7 +65,7 @@ def motion_signal(
 ) -> MotionSignal:
     """Compute the signal of consecutive frames (time, depth (height, width) float32, 0 = no reading) of one camera.
 
-    level: None where no floor is known; then all heights are one band. noise: the factor of ``first_frames``.
+    level: the floor, None where unknown; then all heights are one band. noise: the factor of ``first_frames``.
     """
     step = slice(SIGNAL_STEP_PX // 2, None, SIGNAL_STEP_PX)
     small = [(time_s, depth[step, step]) for time_s, depth in frames]
@@ -83,8 +83,8 @@ def motion_signal(
 def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reach_s: float) -> tuple[SignalLag, ...]:
     """Return the lags within ``reach_s`` of ``around_s`` at which both signals agree best, the best first.
 
-    The correlation is over all bands together, so that bands with little movement count little. The peak is
-    interpolated between steps of half a frame by the parabola through it and its neighbours.
+    The correlation is computed over all bands together, so that bands with little movement have little weight. The peak
+    is interpolated between steps of half a frame by the parabola through it and its neighbours.
     """
     if min(len(first.time_s), len(second.time_s)) < 3:
         return ()
@@ -121,7 +121,7 @@ def _changes(signal: MotionSignal, step_s: float) -> np.ndarray:
 
 
 def _correlation(x: np.ndarray, y: np.ndarray, shift: int, least: int) -> float:
-    """Correlate x with y, ``shift`` steps later; NaN where they share fewer than ``least`` steps."""
+    """Correlate x with y at a lag of ``shift`` steps; NaN where they share fewer than ``least`` steps."""
     begin, end = max(0, -shift), min(len(x), len(y) - shift)
     if end - begin < least:
         return float("nan")
@@ -141,26 +141,26 @@ def _vertex(score: np.ndarray, best: int) -> float:
 FRAMES_KEPT: Final = 300  # 260 MB of a Kinect v2's frames
 MOST_AHEAD_S: Final = 5.0  # largest difference of clocks with a common epoch
 MOST_LATE_S: Final = 15.0  # largest time between the starts of two recorders with unrelated clocks
-BLOCK_S: Final = 12.0  # duration of the frames for the signals: several movements
+BLOCK_S: Final = 12.0  # s, duration of the frames for the signals: several movements
 BLOCKS: Final = 3  # blocks tried for the signals, the busiest first
-WINDOW_S: Final = 2.0  # duration of the frames for the surfaces
-REACH_S: Final = 0.12  # twice the largest error that signals ever had
-SYSTEMATIC_S: Final = 0.001  # error of a window beside its residuals: 1 mm of the sensor at 1 m/s
+WINDOW_S: Final = 2.0  # s, duration of the frames for the surfaces
+REACH_S: Final = 0.12  # s, twice the largest error that signals ever had
+SYSTEMATIC_S: Final = 0.001  # s, error of a window besides its residuals: 1 mm of the sensor at 1 m/s
 LEAST_WINDOWS: Final = 2  # windows that must agree where the signals are not certain
 LEAST_FRAMES: Final = 8  # frames of a window at 4 Hz
 
 DRIFT_SIGMA: Final = 1e-4  # s/s; a quartz clock is accurate to 100 parts in a million
 PLACES: Final = 4  # places sampled in each tenth of the recording, to find the largest movement
 STEP_PX: Final = 8  # every eighth pixel of every eighth row suffices to measure the amount of movement
-APART_S: Final = 0.2  # between the two frames that are compared
+APART_S: Final = 0.2  # s between the two frames that are compared
 # m; a smaller change of depth is noise, a larger one is another surface that appears
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 
 @dataclass(slots=True, eq=False)
 class FrameCache:
-    """Depth frames on demand; it counts the frames read and keeps the latest, since windows of a short recording
-    overlap.
+    """A reader of depth frames on demand. It counts the frames that were read and keeps the latest in memory, since
+    windows of a short recording overlap.
     """
 
     source: RecordedFrames
@@ -194,7 +194,9 @@ class FrameCache:
 
 @dataclass(frozen=True, slots=True)
 class PairLag:
-    """The lag of a pair. lag_s: the clock of camera ``second`` less that of ``first``, at the reference time at_s."""
+    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus that of ``first``, at the reference
+    time at_s.
+    """
 
     first: int
     second: int
@@ -205,8 +207,8 @@ class PairLag:
 
 @dataclass(frozen=True, slots=True)
 class RoughLag:
-    """A rough lag. lag_s: the camera's clock less the reference's, at about at_s, within ``REACH_S``; certain: no check
-    needed.
+    """A rough lag. lag_s: the camera's clock minus the reference clock, at about at_s, correct within ``REACH_S``;
+    certain: whether it needs no check by surfaces.
     """
 
     lag_s: float
@@ -219,9 +221,9 @@ REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the first camera relative to
 
 
 def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
-    """Return (reference time, amount of movement in m^3) of the busiest place of each part of the recording.
+    """Return (reference time, amount of movement in m^3) of the time with most movement in each part of the recording.
 
-    Each part of ``span_s`` is sampled at ``PLACES`` places, two frames each; a part without frames has no entry.
+    Each part of ``span_s`` is sampled at ``PLACES`` times, with two frames each; a part without frames has no entry.
     """
     edges = np.linspace(*span_s, windows + 1)
     found = []
@@ -253,8 +255,8 @@ def _motion(frames: FrameCache, time_s: float) -> float:
 def rough_lags(
     frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
-    """Return the lag of each camera from signals, None where there is none. Surfaces choose between a certain lag and
-    that of the time stamps or, where none is certain, among the best of all.
+    """Return the lag of each camera from signals, None where no lag is found. Surfaces decide between a certain lag and
+    the lag of the time stamps or, where no lag is certain, among the best of all lags.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
@@ -276,7 +278,9 @@ def rough_lags(
 
 
 def stamped_lags(frames: FrameCache) -> list[RoughLag | None]:
-    """Return a lag of zero for cameras whose time stamps may be of the first camera's clock, None for others."""
+    """Return a lag of zero for cameras whose time stamps may come from the first camera's clock, None for all other
+    cameras.
+    """
     stamped = [_from_stamps(frames, camera) for camera in range(1, len(frames.cameras))]
     return [REFERENCE, *(found[0] if found else None for found in stamped)]
 
@@ -299,7 +303,9 @@ def _from_stamps(frames: FrameCache, camera: int) -> list[RoughLag]:
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
-    """Return (lag, reach) to search around: for clocks with one epoch, or recorders started together."""
+    """Return the (lag, reach) around which to search: for clocks with a common epoch, and for recorders that were
+    started together.
+    """
     common_s = min(reference_s[-1], other_s[-1]) - max(reference_s[0], other_s[0])
     together = (float(other_s[0] - reference_s[0]), MOST_LATE_S)
     half_s = 0.5 * min(np.ptp(reference_s), np.ptp(other_s))
@@ -349,7 +355,7 @@ def _best_by_surfaces(
 
 
 def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
-    """Return the lags, less the rough ones, of all pairs of posed cameras in every window; times may count from
+    """Return the lags, minus the rough lags, of all pairs of posed cameras in every window; times may count from
     1970.
     """
     lags = []

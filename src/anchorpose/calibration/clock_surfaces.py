@@ -1,9 +1,9 @@
 """Measure the lag between two posed cameras from the surfaces that both see.
 
-A point that camera A saw at time t is looked up in B's frames at t + lag. B's depth at that pixel, interpolated in
-time, and the point's depth there differ by the lag's error times the rate at which the depth changes. Tens of thousands
-of such residuals give the lag by least squares to below a millisecond. Errors of poses, sensors or clothes do not bias
-it, because the mean of each patch of the depth image is subtracted first.
+A point that camera A saw at time t is looked up in B's frames at t + lag. The depth in B at this pixel, interpolated in
+time, and the point's depth in B differ by the error of the lag times the rate at which the depth changes. Tens of
+thousands of such residuals give the lag, by least squares, to below a millisecond. Errors of poses, sensors or clothes
+do not bias it, because the mean of each patch of the depth image is subtracted first.
 """
 
 from __future__ import annotations
@@ -21,20 +21,21 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 
 UNITS_PER_M: Final = 4000.0  # units of the stacks, quarters of a millimetre: 16 bits reach 16 m
 SMOOTH_PX: Final = 3  # window of smoothing; a limb is ten pixels wide
-OPENED_PX: Final = 5  # window that removes single flickering pixels, which are no limb
+OPENED_PX: Final = 5  # window that removes single flickering pixels, which do not show a limb
 NOISE_FRAMES: Final = 16  # frames for second differences, whose median is then accurate to a quarter
 SPREAD_FRAMES: Final = 8  # frames of a window in which changing pixels are searched
 
 STEP_PX: Final = 3  # grid of the points: errors of neighbouring pixels are correlated; a body still has 1700 points
-MOVED_M: Final = 0.01  # movement within a clip; a smaller one shows no time
-MOVED_GATE: Final = 6.0  # sigmas: twice what noise causes in eight frames
-SAME_SURFACE_M: Final = 0.05  # difference of depths; beyond it is another surface: a hand in front of a trunk
-ONE_SURFACE_M: Final = 0.15  # change within four frames, 1.1 m/s at 30 Hz; a larger one is a passing edge
-LEAST_FACING: Final = 0.3  # cosine between normal and ray in both cameras: flatter surfaces are imprecise
-PATCH_PX: Final = 24  # side of the patches whose mean error is subtracted: 10 cm at 2 m
-CHUNK_S: Final = 0.25  # errors of residuals within this time are correlated
-RATE_GATE: Final = 3.0  # sigmas of the rate's own noise: still surfaces add no evidence and cost time
-LEAST_POINTS: Final = 400  # residuals; fewer are one hand
+MOVED_M: Final = 0.01  # m, movement within a clip; a smaller movement does not determine time
+MOVED_GATE: Final = 6.0  # sigmas; twice as much as noise causes in eight frames
+# m, difference of depths, beyond which it is another surface, such as a hand in front of a trunk
+SAME_SURFACE_M: Final = 0.05
+ONE_SURFACE_M: Final = 0.15  # m, change within four frames, 1.1 m/s at 30 Hz; a larger change is a passing edge
+LEAST_FACING: Final = 0.3  # least cosine between normal and ray in both cameras, since flatter surfaces are imprecise
+PATCH_PX: Final = 24  # pixels, side of the patches whose mean error is subtracted: 10 cm at 2 m
+CHUNK_S: Final = 0.25  # s within which errors of residuals are correlated
+RATE_GATE: Final = 3.0  # sigmas of the rate's own noise; still surfaces add no evidence and cost time
+LEAST_POINTS: Final = 400  # least number of residuals; a hand has fewer
 ROUNDS: Final = 12  # Newton steps; three or four are enough
 SETTLED_S: Final = 2e-5
 
@@ -59,8 +60,9 @@ class Clip:
 
 @dataclass(frozen=True, slots=True)
 class SurfaceLag:
-    """A lag by surfaces. lag_s: the second clock less the first at one moment; sigma_s: its standard error; points:
-    number of residuals; misfit_m: root mean square of all residuals there, each limited to that of another surface.
+    """A lag by surfaces. lag_s: the second clock minus the first at the same moment; sigma_s: its standard error;
+    points: number of residuals; misfit_m: root mean square of all residuals at this lag, where each is limited to the
+    residual of another surface.
     """
 
     lag_s: float
@@ -86,8 +88,8 @@ def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Cli
 def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
     """Return the lag within ``reach_s`` of ``around_s``; None where the cameras share too little movement.
 
-    It takes the best of evenly spaced lags, then Newton steps on the robust least squares of both directions together.
-    The standard error allows for correlated errors of residuals within ``CHUNK_S``.
+    It begins with the best of evenly spaced lags, then takes Newton steps on the robust least squares of both
+    directions together. The standard error allows for correlated errors of residuals within ``CHUNK_S``.
     """
     there, back = _look_up(first, second), _look_up(second, first)
     step_s = 0.5 * there.period_s
@@ -112,8 +114,8 @@ def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LookUp:
-    """Points of the source clip looked up in the target's frames: (n,) source frame, pixel (flat) and depth_m there;
-    period_s: between two frames of the target.
+    """Points of the source clip that are looked up in the target's frames: (n,) source frame, flat pixel index and
+    depth_m in the target; period_s: time between two frames of the target.
     """
 
     source: Clip
@@ -150,8 +152,8 @@ def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
 
 
 def _range_over_time(depths_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return nearest and farthest smoothed depth (height, width) of each pixel in the clip; 0 where a reading is
-    missing.
+    """Return the nearest and the farthest smoothed depth (height, width) of each pixel in the clip; 0 where a reading
+    is missing.
     """
     chosen = np.unique(np.linspace(0, len(depths_m) - 1, SPREAD_FRAMES).astype(int))
     seen = cv2.erode((depths_m[chosen] > 0).all(axis=0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
@@ -191,9 +193,9 @@ def _look_up(source: Clip, target: Clip) -> _LookUp:
 
 
 def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return, for each point that both cameras see at this lag: its index, the target's depth less its own (m), and the
-    rate and the slope of that depth (m/s), from the outer and the inner two of four frames, so that their noise is
-    independent.
+    """Return, for each point that both cameras see at this lag: its index, the target's depth minus its own (m), and
+    the rate and the slope of the target's depth (m/s), from the outer and the inner two of four frames, so that their
+    noise is independent.
 
     The depth comes from the frames just before and after, its rate from the frames around these: common noise would
     pull the lag towards the middle between two frames.
@@ -219,8 +221,8 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
 
 
 def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
-    """Return the mean squared residual of both directions, each limited to that of another surface; NaN with too
-    few.
+    """Return the mean squared residual of both directions, where each residual is limited to that of another surface;
+    NaN with too few residuals.
     """
     both = [_residuals(look, lag, every=4)[1] for look, lag in ((there, lag_s), (back, -lag_s))]
     residual = np.concatenate(both)

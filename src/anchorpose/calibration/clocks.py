@@ -2,7 +2,7 @@
 
 There are two steps. The amount of movement at each height (``clock_lags``) gives the lag, within several seconds, to
 about a twentieth of a second, with or without poses. Where the poses are known, the surfaces that two cameras share
-(``clock_surfaces``) then give it to a millisecond.
+(``clock_surfaces``) then give the lag to a millisecond.
 """
 
 from __future__ import annotations
@@ -34,14 +34,15 @@ from anchorpose.recording.depth_image import RecordedFrames
 from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.settings import settings
 
-ROUNDS: Final = 20  # rounds, each of which removes one lag; no recording had more wrong ones
+ROUNDS: Final = 20  # rounds, each of which removes one lag; no recording had more wrong lags
 OUTLIER_GATE: Final = 5.0  # standard deviations beyond which a lag is removed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClockFit:
-    """The fitted clocks. ahead_s, drift (cameras,): of each clock relative to the first camera's, at at_s, NaN where no
-    lag reaches it; covariance (cameras, 2, 2) of both; used: the kept lags; residual_s: their root mean square.
+    """The fitted clocks. ahead_s, drift (cameras,): how far each clock is ahead of the first camera's at at_s, and its
+    drift, NaN where no lag reaches the camera; covariance (cameras, 2, 2) of both; used: the kept lags; residual_s:
+    root mean square of their residuals.
     """
 
     at_s: float
@@ -60,8 +61,8 @@ class ClockFit:
 def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
     """Fit all clocks at once by weighted least squares, each drift with a prior of 0 ± ``DRIFT_SIGMA``.
 
-    The worst lag is removed while it is more than ``OUTLIER_GATE`` deviations off. The standard errors grow with the
-    remaining scatter. Raises ValueError without lags.
+    The worst lag is removed as long as it is more than ``OUTLIER_GATE`` deviations off. The standard errors increase
+    with the remaining scatter. Raises ValueError without lags.
     """
     if not lags:
         raise ValueError("clocks need at least one lag")
@@ -115,10 +116,10 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
 
 
 WINDOWS: Final = 10  # windows over the whole recording: a drift shows between its ends, and some windows show little
-SPREAD: Final = 3  # every third window is compared first: these span the recording
-CONFIRMING: Final = 4  # windows whose lags show whether the time stamps are right to a tenth of a second
-AGREEING: Final = 0.75  # share of these windows, and of their lags, that have to agree
-APART_S: Final = 0.01  # scatter of their lags: a sixth of the time between frames at 15 per second
+SPREAD: Final = 3  # every third window is compared first; these windows span the recording
+CONFIRMING: Final = 4  # windows whose lags show whether the time stamps are correct to a tenth of a second
+AGREEING: Final = 0.75  # share of the compared windows, and of their lags, that have to agree
+APART_S: Final = 0.01  # s, scatter of the lags: a sixth of the time between frames at 15 per second
 ENOUGH_S: Final = 0.002  # accuracy at either end of the recording: 1 mm of a limb that moves at half a metre a second
 SIGNAL_SIGMA_S: Final = 0.03  # standard deviation of the lags from signals, on simulated clinics
 WORST_SIGMA_S: Final = 0.008  # accuracy at either end of the recording: half of the usual time between paired frames
@@ -133,7 +134,7 @@ class ClockConfig:
 
 
 class ClockSource(StrEnum):
-    """How a camera's clock was found; people read it in the run's notes."""
+    """The source of a camera's clock, which people read in the run's notes."""
 
     REFERENCE = "the reference"
     RESULTS = "that of the corrected results"
@@ -143,7 +144,9 @@ class ClockSource(StrEnum):
 
 
 class NoClock(StrEnum):
-    """The reason why a clock was not corrected: a result, because nothing moves in an empty room."""
+    """The reason why a clock was not corrected. It is a result and not an error, since nothing moves in an empty
+    room.
+    """
 
     SWITCHED_OFF = "clocks are not to be estimated"
     FEW_FRAMES = "too few depth frames"
@@ -153,8 +156,8 @@ class NoClock(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CameraClock:
-    """A camera's clock. clock: as used; sigma_s, drift_sigma: standard errors, None where the clock was kept; lags:
-    measured with this camera; doubt: why the clock was kept, None where it was not.
+    """A camera's clock. clock: the clock to use; sigma_s, drift_sigma: standard errors, None where the clock was kept;
+    lags: number of lags measured with this camera; doubt: why the clock was kept, None where it was corrected.
     """
 
     camera: str
@@ -202,7 +205,9 @@ def clocks_of_results(cameras: Sequence[Camera], known: Mapping[str, Clock]) -> 
 
 
 def _level(frames: RecordedFrames, index: int) -> FloorPlane | None:
-    """Return the world's Y = 0 if the camera has a pose, else the floor it sees; None without either."""
+    """Return the plane Y = 0 of the world if the camera has a pose, else the floor that it sees; None without
+    either.
+    """
     camera, recording = frames.cameras[index], frames.recording
     if camera.T_world_camera is not None:
         return level_of_pose(camera.T_world_camera)
@@ -239,7 +244,7 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
         lags = fine_lags(frames, rough, first_s)
     if not _is_confirmed(
         lags, count, len(first_s)
-    ):  # the time stamps are of different clocks, or too little moves in common view
+    ):  # the time stamps come from different clocks, or too little moves in common view
         rough = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
         lags = fine_lags(frames, rough, first_s)
     fit = _fit(frames, rough, lags, times_s[CONFIRMING:], span_s)
@@ -248,7 +253,7 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
 
 
 def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
-    """Return whether the lags of the first windows confirm the rough lags; around wrong rough lags they scatter.
+    """Return whether the lags of the first windows confirm the rough lags; if these are wrong, the lags scatter.
 
     tried: number of windows in which lags were searched; a short recording has two.
     """
@@ -298,7 +303,9 @@ def _reference(cameras: Sequence[Camera]) -> CameraClock:
 def _camera_clock(
     index: int, name: str, rough: RoughLag | None, fit: ClockFit | None, span_s: tuple[float, float]
 ) -> CameraClock:
-    """Return the fitted clock if accurate, else the signals' clock if certain, else the unchanged clock."""
+    """Return the fitted clock if it is accurate, else the clock from signals if it is certain, else the unchanged
+    clock.
+    """
     lags = sum(index in (lag.first, lag.second) for lag in fit.used) if fit is not None else 0
     if fit is not None and rough is not None and np.isfinite(fit.ahead_s[index]):
         sigma_s = max(fit.sigma_s(index, time_s) for time_s in span_s)

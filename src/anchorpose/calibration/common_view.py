@@ -3,9 +3,9 @@
 The pose is refined by point-to-plane least squares with projective association in both directions (Chen and Medioni
 1992, doi:10.1016/0262-8856(92)90066-C).
 
-Room and people are used together: floor and walls give tilt and height, people give the shift along them. Each has half
-of the weight, so that a wide room does not decide alone; a wrong focal length displaces its far ends, but not the
-people.
+Room and people are used together: floor and walls give tilt and height, people give the shift along them. Room and
+people each have half of the weight, so that a wide room does not decide alone. A wrong focal length displaces the far
+ends of a room, but not the people.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ NEARER_M: Final = 0.12  # people stand off the room by more than this
 SURFACE_STEP_M: Final = 0.07  # depth difference up to which neighbours are on one surface
 NORMAL_PX: Final = 2  # a normal is computed from neighbours this many pixels away
 RIM_PX: Final = 7  # 2 cm at 2 m to either side: movement of a limb in the 30 ms between two frames
-# distance of pairs in each step; the start is within 0.3
+# m, largest distance of paired points in each step; the poses at the start are within 0.3 m
 GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
-WORST_CONDITION: Final = 1e9  # condition number beyond which the data do not determine a turn or a shift
+WORST_CONDITION: Final = 1e9  # condition number beyond which the data leave a turn or a shift undetermined
 SAME_WAY: Final = 0.8  # cosine between the normals of one surface in two cameras
 HUBER: Final = 1.5  # robust deviations beyond which a residual loses weight
-LEAST_PAIRS: Final = 200  # pairs of points: fewer are one hand
+LEAST_PAIRS: Final = 200  # least number of pairs of points; a hand has fewer
 
 
 class SurfaceGates(NamedTuple):
@@ -72,10 +72,10 @@ class LevelView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceFit:
-    """The fitted pose T_first_second (4, 4) between camera frames. residual_m: robust deviation of point to plane;
-    impossible: share of one camera's people that fall beside the people the other sees, the worse direction; common:
-    share that falls into the other's depth image, likewise; sigma_m, sigma_rad: standard errors of position and turn,
-    for independent moments.
+    """The fitted pose T_first_second (4, 4) between camera frames. residual_m: robust deviation from point to plane;
+    impossible: share of one camera's people that fall beside the people whom the other camera sees, in the worse
+    direction; common: share that falls into the other camera's depth image, in the worse direction; sigma_m, sigma_rad:
+    standard errors of position and turn, for independent moments.
     """
 
     T_first_second: np.ndarray
@@ -145,7 +145,8 @@ def _surface_points(camera: Camera, smooth_m: np.ndarray, room_m: np.ndarray, st
     rows, columns = (grid.ravel() for grid in np.mgrid[height, width])
     points, normals, good = points_with_normals(camera, smooth_m, rows, columns, GATES)
     room = room_m[rows, columns]
-    person = (room <= 0) | (smooth_m[rows, columns] < room - NEARER_M)  # where the room is out of range, people are not
+    # where the room is out of range, readings are of people
+    person = (room <= 0) | (smooth_m[rows, columns] < room - NEARER_M)
     return Seen(points[good], normals[good], person[good])
 
 
@@ -181,7 +182,8 @@ def huber_weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> SurfaceFit | None:
-    """Fit the turn about the vertical and the shift over the floor, from a first guess that is right otherwise.
+    """Fit the turn about the vertical and the shift over the floor, from a first guess whose tilt and height are
+    correct.
 
     Moments are frames at the same position in both views. The result is None where both see too little in common. Walls
     are left out: a shift along a wall has no effect, and walls would hold the cameras back.
@@ -256,7 +258,7 @@ def paired_rows(
     """
     points, there, normal, moment = _pairs(first, second, T_first_second, gate_m)
     back, seen, back_normal, back_moment = _pairs(second, first, invert_rigid(T_first_second), gate_m)
-    # residuals in the second frame are turned into the first; they are of the other camera's points, so the sign is
+    # residuals in the second frame are rotated into the first; they belong to the other camera's points, so the sign is
     # reversed
     here, seen = transform_points(T_first_second, back), transform_points(T_first_second, seen)
     turned = back_normal @ T_first_second[:3, :3].T
@@ -274,24 +276,24 @@ def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)  # a wrong lens leaves 5 cm
-ROOM_PX, PEOPLE_PX = 6, 3  # grid of pixels: every sixth and every third of every such row
+ROOM_PX, PEOPLE_PX = 6, 3  # grid steps in pixels: every sixth pixel for the room, every third for people
 LEAST_SURFACE_PAIRS: Final = 500
-# with less, right poses had up to 32 mm and 26 mm, otherwise up to 9; without people it is often 0.001
+# with less, correct poses had up to 32 mm and 26 mm, otherwise up to 9; without people it is often 0.001
 LEAST_SUPPORT: Final = 0.02
 STEP_M, STEP_RAD = 0.1, 0.2  # standard deviations that damp each step in undetermined directions
-# distance of compared surfaces, for a motion and the given pose alike; beyond are other surfaces
+# m between compared surfaces, for a motion and for the given pose; farther surfaces are different ones
 COMPARED_M: Final = 0.15
 # share of the given pose's misfit: a motion along which surfaces slide fits no better, however far it goes
 BETTER: Final = 0.8
-# right poses leave up to 6 mm; a lens 2 % wrong leaves 15 to 25, and the turn is then meaningless
+# m; correct poses leave up to 6 mm; a lens that is 2 % wrong leaves 15 to 25, and the turn is then meaningless
 TIGHT_M: Final = 0.010
 
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
-    """The displacement between two cameras. off_m: of the people, or of the room without people; if no motion fits
-    better than the given poses, the median distance of the surfaces. turn_rad: None where the surfaces do not fit
-    closely enough.
+    """The displacement between two cameras. off_m: displacement of the people or, without people, of the room; if no
+    motion fits better than the given poses, the median distance of the surfaces. turn_rad: None where the surfaces do
+    not fit closely enough.
     """
 
     off_m: float
@@ -303,7 +305,8 @@ def common_surfaces(
 ) -> LevelView:
     """Prepare the view of a camera with a pose: the room as the first moment, then the people of each frame.
 
-    room_m, depths_m: (height, width) float32, 0 = no reading; background_m: of the empty room, None without.
+    room_m, depths_m: (height, width) float32, 0 = no reading; background_m: depth image of the empty room, None without
+    such an image.
     """
     level = level_of_pose(camera.require_pose())
     room = level_view(camera, level, np.full_like(room_m, np.inf), [room_m], ROOM_PX)
@@ -348,7 +351,7 @@ def find_displacement(first: LevelView, second: LevelView) -> Displacement | Non
 
 
 def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> float:
-    """Return the median distance of the surfaces that both cameras see, among those within ``COMPARED_M``."""
+    """Return the median distance of the surfaces that both cameras see, among distances within ``COMPARED_M``."""
     _, residual, _ = paired_rows(first, second, T_first_second, COMPARED_M)
     return float(np.median(np.abs(residual))) if len(residual) else 0.0
 
@@ -362,7 +365,7 @@ def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
 
 
 def _support(jacobian: np.ndarray, weight: np.ndarray, place_m: np.ndarray) -> float:
-    """Return the share of the weight that determines a shift in the least determined direction, whatever the turn."""
+    """Return the share of the weight that determines a shift in the least determined direction, if the turn is free."""
     about_place = jacobian.copy()
     about_place[:, :3] -= np.cross(place_m, jacobian[:, 3:])
     mean = (about_place * weight[:, None]).T @ about_place / weight.sum()

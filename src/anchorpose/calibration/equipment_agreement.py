@@ -1,7 +1,7 @@
 """Check that cameras which saw the equipment fit together: one floor, and no camera sees through another's surfaces.
 
-For equipment that looks the same from several sides, it also finds which of its turns each camera saw, and which way X
-points.
+For equipment that looks the same from several sides, the module also finds which of its turns each camera saw, and in
+which direction X points.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
-APART_M: Final = 0.20  # people move between two cameras' frames, surfaces are rough
+APART_M: Final = 0.20  # m; people move between the frames of two cameras, and surfaces are rough
 NOISE_GATE: Final = 4.0
 POINTS: Final = 3000  # points of each depth frame
 FRAMES: Final = 6  # frames that are compared at most
-ABOVE_FLOOR_M: Final = 0.15  # points below are left out: the floor agrees whichever way a camera looks
+ABOVE_FLOOR_M: Final = 0.15  # m; points below are left out, since the floor agrees whatever direction a camera faces
 FLOOR_SIGMA_M: Final = 0.002  # height error of the floor that all cameras see together
 FLOOR_SIGMA_RAD: Final = 0.0009  # 0.05 degrees
 MOST_DISAGREEMENT: Final = 0.25  # largest share of one camera's points that another sees through
-LEAST_LEAD: Final = 0.15  # lead in disagreement of the best of symmetric choices over the next
+LEAST_LEAD: Final = 0.15  # lead in disagreement by which the best of symmetric choices must be better than the next
 LEAST_COMPARED: Final = 300  # points that must be compared
 
 REMEDY: Final = (
@@ -44,7 +44,7 @@ it in.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentInputs:
-    """The inputs from which the cameras are found: sample_frames spread over the recording, and its prepared
+    """The inputs from which the cameras' poses are found: sample_frames, spread over the recording, and the prepared
     equipment.
     """
 
@@ -78,7 +78,7 @@ def share_seen_through(
 ) -> float | None:
     """Return the share of one camera's unhidden points that the other camera sees through; None for too few points.
 
-    Both directions are counted, over pairs of depth frames of about the same moment. cameras: both with a pose;
+    Both directions are counted, over pairs of depth frames of about the same moment. cameras: two cameras with poses;
     depths_m: frames (height, width) of the first and the second camera, 0 = no reading.
     """
     tested = through = 0
@@ -117,7 +117,7 @@ def _disagreement(
 
 
 def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> FloorPrior:
-    """Return the floor of Gamma_0 by all cameras, each at the equipment: up and height are their means."""
+    """Return the floor of Gamma_0: up and height are means over all cameras, each measured at the equipment."""
     ups, heights = [], []
     for one in seen:
         T = cameras[one.index].require_pose()
@@ -148,7 +148,9 @@ def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], see
 def resolve_symmetry(
     inputs: EquipmentInputs, seen: Sequence[SeenEquipment], choose_heading: ChooseHeading | None
 ) -> tuple[list[Camera], list[str]]:
-    """Return the cameras with poses in one world, with X the way the patient faces, and notes on how it was chosen."""
+    """Return the cameras with poses in one world, in which X is the direction that the patient faces, and notes on how
+    it was chosen.
+    """
     given = [camera.T_world_camera is not None for camera in inputs.recording.cameras]
     cameras = list(inputs.recording.cameras)
     for one in seen:
@@ -181,7 +183,7 @@ def resolve_symmetry(
 def _agreeing_turns(
     inputs: EquipmentInputs, cameras: Sequence[Camera], free: Sequence[SeenEquipment], choices: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Return, for each free camera, the turn with which it agrees best with the first camera that is not free."""
+    """Return, for each free camera, the turn with which it agrees best with the first fixed camera."""
     anchor = next(index for index in range(len(cameras)) if index not in {one.index for one in free})
     best = []
     for one in free:

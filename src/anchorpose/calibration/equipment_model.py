@@ -11,9 +11,9 @@ import numpy as np
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel, Mesh
 
-MARGIN_PX: Final = 6  # around the equipment: the profiles across the outline have this length
+MARGIN_PX: Final = 6  # pixels around the equipment; the profiles across the outline have this length
 SUBPIXEL: Final = 8  # rays between two pixels: the outline is precise to a sixteenth of a pixel
-JUMP_M: Final = 0.08  # between neighbouring pixels of the equipment: one part ends in front of another
+JUMP_M: Final = 0.08  # m between neighbouring pixels of the equipment, where one part ends in front of another
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ class Outline:
 
 
 class EquipmentCaster:
-    """Caster of rays at chi_0; the tree over its triangles is built once."""
+    """A caster of rays onto chi_0; the tree over its triangles is built once."""
 
     def __init__(self, model: EquipmentModel) -> None:
         from embreex.mesh_construction import TriangleMesh
@@ -155,23 +155,24 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
 SURFACE_POINTS: Final = 2000  # points; one per 10 cm^2 of a standing frame's 2 m^2
 LEAST_PER_PART: Final = 24  # points; a small part may be what distinguishes front from back
 OUTSIDE_POINTS: Final = 1000
-OUTSIDE_M: Final = (0.05, 0.09)  # beyond flying pixels, near enough that a wall behind would fill it
+OUTSIDE_M: Final = (0.05, 0.09)  # m; farther than flying pixels, but so near that a wall behind would fill it
 
 STEP_DEG: Final = 5
-# largest distance of a part from its place in equipment.json, by tape measure; two clinics' frames differ by more
+# m, largest distance of a part from its place in equipment.json, by tape measure; frames of two clinics differ by more
 SAME_M: Final = 0.012
-ALIKE_M: Final = 0.10  # small enough to be confused in a search
+ALIKE_M: Final = 0.10  # m; turned equipment that differs by less may be confused in a search
 TRIED_POINTS: Final = 400
-ROUND_SHARE: Final = 0.9  # share of all turns
+ROUND_SHARE: Final = 0.9  # share of all turns that must look alike
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentSamples:
     """Points of chi_0, all in Gamma_0.
 
-    surface_m (n, 3) float64 spread evenly, none inside another part; normal (n, 3) unit, outward; two_sided (n,) bool:
-    of a mesh, whose triangles may face either way; outside_m (m, 3) within ``OUTSIDE_M`` of the surface, where nothing
-    of the equipment is; centre_m (3,) and radius_m of a sphere around all of it.
+    surface_m (n, 3) float64: points spread evenly over the surface, none inside another part; normal (n, 3): unit
+    normals, outward; two_sided (n,) bool: points of a mesh, whose triangles may face either way; outside_m (m, 3):
+    points within ``OUTSIDE_M`` of the surface where there is no equipment; centre_m (3,) and radius_m: a sphere around
+    all of it.
     """
 
     surface_m: np.ndarray
@@ -184,10 +185,10 @@ class EquipmentSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Symmetry:
-    """Turns about a vertical axis, each T_model_model (4, 4), the identity left out.
+    """Turns about a vertical axis, each T_model_model (4, 4), without the identity.
 
-    same: chi_0 coincides with itself within ``SAME_M``; alike: it nearly does; round: it does for so many turns that
-    its direction is undetermined.
+    same: turns after which chi_0 coincides with itself within ``SAME_M``; alike: turns after which it nearly does;
+    round: whether it does for so many turns that its direction is undetermined.
     """
 
     same: tuple[np.ndarray, ...]
@@ -272,7 +273,8 @@ def _outside(model: EquipmentModel, surface_m: np.ndarray, rng: np.random.Genera
 def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
     """Test every turn in steps of ``STEP_DEG`` about two centres, of the bounding box and of the surface.
 
-    Any symmetry preserves both centres, but in a model that mixes round and square tubes the second is shifted.
+    A symmetry preserves both centres, but in a model that mixes round and square tubes the centre of the surface is
+    shifted.
     """
     points = samples.surface_m[:: max(1, len(samples.surface_m) // TRIED_POINTS)]
     same, alike, apart = list[np.ndarray](), list[np.ndarray](), list[float]()
@@ -297,7 +299,7 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
 
 
 def _turn_about(centre_m: np.ndarray, angle_rad: float) -> np.ndarray:
-    """Return (4, 4) turn about the vertical (Y) through a point."""
+    """Return the turn (4, 4) about the vertical (Y) through a point."""
     T = np.eye(4)
     T[:3, :3] = rotation_about_y(angle_rad)
     T[:3, 3] = centre_m - T[:3, :3] @ centre_m

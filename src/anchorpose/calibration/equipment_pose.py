@@ -29,20 +29,20 @@ from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 
 # Shares are of surface area, so that near parts do not outweigh distant ones.
-LEAST_SEEN: Final = 0.2  # of the surface that faces the camera, seen in place: people hide up to half, the image ends
-MOST_THROUGH: Final = 0.10  # share of the unhidden surface, seen through: edges of thin bars flicker
+LEAST_SEEN: Final = 0.2  # share of the facing surface seen in place; people hide up to half, or the image ends
+MOST_THROUGH: Final = 0.10  # share of the unhidden surface that is seen through, since edges of thin bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
-# share of the unhidden surface: an absent part in front of a distant wall is not read either
+# share of the unhidden surface; an absent part in front of a distant wall has no readings either
 MOST_UNREAD_OF_PART: Final = 0.7
-LEAST_PIXELS_OF_PART: Final = 40  # pixels; fewer are no evidence about a part
-# share of the outline's places at which the surface continues: inside a wall it continues at all of them
+LEAST_PIXELS_OF_PART: Final = 40  # pixels; fewer are not evidence about a part
+# share of the outline's places at which the surface continues; inside a wall it continues at all of them
 MOST_FILLED: Final = 0.5
 LEAST_OUTLINED: Final = 0.6  # share of the outline's unhidden places at which the part ends
-MOST_OFF_PX: Final = 2.0  # px from its place: edge pixels are often one off
+MOST_OFF_PX: Final = 2.0  # px from its place; edge pixels are often off by one
 MOST_SIGMA_M: Final = 0.006
 MOST_SIGMA_RAD: Final = 0.0087  # half a degree
 LEAST_COSINE: Final = 0.25  # cosine of the angle of incidence: no camera reads flatter surfaces well
-STEADY_RAD: Final = 0.0008  # systematic error of a device: between bars a metre apart 0.05 degrees
+STEADY_RAD: Final = 0.0008  # systematic error of a device: 0.05 degrees between bars a metre apart
 
 
 class NoPose(StrEnum):
@@ -66,8 +66,9 @@ class NoPose(StrEnum):
 class PartEvidence:
     """Areas (m^2) and pixels of each part as expected in the depth image, arrays (parts,).
 
-    on, through, hidden, unread: together the expected surface; pixels: all but the hidden; shift_m: apparent
-    displacement of the part, NaN where not accurate. filled_share, outlined_share: see ``_outline_shares``.
+    on, through, hidden, unread: areas that together are the expected surface; pixels: number of all but the hidden
+    pixels; shift_m: apparent displacement of the part, NaN where not accurate. filled_share, outlined_share: see
+    ``_outline_shares``.
     """
 
     on_m2: np.ndarray
@@ -92,7 +93,7 @@ class PartEvidence:
 
     @property
     def score_m2(self) -> float:
-        """Return the found area less twice the area seen through; 0 where the whole outline is inside another
+        """Return the found area minus twice the area seen through; 0 where the whole outline is inside another
         surface.
         """
         return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
@@ -139,8 +140,9 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
-    """Return two shares of the outline's unhidden places: among places with the part in them, where the surface does
-    not end (inside a wall, the floor, a person who leans on it); and where it ends as it should.
+    """Return two shares of the outline's unhidden places: among places where the part is seen, the share at which the
+    surface does not end (as inside a wall, the floor, or a person who leans on it); and the share at which it ends as
+    expected.
     """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)
@@ -150,7 +152,9 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
 
 
 def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | None]:
-    """Return why the pose is rejected, None where accepted, and the part that shows it, if it is a single part."""
+    """Return why the pose is rejected, None where it is accepted, and the part that shows this, if it is a single
+    part.
+    """
     if evidence.seen_share < LEAST_SEEN:
         return NoPose.LITTLE_SEEN, None
     if evidence.filled_share > MOST_FILLED:
@@ -185,10 +189,10 @@ def sigma_of(fit: Refined) -> tuple[float, float]:
     return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
 
 
-TRIED: Final = 6  # search results that are refined; the right one was always among the first two
-LEAST_LEAD: Final = 0.9  # least evidence of an accepted pose, as a share of that of the best-scoring pose
+TRIED: Final = 6  # search results that are refined; the correct one was always among the first two
+LEAST_LEAD: Final = 0.9  # least evidence of an accepted pose, as a share of the evidence of the best-scoring pose
 RIVAL: Final = 0.75  # share of the evidence with which another credible pose makes the choice ambiguous
-DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # two poses nearer than this are the same; one of them has not converged
+DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # two poses nearer than this are the same pose; one of them has not converged
 TWO_HEIGHTS_M: Final = 0.03  # m between chi_0's lowest point and Y = 0, above which either may be the floor
 
 
@@ -201,7 +205,7 @@ class EquipmentPoseConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentPose:
-    """The pose found. fit.T_camera_model maps Gamma_0 to the camera; evidence: its support."""
+    """The pose that was found. fit.T_camera_model maps Gamma_0 to the camera; evidence: the evidence for this pose."""
 
     fit: Refined
     evidence: PartEvidence
@@ -223,7 +227,7 @@ class EquipmentPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoEquipmentPose:
-    """The reason why this camera has no pose; part: the part that shows it, if a single one."""
+    """The reason why this camera has no pose. part: the part that shows this, if it is a single part."""
 
     why: NoPose
     part: str | None = None
@@ -232,9 +236,9 @@ class NoEquipmentPose:
 def find_equipment(
     view: StillView, equipment: Equipment, config: EquipmentPoseConfig
 ) -> EquipmentPose | NoEquipmentPose:
-    """Search, refine and check the pose; of poses made equal by chi_0's symmetry, it may be any.
+    """Search, refine and check the pose; if chi_0 is symmetric, it may be any of the equivalent poses.
 
-    The floor gives up and height; chi_0's lowest point or Gamma_0's Y = 0 is assumed on it.
+    The floor gives up and height; either chi_0's lowest point or Gamma_0's Y = 0 is assumed on the floor.
     """
     if equipment.symmetry.round:
         return NoEquipmentPose(NoPose.ROUND)
@@ -254,7 +258,7 @@ def find_equipment(
 def refit(
     view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior, config: EquipmentPoseConfig
 ) -> EquipmentPose | NoEquipmentPose:
-    """Refine and check again from a pose (T_camera_model) that is right within a bar's width."""
+    """Refine and check again, from a pose (T_camera_model) that is correct within a bar's width."""
     pose = _refined(view, equipment, start, prior, config)
     if pose is None:
         return NoEquipmentPose(NoPose.LITTLE_SEEN)
@@ -270,7 +274,7 @@ def _refined(
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
-    """Return the refined best poses of the search, and poses confusable with them by near symmetry."""
+    """Return the refined best poses of the search, and the poses with which they may be confused by near symmetry."""
     prior = standing_prior(floor_m)
 
     def refined(starts: list[np.ndarray]) -> list[EquipmentPose]:
@@ -290,7 +294,7 @@ def _floor_heights(equipment: Equipment) -> tuple[float, ...]:
 
 
 def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
-    """Return what is wrong with the pose that finds most of the surface and its outline."""
+    """Return the fault of the pose that finds most of the surface and its outline."""
     if not fits:
         return NoEquipmentPose(NoPose.NOT_SEEN)
     likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))

@@ -13,19 +13,19 @@ from anchorpose.calibration.equipment_model import Equipment, Outline, Rendering
 from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane, what_stays
 from anchorpose.camera import Camera, transform_points
 
-MOSTLY: Final = 0.4  # share of the frames: an edge pixel of a thin bar reads the bar six times in ten
+MOSTLY: Final = 0.4  # share of the frames; an edge pixel of a thin bar reads the bar six times in ten
 STEADY_ERROR_M: Final = 0.0015  # systematic error of a device, the same in all its frames
 OUTLINE_SIGMA_PX: Final = 0.6  # standard deviation of one outline point: edge pixels often read the background
 SURFACE_ROWS_PER_OBSERVATION: Final = 40.0  # neighbouring pixels share the device's error
 OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0  # neighbouring edges share their part's error
 ROBUST: Final = 2.5  # sigmas beyond which a row loses weight
-# cosine of the angle of incidence: at flatter angles a small shift is a large change of depth
+# cosine of the angle of incidence; at flatter angles a small shift changes the depth much
 LEAST_COSINE: Final = 0.15
 
 
 class Gate(NamedTuple):
-    """Limits of what counts as seen: depth within tolerance_m of the equipment; an edge within reach_px of its
-    outline.
+    """Limits within which equipment counts as seen: a depth within tolerance_m of the equipment; an edge within
+    reach_px of its outline.
     """
 
     tolerance_m: float
@@ -37,7 +37,7 @@ class StillView:
     """The evidence from one camera.
 
     still_m (height, width) float32: the still surface, 0 = unknown; frames_m (n, height, width) float32, 0 = no
-    reading: the depth frames it was made from (only the empty room's, if there is one).
+    reading: the depth frames from which it was made (only the frame of the empty room, if there is one).
     """
 
     camera: Camera
@@ -50,7 +50,9 @@ class StillView:
 def see_still(
     camera: Camera, frames_m: Sequence[np.ndarray], background_m: np.ndarray | None, noise: float, floor: FloorPlane
 ) -> StillView:
-    """Return the empty room if there is a frame of it, else the still surfaces of frames spread over the recording."""
+    """Return a view of the empty room if there is a frame of it, else of the still surfaces of frames spread over the
+    recording.
+    """
     stack = np.stack(frames_m if background_m is None else [background_m]).astype(np.float32)
     return StillView(camera, what_stays(stack, noise), stack, noise, floor)
 
@@ -75,8 +77,9 @@ def predict(camera: Camera, equipment: Equipment, T_camera_model: np.ndarray) ->
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Rows of the least squares. jacobian (n, 7): turn, shift, edge bias; residual (n,) in sigmas; part (n,) of the
-    equipment; together: rows that count as one; reach: residuals beyond it have no weight, inf where all count.
+    """Rows of the least squares. jacobian (n, 7): derivative by turn, shift and edge bias; residual (n,) in sigmas;
+    part (n,): part of the equipment; together: number of rows that count as one observation; reach: residuals beyond it
+    have no weight, inf where all count.
     """
 
     jacobian: np.ndarray
@@ -88,8 +91,9 @@ class Rows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservedEdges:
-    """The observed edges, each array (n,): how many pixels beyond an outline pixel's centre the part ends; whether its
-    end is seen; whether the surface continues at the same depth instead; whether the part is absent.
+    """The observed edges, one value per outline pixel in each array (n,): how many pixels beyond the pixel's centre the
+    part ends; whether its end is seen; whether the surface continues at the same depth instead; whether the part is
+    absent.
     """
 
     beyond_px: np.ndarray
@@ -126,7 +130,7 @@ def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) ->
 
 
 def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: Gate) -> Rows:
-    """Return rows across the outline, in pixels: readings on the part are counted along a profile to its end."""
+    """Return rows across the outline, in pixels: along each profile, readings on the part are counted up to its end."""
     outline, edges = prediction.outline, observed_edges(view, prediction, gate)
     usable, along = edges.usable, np.sum(outline.across * outline.step, axis=1)
     residual = ((edges.beyond_px - outline.beyond_px) * along - bias_px)[usable]
@@ -197,7 +201,7 @@ GATES: Final = (COARSE,) * 3 + (Gate(0.03, 6),) * 2 + (Gate(0.02, 5), Gate(0.02,
 LEAST_ROWS: Final = 60
 SHIFT_STEPS: Final = 8  # reweighting steps: the shift is then converged to a tenth of a millimetre
 MOST_SHIFT_SIGMA_M: Final = 0.003  # largest error of a part's shift; a less accurate shift is not used as evidence
-STANDING_SIGMA_M: Final = 0.01  # distance of chi_0's lowest point from the floor: a prior only
+STANDING_SIGMA_M: Final = 0.01  # m, distance of chi_0's lowest point from the floor, used only as a prior
 STANDING_SIGMA_RAD: Final = 0.0087  # half a degree between chi_0's up and the floor's
 
 
@@ -213,8 +217,9 @@ class FloorPrior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """The refined pose T_camera_model (4, 4); covariance (6, 6) of (turn rad, shift m) about the equipment's centre,
-    camera axes; rms: of surface (m) and outline (px); edge_bias_px: by how much bars look too thick, on each side.
+    """The refined pose T_camera_model (4, 4); covariance (6, 6) of (turn rad, shift m) about the equipment's centre, in
+    the camera's axes; rms: root mean square of surface (m) and outline (px) residuals; edge_bias_px: by how much bars
+    look too thick on each side.
     """
 
     T_camera_model: np.ndarray
@@ -258,9 +263,9 @@ def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: Floo
 
 
 def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarray:
-    """Return by how much each part (parts,), shifted alone, would fit better, metres; NaN where not accurate.
+    """Return the shift (parts,), in metres, by which each part alone would fit better; NaN where not accurate.
 
-    Only directions known to ``MOST_SHIFT_SIGMA_M`` count: a bar may slide along itself unseen.
+    Only directions that are known to ``MOST_SHIFT_SIGMA_M`` count, since a shift of a bar along itself is invisible.
     """
     count = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)
@@ -272,7 +277,9 @@ def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarr
 
 
 def _shift_alone(groups: list[Rows], part: int) -> float:
-    """Return the length of one part's shift; weights fall with the distance, so that hands holding it do not count."""
+    """Return the length of one part's shift. Weights decrease with the distance, so that hands that hold the part do
+    not count.
+    """
     shift = np.zeros(3)
     rows = [(group.jacobian[group.part == part, 3:6], group.residual[group.part == part], group) for group in groups]
     for _ in range(SHIFT_STEPS):
@@ -292,8 +299,8 @@ def _shift_alone(groups: list[Rows], part: int) -> float:
 def _floor_rows(
     view: StillView, T: np.ndarray, centre_model: np.ndarray, centre: np.ndarray, prior: FloorPrior
 ) -> Rows:
-    """Return rows of the seen floor against the prior; centre_model, centre (3,): of the equipment, Gamma_0 and
-    camera.
+    """Return rows of the seen floor against the prior; centre_model, centre (3,): the equipment's centre in Gamma_0 and
+    in the camera.
     """
     up = T[:3, :3] @ prior.up
     foot = centre - (centre_model @ prior.up - prior.height_m) * up  # below the centre, at the floor of Gamma_0

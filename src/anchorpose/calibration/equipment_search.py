@@ -15,10 +15,10 @@ from anchorpose.lens import lens_array, pixel_of_ray
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3
 LEAST_Z_M: Final = 0.3  # no depth camera measures nearer
-RADIUS_M: Final = 0.5  # radius of the equipment, to compare a turn with a shift
-CELL_M: Final = 0.04  # cell of the first, coarse map: as wide as a bar
+RADIUS_M: Final = 0.5  # m, radius of the equipment, by which a turn is compared with a shift
+CELL_M: Final = 0.04  # m, cell of the first, coarse map: as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # 5 degrees move a bar at 0.5 m by one cell
-ABOVE_FLOOR_M: Final = 0.06  # points below are left out, since the floor fills the map there
+ABOVE_FLOOR_M: Final = 0.06  # m above the floor; points below are left out, since the floor fills the map there
 FARTHEST_M: Final = 7.0  # no depth camera sees a bar beyond
 THINNING: Final = 3  # every third point of the equipment suffices until the last and finest steps
 STARTS: Final = 400  # places of the coarse map that are refined
@@ -26,7 +26,7 @@ KEPT: Final = 16  # distinct places in the result
 DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # two poses nearer than this are the same; 0.14 is 8 degrees
 TOLERANCES_M: Final = (0.05, 0.03, 0.02)  # distance to the surface that counts as on it, from coarse to fine
 THROUGH_WEIGHT: Final = 2.0  # a point seen through counts twice as much as a point on the surface
-BROAD_M: Final = 0.10  # a surface that continues flat this far to all four sides is a wall, a panel or a table
+BROAD_M: Final = 0.10  # m; a surface that continues flat this far to all four sides is a wall, a panel or a table
 # a bar may lie anywhere in such a surface, so it is weaker evidence than a surface that ends where a bar ends
 BROAD_WEIGHT: Final = 0.25
 
@@ -109,7 +109,9 @@ def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
 
 @nb.njit(cache=True, fastmath=True)
 def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return (x, z) sum of the map's values over the cells (n, 3) of y, x, z, moved to every place."""
+    """Return, for every place (x, z), the sum of the map's values over the cells (n, 3) of y, x, z, moved to this
+    place.
+    """
     _, nx, nz = value.shape
     total = np.zeros((nx, nz), np.float32)
     for k in range(len(cells)):
@@ -193,7 +195,7 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 
 @nb.njit(cache=True)
 def _reading(image: SearchImage, x: float, y: float, z: float) -> tuple[float, float]:
-    """Return the depth and weight at the pixel of a camera point; 0 where there is no reading."""
+    """Return the depth and weight at the pixel of a camera point; both are 0 where there is no reading."""
     if z < LEAST_Z_M:
         return 0.0, 0.0
     column, row = pixel_of_ray(x / z, y / z, image.lens)
@@ -228,8 +230,8 @@ def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) ->
     """Return T_camera_model (4, 4) of distinct places, best first, with the height ``lowest_m`` of Gamma_0 on the floor
     and Y upright.
 
-    The space above the floor is mapped as filled, free or unknown, and for each of 72 directions the map is summed over
-    the equipment's points at every cell; then the best places are improved on the depth image itself.
+    The space above the floor is mapped as filled, free or unknown. For each of 72 directions, the map is summed over
+    the equipment's points at every cell. Then the best places are improved on the depth image itself.
     """
     image = _search_image(view)
     starts = _coarse(image, view.camera, samples, lowest_m)
@@ -286,8 +288,8 @@ def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:
 
 
 def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowest_m: float) -> np.ndarray:
-    """Return (n, 4) yaw, x, y, z of the best cells of all directions; y is that of Gamma_0's origin less the centre's
-    height.
+    """Return (n, 4) yaw, x, y, z of the best cells of all directions; y is the height of Gamma_0's origin minus the
+    centre's height.
     """
     surface = samples.surface_m[::THINNING]
     heights = surface[:, 1] - lowest_m
@@ -316,7 +318,7 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
 
 
 def _first_of_neighbours(places: np.ndarray) -> np.ndarray:
-    """Return the indices of the first of each group of neighbouring cells and directions, best first."""
+    """Return the index of the first entry of each group of neighbouring cells and directions, best first."""
     size = np.array([DISTINCT_RAD, DISTINCT_M, 1e9, DISTINCT_M])
     groups = np.floor(places / size + 0.25).astype(np.int64)
     _, first = np.unique(groups, axis=0, return_index=True)

@@ -1,4 +1,4 @@
-"""Find every camera's pose in Gamma_0, the world of the equipment, and notice equipment that is moved."""
+"""Find every camera's pose in Gamma_0, the world of the equipment, and detect equipment that is moved."""
 
 from __future__ import annotations
 
@@ -41,14 +41,15 @@ LEAST_SHIFT_M: Final = 0.008  # m, twice the accuracy required of a calibration
 LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees
 DOUBT_SHARE: Final = 0.2  # share of the unhidden equipment seen through; above it the whole floor is searched
 GONE_SHARE: Final = 0.4  # share of the unhidden equipment seen through; above it the equipment is gone
-REFUTED_M, REFUTED_RAD = 0.10, 0.052  # 3 degrees; poses 3 cm and a degree off, as published, have 7 cm at 2.5 m
+# m, and rad (3 degrees); published poses that are 3 cm and 1 degree off have 7 cm at 2.5 m
+REFUTED_M, REFUTED_RAD = 0.10, 0.052
 LEAST_PIXELS: Final = 100  # pixels of a frame that must show the equipment or see through it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moved:
     """A movement of the equipment. first: index of the first frame that shows it elsewhere; T_camera_model: its new
-    pose, None where not found; shift_m, turn_rad: by how much, None likewise.
+    pose, None where not found; shift_m, turn_rad: size of the movement, None where the new pose was not found.
     """
 
     first: int
@@ -87,7 +88,7 @@ def check_given_poses(
 def _where_given_pose_has_none(
     inputs: EquipmentInputs, index: int, floor: FloorPlane, prior: FloorPrior
 ) -> Moved | None:
-    """Return where the equipment is instead; None if a camera with a given pose sees it in its place."""
+    """Return a sentence on where the equipment is instead; None if a camera with a given pose sees it in its place."""
     frames, _ = inputs.frames_of(index)
     if not frames:
         return None
@@ -127,10 +128,11 @@ def notice_movement(
     prior: FloorPrior,
     config: EquipmentPoseConfig,
 ) -> Moved | None:
-    """Return how the equipment moved by the last of ``frames_m``, in the order of time; None if it did not.
+    """Return how the equipment has moved until the last of ``frames_m``, which are in the order of time; None if it did
+    not move.
 
-    view: the camera's noise and floor. A shift within a bar's width shows when the pose is fitted again; a larger one
-    when the camera sees through the places where the equipment was.
+    view: the camera's noise and floor. A shift within a bar's width is found by fitting the pose again, a larger shift
+    by the camera seeing through the places where the equipment was.
     """
     count = round(LATE_SHARE * len(frames_m))
     if count < LEAST_FRAMES:
@@ -157,7 +159,7 @@ def notice_movement(
 
 
 def _nearest_symmetric(T_now: np.ndarray, T_before: np.ndarray, equipment: Equipment) -> np.ndarray:
-    """Return, of the poses made equal by chi_0's symmetry, the one nearest to the earlier pose."""
+    """Return, among poses that are equivalent by chi_0's symmetry, the pose nearest to the earlier pose."""
     choices = [T_now, *(T_now @ turn for turn in equipment.symmetry.same)]
     return min(choices, key=lambda T: angle_between(T, T_before))
 
@@ -216,9 +218,9 @@ def world_from_equipment(
 ) -> Calibration:
     """Find the poses in Gamma_0 of all cameras that have none; given poses are in Gamma_0 already.
 
-    Each camera is placed separately first; then chi_0's symmetry is resolved between the cameras and by
-    ``choose_heading``, all get one floor, and no two may contradict each other. Raises InputError where a pose is not
-    accepted.
+    First each camera is placed separately. Then chi_0's symmetry is resolved, between the cameras and by
+    ``choose_heading``, all cameras get a common floor, and it is checked that no two contradict each other. Raises
+    InputError where a pose is not accepted.
     """
     if recording.equipment is None:
         raise ValueError("the recording has no equipment to find the cameras from")

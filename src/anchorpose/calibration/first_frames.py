@@ -15,7 +15,7 @@ from anchorpose.descriptor.people import LEAST_CERTAINTY, find_people
 from anchorpose.recording.recording import FrameSet
 
 MAD_OF_NORMAL: Final = 0.6745  # median of |x| of a standard normal distribution
-# share of the frames; a surface read this often is the room, even where people stand in front of it
+# share of the frames; a surface that is read this often is the room, even where people stand in front of it
 STAYS_SHARE: Final = 0.3
 SAME_M, SAME_SIGMAS = 0.02, 3.0  # readings of one surface differ by less
 
@@ -23,10 +23,10 @@ SAME_M, SAME_SIGMAS = 0.02, 3.0  # readings of one surface differ by less
 def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
     """Return the factor a of the sensor's noise law sigma(z) = a z^2 (unit 1/m), from second differences along rows.
 
-    depths_m: depth frames (height, width) float32, 0 = no reading. A plane has no second difference, so the rest is
-    noise; medians ignore edges. The step of the grey values enters as the deviation of a uniform error. Source of the
-    law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437). Raises ValueError where no three neighbouring pixels
-    have a reading.
+    depths_m: depth frames (height, width) float32, 0 = no reading. A plane has no second difference, so second
+    differences are noise; medians ignore edges. The step between grey values is included as the deviation of a uniform
+    error. Source of the law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437). Raises ValueError where no three
+    neighbouring pixels have a reading.
     """
     ratios = []
     for depth in depths_m:
@@ -58,9 +58,9 @@ def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
 def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
     """Return, per pixel (height, width) float32, the farthest surface that is read in ``STAYS_SHARE`` of the frames.
 
-    frames_m (n, height, width), 0 = no reading. People stand in front of the room, never behind it; an edge pixel of a
-    bar, which reads now the bar and now the background, counts as bar if it mostly reads the bar. It is 0 where less
-    than this share of the frames has a reading.
+    frames_m (n, height, width), 0 = no reading. The farthest surface is the room, since people stand in front of it. An
+    edge pixel of a bar, which sometimes reads the bar and sometimes the background, counts as bar if it mostly reads
+    the bar. The result is 0 where less than this share of the frames has a reading.
     """
     if len(frames_m) == 1:
         return frames_m[0]
@@ -75,7 +75,8 @@ def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
 
 
 NEARER_M: Final = 0.15  # distance in front of the room: a body is thicker than this
-ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5  # readings on less than half of the depth image, within a person's reach in depth
+# share of the depth image with readings, and their depth range in m, if the room was removed
+ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
 FRAMES_NEEDED: Final = 8  # frames; with fewer a percentile over time is meaningless
 USUAL_DISTANCE_M: Final = 2.5  # distance of a patient from the camera, used where nobody is found
 
@@ -84,10 +85,11 @@ def start_of_patient(
     camera: Camera, sample_frames: Sequence[FrameSet], up: np.ndarray, height_m: float | None
 ) -> tuple[np.ndarray, str]:
     """Return the place (3,) below the pelvis of the most visible person in the first sampled frame with a person, and
-    how it was found. It is a point of the camera frame, on the floor or, without a floor, at the lowest visible point.
+    how this place was found. It is a point in the camera frame, on the floor or, without a floor, at the height of the
+    lowest visible point.
 
-    up (3,) camera frame; height_m: of the camera above the floor, None where unknown. Where the learnt descriptor sees
-    nobody, the place is straight ahead of the camera.
+    up (3,), camera frame; height_m: height of the camera above the floor, None where unknown. Where the learnt
+    descriptor sees nobody, the place is straight ahead of the camera.
     """
     for frame in sample_frames:
         depth = frame.depths_m[0]
@@ -114,7 +116,7 @@ def people_only(depth_m: np.ndarray) -> bool:
 
 
 def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m: float | None) -> np.ndarray:
-    """Return ``point_m`` moved along ``up`` to the floor or, without one, to the lowest of the points."""
+    """Return ``point_m`` moved along ``up`` to the floor or, without a floor, to the lowest of the points."""
     lowest = -height_m if height_m is not None else float(np.percentile(points_m @ up, 1))
     moved: np.ndarray = point_m + (lowest - point_m @ up) * up
     return moved
@@ -122,20 +124,20 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
 
 LEAST_READINGS: Final = 1000  # readings; a hundredth of the smallest depth image
 REFITS: Final = 6  # refits; the gate converges in three or four
-FLATNESS_M: Final = 0.003  # flatness of a hard floor; keeps near pixels from dominating
-TOLERANCES_M: Final = (0.02, 0.08)  # floors are flat to 2 cm; cameras that smooth make waves of 8
+FLATNESS_M: Final = 0.003  # m, flatness of a hard floor; without it, near pixels would dominate
+TOLERANCES_M: Final = (0.02, 0.08)  # m; floors are flat to 2 cm, and cameras that smooth make waves of 8 cm
 NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise, added to each tolerance
 WORST_TILT_RAD: Final = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down and roll little
 IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # up of a camera whose pose is unknown
 # m and share: people stand on a floor if this share of the moving points, a shoe and a shin, is within this height
 STANDS_M, LEAST_STANDING = 0.2, 0.02
 LEAST_HEIGHT_M: Final = 0.3  # smallest height of the camera above its floor; nearer planes are tables
-MOST_BELOW: Final = 0.1  # points below the floor, as a share of those on it: mirrors and flying pixels
-# share of the moving points that may lie below: legs beside a table top are a third of a person
+MOST_BELOW: Final = 0.1  # points below the floor, as a share of the points on it: mirrors and flying pixels
+# share of the moving points that may lie below the floor; legs beside a table top are a third of a person
 MOST_SUNK: Final = 0.05
-SUNK_M: Final = 0.10  # depth below the plane: a shoe's height, and the error of a tilted plane
-LEAST_SHARE: Final = 0.02  # share of the readings: the direction of a smaller patch is uncertain
-# smallest extent of a floor in its narrower direction: the direction of a smaller patch is uncertain
+SUNK_M: Final = 0.10  # m below the plane: a shoe's height, and the error of a tilted plane
+LEAST_SHARE: Final = 0.02  # share of the readings; the direction of a smaller patch is uncertain
+# m, smallest extent of a floor in its narrower direction; the direction of a smaller patch is uncertain
 LEAST_EXTENT_M: Final = 0.5
 TRIALS: Final = 300  # trials; with 10 % inliers, three good points are drawn once in 1000; planes here have 20 to 50 %
 SAMPLE: Final = 6000  # readings that vote
@@ -145,8 +147,8 @@ SAMPLE: Final = 6000  # readings that vote
 class FloorPlane:
     """A floor plane: points p on it satisfy up @ p + height_m = 0 in the camera frame.
 
-    up (3,) float64 unit normal, away from the floor; height_m: of the camera above it; residual_m: root mean square of
-    the inliers; inlier_share: of all readings.
+    up (3,) float64 unit normal, away from the floor; height_m: height of the camera above it; residual_m: root mean
+    square residual of the inliers; inlier_share: share of all readings.
     """
 
     up: np.ndarray
@@ -161,7 +163,9 @@ def level_of_pose(T_world_camera: np.ndarray) -> FloorPlane:
 
 
 class NoFloor(StrEnum):
-    """The reason why no floor was found: a result, because a frame of people alone has none."""
+    """The reason why no floor was found. It is a result and not an error, since a frame that shows only people has no
+    floor.
+    """
 
     NO_READINGS = "the depth image has too few readings"
     NO_PLANE = "no plane below the camera has enough readings and nothing under it"
@@ -171,9 +175,9 @@ class NoFloor(StrEnum):
 def floor_of_room(
     camera: Camera, background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]
 ) -> FloorPlane | NoFloor:
-    """Return the floor in the depth image of the empty room or, without one, in the median of the frames.
+    """Return the floor in the depth image of the empty room or, without such an image, in the median of the frames.
 
-    Objects in front of the room, mainly people, stand on the floor: a plane with legs below it is a table.
+    Objects in front of the room, mainly people, must stand on the floor; a plane with legs below it is a table.
     """
     if background_m is None and not frames_m:
         return NoFloor.NO_READINGS
@@ -192,18 +196,20 @@ def _room(background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]) -> np
 
 
 def up_of(camera: Camera) -> np.ndarray:
-    """Return up (3,) in the camera frame by its pose; without a pose, towards the image's upper border."""
+    """Return the upward direction (3,) in the camera frame, by the camera's pose; without a pose, the direction towards
+    the image's upper border.
+    """
     return IMAGE_UP if camera.T_world_camera is None else np.asarray(camera.T_world_camera[1, :3], np.float64)
 
 
 def is_upside_down(
     floor: FloorPlane | NoFloor, camera: Camera, background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]
 ) -> bool:
-    """Return whether people stand on a plane that, by the camera's pose, lies above the camera, and on none below
-    it.
+    """Return whether people stand on a plane that, by the camera's pose, lies above the camera, while they stand on no
+    plane below it.
 
-    floor: by ``floor_of_room``, from the same frames. It is False, for lack of evidence, where nobody moves or no plane
-    is seen.
+    floor: result of ``floor_of_room`` from the same frames. It is False, for lack of evidence, where nobody moves or no
+    plane is seen.
     """
     if not frames_m or floor is NoFloor.NO_READINGS:
         return False
@@ -235,12 +241,12 @@ def find_floor(
     standing_m: np.ndarray | None = None,
     up: np.ndarray = IMAGE_UP,
 ) -> FloorPlane | NoFloor:
-    """Return the largest plane that faces up and has next to nothing below it.
+    """Return the largest plane that faces up and has almost nothing below it.
 
     depth_m (height, width) float32, best without people; noise_per_m: ``first_frames``; standing_m (n, 3): camera
-    points of people and objects on the floor; up (3,): approximate, camera frame. RANSAC on a sample, first with the
-    strict tolerance; then weighted least squares on the inliers, whose gate shrinks to three of their own deviations:
-    the foot of a wall within the first gate would tilt the plane.
+    points of people and objects on the floor; up (3,): approximate, camera frame. The plane is found by RANSAC on a
+    sample, first with the strict tolerance. Then it is fitted by weighted least squares to the inliers, whose gate
+    shrinks to three of their own deviations, since the foot of a wall within the first gate would tilt the plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]
@@ -264,8 +270,8 @@ def _vote(
     rng: np.random.Generator,
     up: np.ndarray,
 ) -> np.ndarray | None:
-    """Return the plane (4,) (up, height) with the most votes, less those of points below it; None where none is a
-    floor.
+    """Return the plane (4,) (up, height) with the most votes, from which votes of points below it are subtracted; None
+    where no plane is a floor.
 
     Depth noise a z^2 along a ray that meets the floor at a grazing angle is a z h across it, h the camera's height.
     """

@@ -1,6 +1,6 @@
-"""Find a camera's pose from printed markers in its infrared or colour image: an alternative to calibration by depth.
+"""Find a camera's pose from printed markers in its infrared or colour image, an alternative to calibration by depth.
 
-Where the markers are in Gamma_0 is read from markers.json (format ``marker-layout``).
+The places of the markers in Gamma_0 are read from markers.json (format ``marker-layout``).
 """
 
 from __future__ import annotations
@@ -112,8 +112,8 @@ class NoMarkers(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenMarkers:
-    """The markers seen. Corners: pixel (n, 2), world_m (n, 3), marker (n,) id of each; depth rows: rays (k, 2), depth_m
-    (k,), plane (k,) index of the marker that each reading lies on.
+    """The markers that were seen. Of each corner: pixel (n, 2), world_m (n, 3), marker (n,), the marker's id. Of each
+    depth reading on a marker: rays (k, 2), depth_m (k,), plane (k,), the marker's index.
     """
 
     pixel: np.ndarray
@@ -140,7 +140,7 @@ def detect_markers(
     if layout.board is not None:
         found = _board_corners(grey, layout.board, dictionary, parameters)
     else:
-        # quads by fitted edges have half the error of corners refined one by one
+        # quadrilaterals from fitted edges have half the error of corners that are refined one by one
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
         found = _tag_corners(grey, layout, cv2.aruco.ArucoDetector(dictionary, parameters))
     if not found:
@@ -157,8 +157,8 @@ def detect_markers(
 
 
 def _grey(image: np.ndarray) -> np.ndarray:
-    """Return 8-bit grey; 16-bit infrared is scaled, without its brightest specks, by the root, which balances near and
-    far.
+    """Return an 8-bit grey image. For 16-bit infrared, values are scaled without the brightest specks, and their square
+    root balances near and far.
     """
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     if grey.dtype == np.uint8:
@@ -170,8 +170,8 @@ def _grey(image: np.ndarray) -> np.ndarray:
 def _tag_corners(
     grey: np.ndarray, layout: MarkerLayout, detector: cv2.aruco.ArucoDetector
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Return pixel and world corners of each tag of the layout that is seen exactly once: of two equal tags, one is a
-    copy.
+    """Return pixel and world corners of each tag of the layout that is seen exactly once; if two equal tags are seen,
+    one of them is a copy.
     """
     corners, numbers, _ = detector.detectMarkers(grey)
     listed = [] if numbers is None else [int(number) for number in np.ravel(numbers)]
@@ -186,8 +186,8 @@ def _tag_corners(
 def _board_corners(
     grey: np.ndarray, board: Board, dictionary: cv2.aruco.Dictionary, parameters: cv2.aruco.DetectorParameters
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Return all chessboard corners of the board under the id 0; none where fewer than ``LEAST_BOARD_CORNERS`` are
-    seen.
+    """Return all chessboard corners of the board, with the id 0; no corners where fewer than ``LEAST_BOARD_CORNERS``
+    are seen.
     """
     size = (board.squares_x, board.squares_y)
     known = cv2.aruco.CharucoBoard(size, board.square_m, board.marker_m, dictionary)
@@ -223,22 +223,22 @@ def _depth_inside(
 
 
 MARKER_IMAGES: Final = ("infrared.png", "color.png")  # in a camera's folder, with the depth images' geometry
-SAME_M, SAME_RAD = 0.002, 0.002  # the solver's own spread; mirrored poses are degrees apart
+SAME_M, SAME_RAD = 0.002, 0.002  # the solver's own spread; mirrored poses differ by degrees
 CORNER_SIGMA_PX: Final = 0.3  # error of a corner after refinement, in an image with noise and slight blur
 DEPTH_SIGMA_M: Final = 0.006  # error of a depth reading on black and white print: noise, and the effect of ink
 WORST_CORNER_PX: Final = 4.0  # a tag with a corner farther off was moved or misread, and is left out
 # largest root mean square of all corners; a larger value means another lens or another layout
 WORST_RMS_PX: Final = 1.0
 FLIPPED_CHI2: Final = 16.0  # lead in chi2 over the mirrored pose of a flat layout: four sigmas
-WORST_SIGMA_M: Final = 0.02  # largest error of the camera's position; a small distant tag gives it only to 10 cm
+WORST_SIGMA_M: Final = 0.02  # m, largest error of the camera's position; a small distant tag gives it only to 10 cm
 WORST_SIGMA_RAD: Final = 0.01  # half a degree: a centimetre at a metre
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkerPose:
-    """The pose by markers: T_world_camera (4, 4); rms_px of the corners; sigma_m: of the position, per axis; sigma_rad:
-    of the direction. corners: number used; markers: ids of the tags, or of the board's markers, they belong to;
-    left_out: ids of tags that do not fit the others.
+    """The pose by markers: T_world_camera (4, 4); rms_px: root mean square residual of the corners; sigma_m: sigma of
+    the position, per axis; sigma_rad: sigma of the direction. corners: number used; markers: ids of the tags, or of the
+    board's markers, they belong to; left_out: ids of tags that do not fit the others.
 
     corners: how many were used; markers: ids of the tags, or of the board's markers, they belong to; left_out: ids of
     tags that do not fit the others.
@@ -302,8 +302,9 @@ def pose_from_markers(
     image (height, width) or (height, width, 3), 8 or 16 bit, of the depth images' geometry; depth_m (height,
     width), 0 = no reading: readings on the markers make the distance more accurate and separate the two poses of a
     flat layout.
-    Corner residuals are robust; tags that do not fit the others are left out and named.
-    Raises ValueError where an image has another size than the camera's.
+    Outliers among the corners have little weight; tags that contradict the others are left out, and the result names
+    them.
+    Raises ValueError where the size of an image differs from the camera's.
     """
     for given in (image, depth_m):
         if given is not None and given.shape[:2] != (camera.height, camera.width):
@@ -324,7 +325,9 @@ def pose_from_markers(
 
 
 def _candidates(seen: SeenMarkers, camera: Camera) -> list[tuple[float, np.ndarray]]:
-    """Return (chi2, T_camera_world) of the refined solutions, best first: two where all corners lie in one plane."""
+    """Return (chi2, T_camera_world) of the refined solutions, best first; there are two where all corners lie in one
+    plane.
+    """
     matrix, distortion = camera.intrinsics.matrix, np.array(camera.intrinsics.distortion)
     spread = np.linalg.svd(seen.world_m - seen.world_m.mean(axis=0), compute_uv=False)
     flat = spread[2] < 1e-3 * spread[0]
@@ -390,7 +393,7 @@ def _judged(
 ) -> MarkerPose | NoMarkers:
     chi2, T_camera_world = poses[0]
     rows = _rows(T_camera_world, seen, camera)
-    scale = max(1.0, chi2 / max(len(rows) - 6, 1))  # where the corners are worse than assumed, so is everything else
+    scale = max(1.0, chi2 / max(len(rows) - 6, 1))  # if corners are less accurate than assumed, so are all other rows
     if len(poses) > 1 and (poses[1][0] - chi2) / scale < FLIPPED_CHI2:
         return NoMarkers.AMBIGUOUS
     off = camera.project(transform_points(T_camera_world, seen.world_m)) - seen.pixel

@@ -21,20 +21,20 @@ from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
 
 ROUNDS: Final = 3  # readings are assigned to the nearest part, and the parts are fitted again
-SNAP_RAD: Final = np.radians(10.0)  # the error of a bar's direction where another bar's readings are mixed in
+SNAP_RAD: Final = np.radians(10.0)  # error of a bar's direction where readings of another bar are mixed in
 SNAP_WORSE: Final = 1.15  # a snapped part may explain the readings this much worse than a free one
 EXPLAINED_M: Final = 0.015  # distance from a part's surface within which the part explains a reading
-WELL_M: Final = 0.006  # spread of the readings of a part that fits well, so that it need not be turned
-WORST_RESIDUAL_M: Final = 0.012  # spread of a part's readings about it; with more it is neither a bar nor a plate
-MOST_HOLLOW: Final = 0.2  # share of the rays through a part's core; more of them pass through a wrongly proposed part
+WELL_M: Final = 0.006  # m, spread of the readings of a part that fits well and need not be turned
+WORST_RESIDUAL_M: Final = 0.012  # m, spread of a part's readings about it; with more, it is neither a bar nor a plate
+MOST_HOLLOW: Final = 0.2  # share of the rays through a part's core that pass through; a wrongly proposed part has more
 END_SHARE: Final = 0.15  # share of a bar's length at each end, left out of its cross-section
-RUNNER_M, SEAT_M = 0.15, 0.30  # heights that separate the names of parts
+RUNNER_M, SEAT_M = 0.15, 0.30  # m, heights by which parts are named
 SAMPLES: Final = 8  # frames that determine the patient's place where no pose is given
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProposedPart:
-    """A proposed part, the robust distance of its readings, their number, and the lengths that are guessed."""
+    """A proposed part, the robust distance of its readings from it, their number, and the names of guessed lengths."""
 
     part: Box | Cylinder
     residual_m: float
@@ -44,8 +44,8 @@ class ProposedPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentProposal:
-    """The proposed parts, tallest names first; explained_share: of the free-standing readings, those within 15 mm of a
-    part.
+    """The proposed parts, tallest names first. explained_share: share of the free-standing readings that lie within 15
+    mm of a part.
     """
 
     parts: tuple[ProposedPart, ...]
@@ -58,7 +58,7 @@ class EquipmentProposal:
 
 
 class NoEquipment(StrEnum):
-    """The reason why nothing is proposed."""
+    """The reason why no equipment is proposed."""
 
     NOTHING_STANDS = "nothing stands free on the floor near that place"
     NO_SHAPE = "what stands there consists of neither bars nor plates"
@@ -77,7 +77,7 @@ class FittedRoom:
 
 
 def fit_equipment(recording: Recording, camera: str | None, region: Region) -> FittedRoom:
-    """Fit the equipment in the empty rooms of a recording's cameras, or of the named one only.
+    """Fit the equipment in the empty rooms of a recording's cameras, or of the named camera only.
 
     Where the poses are given, parts are in their world; a single camera without a pose is placed by the floor and the
     patient's first place. Raises InputError where a depth image of the empty room, the floor or the equipment is
@@ -155,10 +155,10 @@ def propose_equipment(
 
 
 def _common_yaw(found: Sequence[Found]) -> float:
-    """Return the direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 if that fits as
+    """Return the direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 if this fits as
     well.
 
-    Because of right angles it is the mean of four times the angle; longer bars count more.
+    Because bars meet at right angles, four times the angle is averaged; longer bars count more.
     """
     total = 0.0 + 0.0j
     for part in found:
@@ -172,8 +172,8 @@ def _common_yaw(found: Sequence[Found]) -> float:
 def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
     """Fit a part with its axes along the vertical and the common directions where they nearly are.
 
-    It is fitted from two starts, because readings of other parts among its own may make one start too large: a face
-    then converges to the wrong side of the readings.
+    It is fitted from two starts. Readings of other parts among its own may make one start too large, and a face then
+    converges to the wrong side of the readings.
     """
     rotation = _snapped(part.rotation, yaw)
     rows = np.flatnonzero(readings.stands)[part.members]
@@ -196,7 +196,9 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
 
 
 def _snapped(rotation: np.ndarray, yaw: float) -> np.ndarray:
-    """Return the rotation of the common frame nearest to this one, unchanged if none is within ``SNAP_RAD``."""
+    """Return the rotation of the common frame that is nearest to the given rotation; the given rotation if none is
+    within ``SNAP_RAD``.
+    """
     common = rotation_about_y(yaw)
     overlap = np.abs(common.T @ rotation)
     choice = int(np.argmax(overlap[:, 2]))

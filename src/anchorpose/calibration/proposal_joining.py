@@ -12,17 +12,18 @@ from anchorpose.calibration.proposal_readings import UNREAD_M, Readings
 from anchorpose.calibration.proposal_shape import LEAST_SUPPORT, REACH_M, Fit
 
 OFF_LINE_M, LARGEST_CUT_M = 0.02, 0.30  # pieces of one bar: aligned, with a gap at most as broad as a leg
-SEEN_THROUGH: Final = 4  # rays through a gap that show that it is empty
+SEEN_THROUGH: Final = 4  # number of rays through a gap that show that it is empty
 ALONG_M: Final = 0.01  # a reading this near to the extension of a bar's faces belongs to it; also the step along it
-DENSE: Final = 3  # readings in a step: one pixel's breadth of a bar at 3 m has five
-LIES_M: Final = 0.06  # a level bar with an unseen lower side this low lies on the floor
-TO_FLOOR_M: Final = 0.12  # an upright bar that ends this low stands on the floor, or in a runner that hides its end
+DENSE: Final = 3  # readings in a step; one pixel's breadth of a bar at 3 m has five
+LIES_M: Final = 0.06  # m; a level bar whose unseen lower side is this low lies on the floor
+TO_FLOOR_M: Final = 0.12  # m; an upright bar that ends this low stands on the floor, or in a runner that hides its end
 
 
 def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
-    """Extend a bar as far as readings continue in its cross-section; free (n,) bool: readings of no other part.
+    """Extend a bar as far as readings continue in its cross-section.
 
-    Readings of other parts may extend it, so that a runner continues behind the post on it, but no bar ends in them.
+    free (n,) bool: readings that do not belong to another part. Readings of other parts may extend a bar, so that a
+    runner continues behind the post on it, but no bar ends in them.
     """
     if fit.plate:
         return fit
@@ -35,12 +36,14 @@ def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
 
 
 def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
-    """Return how far readings continue beyond an end, in steps with some readings each; the last step has free ones."""
+    """Return how far readings continue beyond an end, in steps with some readings each; the last step has free
+    readings.
+    """
     steps = (beyond_m / ALONG_M).astype(int)
     ahead = beyond_m > 0
     count = int(steps[ahead].max(initial=0)) + 2
     filled = np.bincount(steps[ahead], minlength=count) >= DENSE
-    gaps = np.flatnonzero(~(filled | np.append(filled[1:], False)))  # one empty step is noise, two are the end
+    gaps = np.flatnonzero(~(filled | np.append(filled[1:], False)))  # one empty step may be noise, two are the end
     own = np.flatnonzero(np.bincount(steps[ahead & free], minlength=count)[: gaps[0]] >= DENSE)
     return ALONG_M * float(own[-1] + 1) if len(own) else 0.0
 
@@ -110,7 +113,7 @@ def _rays_through(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, readi
 
 
 def on_its_feet(fit: Fit, readings: Readings, floor_height_m: float) -> Fit:
-    """Extend a part to the floor where its lowest face is lost in the floor's noise or in a runner; nothing goes below
+    """Extend a part to the floor where its lowest face is lost in the floor's noise or in a runner; no part goes below
     the floor.
     """
     upright = np.abs(fit.rotation[1])

@@ -18,7 +18,7 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.settings import Positive, settings
 
 FLOOR_SIGMAS: Final = 4.0  # standard deviations of the depth noise across the floor
-JUMP_M, JUMP_SIGMAS = 0.03, 4.0  # between neighbours on one object: a bar's slanted side, and noise
+JUMP_M, JUMP_SIGMAS = 0.03, 4.0  # m and sigmas between neighbours on one object: a bar's slanted side, and noise
 SUPPORT: Final = 4  # least neighbours, of eight, at the pixel's own depth; flying pixels have fewer
 FREE_SHARE: Final = 0.5  # least share of an object's pixels near the patient's place; walls and cupboards have less
 BEYOND_PX: Final = 14  # pixels around a free-standing object whose rays pass by it
@@ -39,9 +39,9 @@ class Region:
 class Readings:
     """Readings of all cameras' empty rooms in and around the region, world frame, one row per pixel.
 
-    origin_m (n, 3): the camera that looked; ray (n, 3): one metre of depth long; depth_m (n,), ``UNREAD_M`` without a
-    reading; sigma_m (n,): noise of the depth; pixel_m (n,): breadth of a pixel there; stands (n,) bool: on a
-    free-standing object in the region, False where the ray passes by or ends beyond.
+    origin_m (n, 3): the camera that looked; ray (n, 3): vector along the ray with a depth of one metre; depth_m (n,),
+    ``UNREAD_M`` without a reading; sigma_m (n,): noise of the depth; pixel_m (n,): breadth of a pixel at this depth;
+    stands (n,) bool: on a free-standing object in the region, False where the ray passes by or ends beyond.
     """
 
     origin_m: np.ndarray
@@ -53,7 +53,7 @@ class Readings:
 
     @property
     def points_m(self) -> np.ndarray:
-        """Return (n, 3) where each ray ends."""
+        """Return the places (n, 3) at which the rays end."""
         return self.origin_m + self.ray * self.depth_m[:, None]
 
 
@@ -108,8 +108,8 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
 
 
 def _uncertain(room_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """Return (height, width) bool: pixels beside free-standing objects, not clearly behind them: mixed, or the same
-    object.
+    """Return (height, width) bool: pixels beside free-standing objects and not clearly behind them, which are mixed or
+    show the same object.
     """
     nearest = np.where(stands, room_m, 0.0).astype(np.float32)
     around = cv2.dilate(nearest, np.ones((5, 5), np.uint8))
@@ -149,19 +149,19 @@ def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[n
 
 
 BAR_RADIUS_M: Final = 0.055  # m from a bar's middle line to its surface: tubes of 3 cm to pads of 9 cm
-SURROUNDINGS_M: Final = 0.10  # a bar has nothing beside it up to here, a strip of a plate has
-MOST_BESIDE: Final = 0.5  # readings beside a bar over its own pixels: other bars that start from it
-LEAST_LENGTH_M: Final = 0.15  # shorter pieces are handles, screws and corners
-SLENDERNESS: Final = 2.5  # length over breadth; below it nothing is a bar
-GAP_M: Final = 0.06  # without readings along a bar: hidden by another bar
-SEEDS: Final = 120  # places from which a bar is searched, drawn again for each bar
-NEAR_M: Final = 0.12  # points around a seed that give a direction: twice a thick bar's breadth
+SURROUNDINGS_M: Final = 0.10  # m; up to this distance a bar has nothing beside it, unlike a strip of a plate
+MOST_BESIDE: Final = 0.5  # readings beside a bar, divided by its own pixels; other bars may start from it
+LEAST_LENGTH_M: Final = 0.15  # m; shorter pieces are handles, screws and corners
+SLENDERNESS: Final = 2.5  # least length over breadth of a bar
+GAP_M: Final = 0.06  # m without readings along a bar, hidden by another bar
+SEEDS: Final = 120  # number of places from which a bar is searched, drawn again for each bar
+NEAR_M: Final = 0.12  # m around a seed, for the points that give a direction: twice a thick bar's breadth
 LEAST_PIXELS: Final = 40  # fewest pixels of a bar or plate; fewer give no direction
 PLATE_RADIUS_M: Final = 0.09  # m, radius of the disc that readings fill on a plate but never on a bar
 PLATE_FILLED: Final = 0.85  # share of the disc's cells with readings, from which it counts as filled
-PLATE_FLATNESS_M: Final = 0.02  # noise and upholstery
-PLATE_EDGE_M: Final = 0.05  # a seat's edge, which is not a bar of its own
-CELL_M: Final = 0.02  # three pixels at 2.4 m
+PLATE_FLATNESS_M: Final = 0.02  # m, noise and upholstery
+PLATE_EDGE_M: Final = 0.05  # m, a seat's edge, which is not a separate bar
+CELL_M: Final = 0.02  # m, three pixels at 2.4 m
 MOST_PARTS: Final = 40  # largest number of parts of one piece of equipment
 
 

@@ -1,5 +1,5 @@
-"""Fit the faces of one part by robust least squares: readings lie on its surface, and rays that end beyond it miss
-it.
+"""Fit the faces of a part by robust least squares, such that readings lie on its surface and rays that end beyond it
+miss it.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.calibration.proposal_readings import Readings
 from anchorpose.recording.equipment import Box, Cylinder
 
-LEAST_SIGMA_M: Final = 0.003  # tubes are not straighter than this, nor are cameras placed better
+LEAST_SIGMA_M: Final = 0.003  # m; tubes are not straighter than this, and camera poses are not more accurate
 REACH_M: Final = 0.03  # distance to a part within which readings are its own
-BEYOND_M: Final = 0.05  # a ray that ends this far behind a part has passed it
+BEYOND_M: Final = 0.05  # m; a ray that ends this far behind a part has passed it
 STEP_M: Final = 0.015  # half a thin plate's thickness
 ROWS: Final = 300  # readings, and as many rays, for one part: faces are precise to half a millimetre
 TRIALS: Final = 25  # iterations of the solver; most fits converge after ten
-SQUARE_SIGMA_M: Final = 0.02  # usual deviation of a bar's cross-section from a square; any visible side overrules it
-PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # a seat's thickness where its edge is not seen
+SQUARE_SIGMA_M: Final = 0.02  # m, usual deviation of a bar's cross-section from a square; any visible side overrules it
+PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, thickness of a seat where its edge is not seen
 ASLANT: Final = 0.4  # sine of 24 degrees: a 5 cm bar at this angle shows three pixels of its side
 ASSUMED: Final = 20.0  # weight where no camera sees a side: the bar is assumed square
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, limits of a bar's cross-section; broader parts, as pads, are plates
-END_SIGMA_M: Final = 0.05  # an end without evidence stays at its last reading
+END_SIGMA_M: Final = 0.05  # m; an end without evidence stays at its last reading
 ROUNDER: Final = 1.12  # a tube is chosen where it costs at most this many times the bar, which has one more free length
 LEAST_SUPPORT: Final = 12  # readings or passing rays at a face, below which its place is a guess
 
@@ -38,8 +38,9 @@ class Fit:
     """A box in its own axes, or a tube along the last of them.
 
     rotation (3, 3): T_world_local's; low, high (3,): faces along the axes, from the world's origin. A round part has
-    the same breadth along the first two. cost: of the fit, per reading; residual_m: robust spread of the readings about
-    the surface; support (3, 2): readings and passing rays that place each face; readings: number on the part.
+    the same breadth along the first two axes. cost: cost of the fit per reading; residual_m: robust spread of the
+    readings about the surface; support (3, 2): number of readings and passing rays that determine each face; readings:
+    number of readings on the part.
     """
 
     rotation: np.ndarray
@@ -70,7 +71,7 @@ class Fit:
         return self.rotation[:, 2]
 
     def part(self, name: str) -> Box | Cylinder:
-        """Return the part as equipment.json has it."""
+        """Return the part in the form of equipment.json."""
         if self.round:
             return Cylinder(name, self.center_m, self.axis, float(self.size_m[0] / 2.0), float(self.size_m[2]))
         return Box(name, self.center_m, self.size_m, self.rotation)
@@ -81,7 +82,9 @@ class Fit:
 
 
 def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bool, seen_from: np.ndarray) -> Fit:
-    """Make a part from its visible points, as thick as it is broad away from the camera; seen_from (3,) local."""
+    """Make a part from its visible points; its thickness away from the camera is assumed equal to its breadth.
+    seen_from (3,): camera position, local.
+    """
     low, high = low.copy(), high.copy()
     size = high - low
     for axis, other in ((0, 1), (1, 0)) if not plate else ((2, 2),):
@@ -219,7 +222,8 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
     x = np.concatenate([(fit.low + fit.high) / 2.0, fit.size_m, np.zeros(3 if turn else 0)])
     scale = np.concatenate([np.full(6, 0.01), np.full(len(x) - 6, 0.02)])
     seen = len(evidence.points_m) + len(evidence.passing_m) + len(evidence.hitting_m)
-    for kernel in (_soft_l1, _cauchy):  # the first pulls the part out of passing rays, the second rejects outliers
+    # the first kernel pulls the part out of passing rays, the second rejects outliers
+    for kernel in (_soft_l1, _cauchy):
         loss = partial(_robust_loss, kernel, seen)
         found = least_squares(rows, x, loss=loss, f_scale=2.0, max_nfev=TRIALS, x_scale=scale)
         x = found.x

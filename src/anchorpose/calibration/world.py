@@ -35,7 +35,7 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of
 TILTED_RAD: Final = 0.035  # two degrees between a measured floor and the world's: a foot a metre away is 3.5 cm off
 # four degrees: floors are level to one, lenses bend them by one; beyond, the pose is wrong
 WORST_FLOOR_TILT_RAD: Final = 0.07
-# between one floor's heights in two cameras, each 10 cm off; they are known to 2 cm
+# m between the heights of the same floor in two cameras, each 10 cm off; heights are known to 2 cm
 UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15
 
 
@@ -49,11 +49,11 @@ def find_world(
 ) -> Calibration:
     """Find the poses of all cameras: as given, from the equipment, or from the floor and the people.
 
-    sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without it, the
-    world has Y up, the origin on the floor below the patient's first place, and X from the patient towards the camera:
-    the patient is assumed to face it, which a note states. Other cameras are placed relative to the first by the people
-    they see (``placing``). rough_clocks: the clocks are known to 50 ms only, so these placements may be less accurate.
-    Raises InputError where poses are missing and cannot be found.
+    sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without
+    equipment, the world has Y up, the origin on the floor below the patient's first place, and X from the patient
+    towards the camera: the patient is assumed to face the camera, which a note states. Other cameras are placed
+    relative to the first by the people whom they see (``placing``). rough_clocks: whether the clocks are known only to
+    50 ms, so that these placements may be less accurate. Raises InputError where poses are missing and cannot be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
     equipment_config = equipment_config or EquipmentPoseConfig()
@@ -102,7 +102,9 @@ def _equipment_world(
 
 
 def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[FloorPlane | NoFloor]:
-    """Find the floor that each camera sees in its empty room or, without one, in the sampled frames."""
+    """Find the floor that each camera sees in its image of the empty room or, without such an image, in the sampled
+    frames.
+    """
     return [
         floor_of_room(camera, recording.backgrounds_m[index], depths_of(sample_frames, index))
         for index, camera in enumerate(recording.cameras)
@@ -141,7 +143,8 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
             doubts.append(PoseDoubt(DoubtSource.FLOOR, (camera.name,), sentence, off_m, refuted))
         if tilt > WORST_FLOOR_TILT_RAD:
             continue
-        # the floor's height where the camera looks: below the camera a small tilt would act as a lever
+        # the floor's height in the middle of the camera's view; directly below the camera, a small tilt would act as a
+        # lever
         ahead = floor.height_m / max(0.2, float(-floor.up @ [0.0, 0.0, 1.0])) * np.array([0.0, 0.0, 1.0])
         on_floor = ahead - (floor.up @ ahead + floor.height_m) * floor.up
         heights[camera.name] = float(transform_points(T_world_camera, on_floor)[1])

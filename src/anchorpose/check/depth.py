@@ -27,17 +27,18 @@ from anchorpose.isolation.view import View
 NOISY_PER_M: Final = 2 * 1.425e-3  # noise of a Kinect v1, the noisiest common camera: Khoshelham and Elberink 2012
 # shares of the image without readings: 0.05 to 0.35 indoors, where windows and far walls return nothing
 SOME_GONE, MOST_GONE = 0.40, 0.70
-HOLED: Final = 0.15  # share of the patient's outline: hair and shoes are less
-BURST: Final = 1.3  # times the usual noise, in a single frame: undisturbed cameras stay within 10 % between frames
-GONE: Final = 0.05  # share of the image that suddenly has no reading: the shadow of a passing person is less
+HOLED: Final = 0.15  # share of the patient's outline; hair and shoes are less
+# times the usual noise, in a single frame; the noise of undisturbed cameras stays within 10 % between frames
+BURST: Final = 1.3
+GONE: Final = 0.05  # share of the image that suddenly has no reading; the shadow of a passing person is less
 OFTEN_BURST: Final = 0.25  # share of the frames
-UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # shares of the image that gain or lose their readings: 0.03 at edges and people
+UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # shares of the image that gain or lose their readings; edges and people have 0.03
 SPECK_PX: Final = 7  # holes between two read pixels, in the patient's outline
 LEAST_SAMPLES: Final = 5  # frames, to measure changes between them
 
 
 def check_depth(material: Material) -> list[Finding]:
-    """Return findings, each over all cameras."""
+    """Return the findings on depth, each over all cameras."""
     noise, detail, room, steady, holes = (list[OfCamera]() for _ in range(5))
     for index, (camera, frames) in enumerate(material.by_camera()):
         distance_m = material.distance_m(index)
@@ -99,10 +100,10 @@ def _missing(depth_m: np.ndarray, camera: Camera) -> float:
 def _steady(
     camera: Camera, frames_m: Sequence[np.ndarray], successive_m: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> OfCamera:
-    """Return findings on frames that are noisier or emptier than the rest, and on readings that come and go between
-    frames.
+    """Return findings on frames with more noise or fewer readings than usual, and on readings that appear and disappear
+    between frames.
 
-    Light of an unsynchronised camera comes and goes in the whole image at once.
+    Light of an unsynchronised camera has an effect on the whole image at once.
     """
     if len(frames_m) < LEAST_SAMPLES:
         return OfCamera(camera.name, Level.GREEN, "too few frames to compare")
@@ -145,18 +146,21 @@ def _hole_share(view: View) -> float:
     return float(np.mean(view.depth_m[filled] <= 0)) if filled.any() else float("nan")
 
 
-NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0  # depth cameras have 43 (a cropped RealSense) to 120 (Azure Kinect, wide)
+# degrees of view; depth cameras have 43 (a cropped RealSense) to 120 (Azure Kinect, wide)
+NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0
 # shares of the image's size: real lenses are 3 % off; more means another image size
 OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25
-UNEQUAL: Final = 0.10  # between fx and fy: pixels are square
+UNEQUAL: Final = 0.10  # relative difference of fx and fy; pixels are square
 BENT_M, STRONGLY_BENT_M = 0.03, 0.08  # floors are flat to 2 cm; a bend of 8 moves feet by as much
 ON_FLOOR_M: Final = 0.12  # m from the plane: higher readings are objects on the floor
 RINGS: Final = 6
 LEAST_READINGS: Final = 300  # readings of one ring, for its median
 LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # rooms have right angles; planes of 3 % of the image are measured to 1 degree
 UPRIGHT_DEG: Final = 35.0  # largest tilt of a wall: a steeper one is a ramp or a sloping ceiling
-FACING: Final = 0.5  # cosine between a wall and the view: other walls keep a right angle with the floor anyway
-PARALLEL: Final = 0.996  # the same, 5 degrees: walls cut off at the sensor's range are within 2
+# cosine between a wall's normal and the view; all other walls keep a right angle with the floor anyway
+FACING: Final = 0.5
+# cosine of 5 degrees, for the same angle; walls cut off at the sensor's range are within 2 degrees
+PARALLEL: Final = 0.996
 SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # adults are 1.4 to 2.1 m tall standing, 1.1 to 1.4 sitting
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"
@@ -211,8 +215,8 @@ def _room_through_lens(material: Material) -> list[Finding]:
 
 
 def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
-    """Return how far the floor's medians in rings about the axis differ; NaN where the floor is in fewer than three
-    rings.
+    """Return how much the floor's median heights in rings about the optical axis differ; NaN where the floor is in
+    fewer than three rings.
 
     A wrong lens bends planes, increasingly away from the axis; noise and furniture hardly change the medians.
     """
@@ -231,9 +235,9 @@ def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float
     """Return how far the most upright wall that faces the camera deviates from a right angle with the floor; NaN
     without.
 
-    A wrong focal length shears a room seen from above; furniture may lean, so one upright wall is enough. A wall
-    parallel to the image stays parallel with any lens, and the remaining strip of a wall that the sensor's range cuts
-    off looks like one.
+    A wrong focal length shears a room seen from above; furniture may lean, so one upright wall is enough. Walls
+    parallel to the image are left out: they stay parallel with any lens, and the visible strip of a wall that the
+    sensor's range cuts off looks like such a wall.
     """
     planes = find_planes(room.depth_m, camera, room.sensor.noise_per_m, most_beyond=1.0)
     facing = [plane[:3] for plane in planes if FACING < plane[2] < PARALLEL]
@@ -242,7 +246,9 @@ def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float
 
 
 def _size(material: Material) -> Finding:
-    """Return a finding on the height of the person and the distance of the room, which are both in the depth unit."""
+    """Return a finding on the height of the person and the distance of the room, both of which depend on the depth
+    unit.
+    """
     depths = [float(np.median(depth[depth > 0])) for _, ones in material.by_camera() for depth in ones if depth.any()]
     usual_m = float(np.median(depths)) if depths else float("nan")
     if not NEAREST_ROOM_M <= usual_m <= FARTHEST_ROOM_M:

@@ -38,19 +38,21 @@ from anchorpose.tracker.sighting import see_people_apart
 class Level(IntEnum):
     """The severity of a finding, by its effect on tracking."""
 
-    GREEN = 0  # the value is as it should be
+    GREEN = 0  # the value is in the expected range
     YELLOW = 1  # results will be less accurate, or have gaps
     RED = 2  # results will be wrong or missing
 
     @property
     def word(self) -> str:
-        """Return the level as people read it."""
+        """Return the word for the level."""
         return self.name.lower()
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A finding. check: its name; measured: one phrase with units; remedy: what to do, empty if nothing."""
+    """A finding. check: name of the check; measured: one phrase with units; remedy: advice, empty if nothing has to be
+    done.
+    """
 
     check: str
     level: Level
@@ -59,7 +61,7 @@ class Finding:
 
 
 class OfCamera(NamedTuple):
-    """One camera's part of a finding; remedy: empty if there is nothing to do."""
+    """One camera's part of a finding. remedy: empty if nothing has to be done."""
 
     camera: str
     level: Level
@@ -93,7 +95,7 @@ PAIRS: Final = 6  # pairs of successive frames, for readings that come and go
 BODIES: Final = 8  # frames in which all people get a body, a second each for three people
 SHORT: Final = 300  # frames, ten seconds at 30 per second: reading all of them takes little time
 ENOUGH_HZ: Final = 14.5  # frame rate needed for clocks and poses: the guide asks for 15, which recorders just miss
-BORDER_PX: Final = 4  # rows: filters leave the first ones without a reading
+BORDER_PX: Final = 4  # rows; filters leave the first rows without a reading
 REACH_M: Final = 0.10  # m from a rough body to the skin that it represents
 
 
@@ -178,7 +180,7 @@ class Material:
 def gather_material(recording: Recording, config: TrackConfig) -> Material:
     """Find clocks, poses, the empty room and the patient in sampled frames; without poses, only gather the frames.
 
-    Raises InputError where the cameras never overlap in time, or no depth image of one can be read.
+    Raises InputError where the cameras never overlap in time, or where a camera has no readable depth image.
     """
     pair_frames(recording)
     try:

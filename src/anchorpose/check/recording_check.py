@@ -35,11 +35,12 @@ from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy
 from anchorpose.tracker.look import Look
 from anchorpose.tracker.room import NOBODY_SEEN
 
-TOO_SLOW_HZ: Final = 5.0  # people move by a step between two frames
+TOO_SLOW_HZ: Final = 5.0  # frames per second; people move by a step between two frames
 # gaps of single frames are bridged; with a quarter lost, the rate is halved in places
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
-SHORT_S: Final = 4.0  # duration from which the patient's body is learnt
-SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5  # off the beat: at 30 Hz, a hand at 2 m/s is then displaced by 2 cm
+SHORT_S: Final = 4.0  # s, duration from which the patient's body is learnt
+# shares of the steps off the beat; at 30 Hz, a hand at 2 m/s is then displaced by 2 cm
+SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5
 
 
 def check_frames(material: Material) -> list[Finding]:
@@ -87,7 +88,7 @@ def _frames(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
 
 
 def _stamps(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
-    """Return a finding on steps between frames that are no multiple of the camera's period, and on missing ends."""
+    """Return a finding on steps between frames that are not a multiple of the camera's period, and on missing ends."""
     steps = np.diff(stream.time_s)
     uneven = float(np.mean(off_beat(steps, gaps.period_s) > OFF_BEAT)) if len(steps) else 0.0
     level = level_of(uneven, SOME_UNEVEN, MANY_UNEVEN)
@@ -150,7 +151,7 @@ def _level(doubt: PoseDoubt | None) -> Level:
 
 
 def _agreement(asked: PosesAsked) -> list[Finding]:
-    """Return a finding over all pairs of cameras; none where no pair shares enough."""
+    """Return a finding on the agreement of all pairs of cameras; no finding where no pair shares enough."""
     between = {doubt.cameras: doubt for doubt in asked.doubts if doubt.source is DoubtSource.CAMERAS}
     parts = [
         OfCamera(" and ".join(names := pair.past.cameras), _level(between.get(names)), pair.measured, REMEDY)
@@ -184,15 +185,15 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 SELDOM: Final = 0.5  # share of the sampled frames
 CUT_PX: Final = 3  # pixels of the patient at a border: a hand is wider at any distance where it is resolved
-SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off: a raised hand, or always
-NEAR_M, FAR_M = 1.2, 4.0  # nearer, no lens has feet and head in view; farther, a forearm is ten pixels wide
+SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off: sometimes, as by a raised hand, or mostly
+NEAR_M, FAR_M = 1.2, 4.0  # m; nearer, no lens has feet and head in view; farther, a forearm is ten pixels wide
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
 # shares of the skin that faces the camera; beyond the larger one, more is inferred than seen
 HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8
 
 
 def check_patient(material: Material) -> list[Finding]:
-    """Return the findings on the patient; where nobody is found, why."""
+    """Return the findings on the patient or, where nobody is found, a finding on the reason."""
     look = material.look
     if look is None:
         return [Finding("patient", Level.YELLOW, "not looked for: the cameras' poses are unknown", "see camera poses")]
@@ -243,8 +244,8 @@ def _cut_off(material: Material, index: int, camera: Camera) -> OfCamera:
 def _borders(seen: SeenPatient, index: int, camera: Camera, floor_m: float | None) -> tuple[bool, bool, bool, bool]:
     """Return whether the image's upper, lower, left and right border cuts off the patient.
 
-    The lower border also does if the floor under the patient lies outside of the image: bars may hide the legs at the
-    border.
+    The lower border also cuts off the patient if the floor under the patient lies outside the image, since bars may
+    hide the legs at the border.
     """
     view = seen.views[index]
     assert view is not None

@@ -1,8 +1,8 @@
 """Describe depth images by the learnt descriptor: which pixels show people, and which place on the body each shows.
 
-The paper's descriptor (Definition 3) is the geodesic distances of a surface point to the anchors. On an image they are
-wrong wherever parts are hidden: the error e_3 of Section VI. Here a network that was trained on simulated images finds
-the place on the complete body's skin, where the distances are known. See ``docs/descriptor.md``.
+The paper's descriptor (Definition 3) consists of the geodesic distances of a surface point to the anchors. Measured on
+an image, these are wrong wherever parts are hidden (the error e_3 of Section VI). Here a network that was trained on
+simulated images finds the place on the complete body's skin, where the distances are known. See ``docs/descriptor.md``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from anchorpose.recording.regular_file import read_whole
 
 FOCAL_PX: Final = 200.0  # focal length of the images that the network was trained on
 INPUTS: Final = 5  # layers of the network's input, see ``inputs_of``
-STEP: Final = 2  # the network answers for every second pixel
+STEP: Final = 2  # the network has an output for every second pixel
 MULTIPLE: Final = 32  # width and height of the image must be multiples of this: the network halves it five times
 SMALLEST_PX: Final = 32
 WIDEST: Final = 1.2  # tangent of a ray, 50 degrees from the axis: training images show no wider field of view
@@ -34,19 +34,19 @@ FARTHEST_M: Final = 9.0
 NEAREST_M: Final = 0.3
 # window in pixels in which relief is measured, and the largest relief in metres
 WINDOWS: Final = ((9, 0.15), (33, 0.5))
-OFFSET: Final = 0.1  # unit, in statures, in which the network gives places within a patch
+OFFSET: Final = 0.1  # statures, the unit in which the network gives places within a patch
 LARGEST_BYTES: Final = 64_000_000  # size of a file of weights; the package's has 4 MB
 LONGEST_LINE: Final = 4096
-REMEMBERED: Final = 8  # described images that are kept: two moments of four cameras
+REMEMBERED: Final = 8  # described images kept in memory: two moments of four cameras
 FORMAT: Final = "anchorpose-learnt-descriptor"
 REMEDY: Final = "export it by tools/train_descriptor.py, or use the weights of the package"
 
 
 class Described(NamedTuple):
-    """The descriptor's answers for the pixels on a grid of (h, w) rays, a hundredth of a focal length apart.
+    """The descriptor's outputs for the pixels on a grid of (h, w) rays, a hundredth of a focal length apart.
 
-    row, column (h, w) int64 of the image and read (h, w): whether there is a reading; row and column are 0 where not.
-    person (h, w) float32: probability that the pixel shows a person, 0 without a reading.
+    row, column (h, w) int64: place of each pixel in the image, 0 without a reading; read (h, w): whether there is a
+    reading. person (h, w) float32: probability that the pixel shows a person, 0 without a reading.
     place (h, w, 3) float32: on the standing mean adult of stature 1, X forward, Y up from the floor, Z to the right.
     error (h, w) float32: the expected distance of ``place`` from the true place, in statures.
     pelvis_m (h, w, 3) float32: the place of this person's pelvis in the camera's frame.
@@ -102,7 +102,7 @@ def read_weights(path: Path) -> Weights:
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Return the file's description and the network; checks that the network is the exported one."""
+    """Return the file's description and the network, after checking that the network is the exported one."""
     line, _, network = read_whole(path, LARGEST_BYTES, REMEDY).partition(b"\n")
     try:
         head = json.loads(line) if len(line) < LONGEST_LINE else None
@@ -116,10 +116,11 @@ def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
 
 
 def describe(depth_m: np.ndarray, camera: Camera, weights: Weights | None = None) -> Described:
-    """Describe one depth image (height, width), metres, 0 without a reading; ``weights``: those of the package.
+    """Describe one depth image (height, width), metres, 0 without a reading; by default with the ``weights`` of the
+    package.
 
-    A value that is not a number, negative or beyond ``FARTHEST_M`` is no reading. Raises ValueError for an image of
-    another size than the camera's, or that shows less than 9 degrees.
+    A value that is not a number, negative or beyond ``FARTHEST_M`` counts as no reading. Raises ValueError for an image
+    of another size than the camera's, or that shows less than 9 degrees.
     """
     if depth_m.shape != (camera.height, camera.width):
         raise ValueError(f"the image has {depth_m.shape} pixels, the camera ({camera.height}, {camera.width})")
@@ -151,7 +152,8 @@ _lock: Final = Lock()
 
 
 def described(depth_m: np.ndarray, camera: Camera) -> Described:
-    """Return ``describe`` of an image, kept for the last images: several stages of a frame need the same one.
+    """Return ``describe`` of an image. The results of the last images are kept, since several stages need the same
+    image.
 
     A described image must not be changed. Raises InputError, with the camera's name, where ``describe`` raises.
     """
@@ -173,7 +175,9 @@ def described(depth_m: np.ndarray, camera: Camera) -> Described:
 
 
 def nearest_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return, per pixel (height, width), row and column of the nearest described ray, and whether there is one."""
+    """Return, per pixel (height, width), row and column of the nearest described ray, and whether there is such a
+    ray.
+    """
     return _nearest_rays(camera.intrinsics, camera.width, camera.height)
 
 
@@ -202,7 +206,8 @@ def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
 
 
 def inputs_of(depth_m: np.ndarray) -> np.ndarray:
-    """Return the input (5, h, w) float32 of depth (h, w): range, reading or not, relief against two means, nearness.
+    """Return the input (5, h, w) float32 of depth (h, w): range, whether there is a reading, relief against two local
+    means, nearness.
 
     It must equal ``inputs_of`` of the training.
     """
@@ -221,9 +226,9 @@ def inputs_of(depth_m: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=16)
 def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return row and column (h, w) of the pixel nearest to each ray of a pinhole of ``FOCAL_PX``, and whether there is
-    one.
+    such a pixel.
 
-    It is the nearest pixel, not a mean: a mean over an edge is a depth where nothing is.
+    The nearest pixel is used and not a mean, since a mean over an edge is a depth where nothing is.
     """
     low, across, down = _extent(rays_of_pixels(intrinsics, width, height))
     x, y = low[0] + np.arange(across) / FOCAL_PX, low[1] + np.arange(down) / FOCAL_PX
@@ -236,8 +241,8 @@ def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarr
 
 
 def _probability(classes: np.ndarray) -> np.ndarray:
-    """Return the probability (h, w) that a pixel shows a person, from the scores (p + 1, h, w) of patches and, last,
-    nobody.
+    """Return the probability (h, w) that a pixel shows a person, from the scores (p + 1, h, w) of the patches and,
+    last, of nobody.
     """
     raised = classes - classes.max(axis=0)
     np.exp(raised, out=raised)  # in place: memory takes half of the time

@@ -1,4 +1,4 @@
-"""Find the people in depth images: pixels that vote for one pelvis are one person."""
+"""Find the people in depth images: pixels that vote for the same pelvis belong to the same person."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ APART_M: Final = 0.35
 training's generator are nearer than this to their own pelvis.
 """
 
-NEAR_M: Final = 0.2  # around the middle of one person's votes: twice their median error
-STRAY_M: Final = 0.7  # m from every pelvis; a vote beyond it belongs to nobody
+NEAR_M: Final = 0.2  # m around the middle of one person's votes: twice their median error
+STRAY_M: Final = 0.7  # m from a pelvis; a vote farther from every pelvis belongs to nobody
 
-MOST_VOTES: Final = 4000  # votes that are counted; three cameras give 20,000
+MOST_VOTES: Final = 4000  # most votes that are counted; three cameras give 20,000
 
 LEAST_AREA_M2: Final = 0.06
 """Least surface of a person that must be seen: a head with its neck. Clutter that is taken for people can be larger,
@@ -39,8 +39,8 @@ view have more. So have 0.2 to 3 objects per image, which are rejected since a b
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPerson:
     """A person found by the descriptor. pelvis_m (3,) in the common frame; rays: per camera (h, w) bool, the rays of
-    ``Described`` that show this person, None without an image; area_m2: of the seen surface, across the lines of sight,
-    in all cameras; certainty: mean probability of the pixels, 0.5 to 1.
+    ``Described`` that show this person, None without an image; area_m2: area of the seen surface, perpendicular to the
+    lines of sight, in all cameras; certainty: mean probability of the pixels, 0.5 to 1.
     """
 
     pelvis_m: np.ndarray
@@ -55,8 +55,9 @@ def find_people(
     """Return the people in described images (height, width) of one moment, the most visible first.
 
     said, depths_m: one per camera, None without an image; poses: T_common_camera (4, 4) of each camera, so that votes
-    of several cameras meet. The pelvises are where the votes are densest, weighted by the area that a pixel shows, each
-    found among the votes that are ``APART_M`` from those before. A pixel belongs to the pelvis nearest to its vote.
+    of several cameras meet. The pelvises are where the votes are densest, weighted by the area that a pixel shows. Each
+    next pelvis is found among the votes that are at least ``APART_M`` from all earlier pelvises. A pixel belongs to the
+    pelvis nearest to its vote.
     """
     votes = [_votes(one, depth, pose) for one, depth, pose in zip(said, depths_m, poses, strict=True)]
     shown = [one for one in votes if one is not None]
@@ -78,8 +79,9 @@ def find_people(
     return tuple(sorted(people, key=lambda person: -person.area_m2))
 
 
-RIM_RAYS: Final = 3  # rays beyond a person's own: 6 cm at two metres, fingers and shoes that the network leaves out
-RIM_M: Final = 0.1  # depth difference up to which pixels beside the rays are still the person
+# rays beyond a person's own rays: 6 cm at two metres, fingers and shoes that the network leaves out
+RIM_RAYS: Final = 3
+RIM_M: Final = 0.1  # m, depth difference up to which pixels beside the rays still belong to the person
 
 
 def people_mask(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
@@ -120,7 +122,7 @@ def _votes(said: Described | None, depth_m: np.ndarray | None, pose: np.ndarray)
 
 
 def _rays(mine: np.ndarray, votes: Sequence[_Votes | None]) -> tuple[np.ndarray | None, ...]:
-    """Return, per camera, the rays (h, w) bool of those votes (n,) of all cameras that are ``mine``."""
+    """Return, per camera, the rays (h, w) bool whose votes are ``mine`` (n,), a mask over the votes of all cameras."""
     rays, first = list[np.ndarray | None](), 0
     for one in votes:
         if one is None:
@@ -149,8 +151,8 @@ def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the place (3,) with most weight around it: the best of some votes, moved to the local mean until it
-    stays.
+    """Return the place (3,) with most weight around it: the best of some votes, moved to the local mean until it no
+    longer changes.
     """
     some = votes_m[:: max(1, len(votes_m) // 200)]
     centre = some[int(np.argmax(_weight_near(some, votes_m, weight, NEAR_M)))]

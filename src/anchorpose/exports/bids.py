@@ -40,7 +40,7 @@ _STATE_CODES: Final = ", ".join(f"{code} {state}" for code, state in enumerate(S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel:
-    """A column: its row in channels.tsv and its values (n,), NaN where missing."""
+    """A channel: its row in channels.tsv and its values (n,), NaN where missing."""
 
     name: str
     component: str
@@ -58,7 +58,7 @@ class Channel:
 
 
 def channels_of(samples: Samples) -> list[Channel]:
-    """Return the latency, then joints, angles, and the sigma and state code of each."""
+    """Return the channels: first the latency, then joints and angles, each with sigma and state code."""
     since_s = samples.time_s - samples.time_s[0]
     latency = Channel("latency", "n/a", "LATENCY", "n/a", "s", "time since the first frame", since_s)
     places = [
@@ -98,7 +98,7 @@ EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "trial", "part", "per
 
 
 def events_of(folder: Path, start_s: float, trials: Trials | None) -> list[tuple[str, ...]]:
-    """Return the rows of trials, contacts and episodes, as far as stored, in order of onset, in s since ``start_s``.
+    """Return the event rows of the stored trials, contacts and episodes, sorted by onset, in s since ``start_s``.
 
     A row has ``EVENT_COLUMNS``, then the user's own columns of trials.
     """

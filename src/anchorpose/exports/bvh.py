@@ -51,9 +51,9 @@ _TREE: Final = {
 class Node:
     """A node of the hierarchy over all frames.
 
-    parent: its index in the list of nodes, -1 for the root. offset_m (3,) from the parent's node in the parent's axes;
-    end_m (3,): what the node points to, in its own axes. axes (n, 3, 3): its rotation in the world in each frame, NaN
-    where it is unknown; the identity is the rest pose of the body asset.
+    parent: index of the parent in the list of nodes, -1 for the root. offset_m (3,): from the parent's node, in the
+    parent's axes; end_m (3,): the point to which the node points, in its own axes. axes (n, 3, 3): its rotation in the
+    world in each frame, NaN where it is unknown; the identity is the rest pose of the body asset.
     """
 
     name: str
@@ -74,7 +74,7 @@ def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
     for name, (above, at, to) in _TREE.items():
         parent, points = nodes[index[above]], _along(rest, at, to)[0]
         start = torso_axes(position_m) if name == "SpineMid" else parent.axes
-        # the shortest rotation from the parent's direction
+        # use the shortest rotation from the parent's direction
         axes = _swing(start @ points, _along(position_m, at, to)) @ start
         nodes.append(Node(name, index[above], parent.end_m, points * _length(position_m, at, to), axes))
         index[name] = len(index)
@@ -166,7 +166,7 @@ def _matrices(quaternion: np.ndarray) -> np.ndarray:
 
 
 def _middle(quaternion: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
-    """Return the median (3,) over the frames (n) of a world vector in a bone's axes; NaN where there is no frame."""
+    """Return the median (3,) over the frames (n) of a world vector in a bone's axes; NaN without frames."""
     inside = np.einsum("nji,nj->ni", _matrices(quaternion.astype(np.float64)), vector_m)
     known = inside[np.isfinite(inside).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(3, np.nan)

@@ -200,7 +200,8 @@ def _of_contacts(path: Path) -> Iterator[Event]:
 def add_events(file: Any, events: tuple[Event, ...], time_s: np.ndarray) -> int:
     """Add the group of events to an ezc3d file with frames at time_s (n,); return their number.
 
-    Events outside of the file's time are left out; of more than ``MOST_EVENTS``, those of contacts and posture first.
+    Events outside of the file's time are left out; of more than ``MOST_EVENTS``, events of contacts and posture are
+    left out first.
     """
     inside = [event for event in events if time_s[0] <= event.time_s <= time_s[-1]]
     kept = sorted(sorted(inside, key=lambda event: event.context == GENERAL)[:MOST_EVENTS])

@@ -1,4 +1,4 @@
-"""Export a results folder: every format into its own folder, all or none; CSV is written here.
+"""Export a results folder: each format into its own folder, either all formats or none; CSV is written in this module.
 
 CSV has every table of the results, wide tables of joints and angles, a long table of the measures of all trials, and a
 dictionary of all columns.
@@ -167,7 +167,9 @@ def _rows(path: Path) -> Iterator[tuple[str, ...]]:
 def _write_wide(
     path: Path, source: Source, things: Sequence[str], parts: dict[str, np.ndarray]
 ) -> list[tuple[str, ...]]:
-    """Write a row per frame with the parts (n, things) of each thing; return the dictionary of the columns."""
+    """Write a wide table, with a row per frame and the columns of each subject (joint or angle); return the dictionary
+    of the columns.
+    """
     columns = {"frame": source.frame, "time_s": source.samples.time_s}
     dictionary = [_described(path.name, "frame", "whole number", "frame")]
     dictionary.append(_described(path.name, "time_s", "number", "time_s"))
@@ -255,7 +257,7 @@ def _own_files(folder: Path) -> tuple[str, ...]:
 
 
 def _write_record(folder: Path, kind: Format, sha256: tuple[tuple[str, str], ...], product: Product) -> None:
-    """Write export.json; sha256: name and hash of each table of the results, in order of name."""
+    """Write export.json. sha256: name and hash of each table of the results, sorted by name."""
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     document: dict[str, Any] = {
         "format": "anchorpose-export",

@@ -60,7 +60,7 @@ class Samples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Source:
-    """A results folder as an export needs it."""
+    """The data of a results folder that exports need."""
 
     folder: Path
     frame: np.ndarray  # (n,) int32
@@ -121,7 +121,7 @@ class Product:
     missing: str
     counts: tuple[tuple[str, float], ...] = ()
     notes: tuple[str, ...] = ()
-    tools: tuple[str, ...] = ()  # packages beside our own that wrote the files
+    tools: tuple[str, ...] = ()  # other packages that wrote the files
 
 
 def number_text(value: float) -> str:

@@ -90,8 +90,8 @@ def limb_angles_deg(direction: np.ndarray, side: int) -> tuple[np.ndarray, np.nd
 
 
 def bend_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the angle (n,) between two vectors, exact for small ones too; NaN where one is missing or has no
-    length.
+    """Return the angle (n,) between two vectors, exact also for small angles; NaN where a vector is missing or has
+    length zero.
     """
     along = np.sum(unit(first) * unit(second), axis=-1)
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(unit(first), unit(second)), axis=-1), along))
@@ -116,8 +116,8 @@ class HingeAxes:
 
 
 def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
-    """Read the axes from poses.parquet; None where there is none. Raises InputError where its frames are not ``frame``
-    (n,).
+    """Read the axes from poses.parquet; None where there is no such table. Raises InputError where its frames are not
+    ``frame`` (n,).
     """
     if not path.exists():
         return None
@@ -194,8 +194,8 @@ def _leg(
 
 
 def _knee_deg(position_m: np.ndarray, side: str) -> np.ndarray:
-    """Return the angle (n,) as in angles.parquet, signed where the knee is nearly straight: a model can also overextend
-    it.
+    """Return the knee angle (n,) as in angles.parquet; it is signed where the knee is nearly straight, since a model
+    can overextend it.
     """
     names = (f"Hip{side}", f"Knee{side}", f"Ankle{side}", "HipLeft", "HipRight")
     ((radians, lever),) = knee_flexion({name: joint(position_m, name).T for name in names}, side)

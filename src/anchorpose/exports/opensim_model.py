@@ -90,7 +90,7 @@ class OsimCoordinate:
     axis: Axis
     range: tuple[float, float]
     default: float = 0.0
-    moves: bool = False  # along the axis, not about it
+    moves: bool = False  # True: along the axis, False: about it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,7 +200,7 @@ ROD_RADIUS_M: Final = 0.012
 
 
 def xml(tag: str, *content: str | ElementTree.Element, **attributes: str) -> ElementTree.Element:
-    """Return an element with a text, or with elements in it."""
+    """Return an XML element with a text, or with elements in it."""
     element = ElementTree.Element(tag, attributes)
     for part in content:
         if isinstance(part, str):
@@ -211,7 +211,7 @@ def xml(tag: str, *content: str | ElementTree.Element, **attributes: str) -> Ele
 
 
 def xml_texts(**texts: str) -> list[ElementTree.Element]:
-    """Return an element with a text for each tag."""
+    """Return an XML element with a text for each tag."""
     return [xml(tag, text) for tag, text in texts.items()]
 
 

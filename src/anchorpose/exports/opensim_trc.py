@@ -101,7 +101,7 @@ MODEL_FILE, SCALE_FILE = "model.osim", "scale_setup.xml"
 
 
 def ik_setup_xml(name: str, result: str, markers: Sequence[str], period_s: Iterable[float]) -> str:
-    """Return a set-up file of OpenSim's inverse kinematics tool for a stretch of frames; markers: those used.
+    """Return a set-up file of OpenSim's inverse kinematics tool for a stretch of frames; markers: the markers to use.
 
     result: the motion, written beside the set-up file; OpenSim writes marker errors to name_ik_marker_errors.sto.
     period_s: the first and the last time.

@@ -27,7 +27,7 @@ MOST_ROWS: Final = 20
 
 
 class TimeBase(StrEnum):
-    """The way in which times were changed."""
+    """The way in which the times were changed."""
 
     AS_RECORDED = "as recorded"
     GAPS_FILLED_UP = "as recorded; frames that were not recorded are there without values"
@@ -54,7 +54,7 @@ class Interpolation:
     def values(self, values: np.ndarray, turn: float = np.inf) -> np.ndarray:
         """Interpolate values linearly to (g, ...), NaN in a gap and where a sample with a weight is NaN.
 
-        turn: a full turn, where values are angles, which go the short way round.
+        turn: a full turn, given for angles, which are interpolated along the shorter arc.
         """
         fit = (slice(None), *[None] * (values.ndim - 1))
         share, left, right = self.share[fit], values[self.before], values[self.before + 1]
@@ -73,7 +73,9 @@ class Interpolation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegularSamples:
-    """Samples at ``rate_hz``; interpolation: how to bring other values of the recorded clock to their times."""
+    """Samples at the fixed rate ``rate_hz``. interpolation: how to interpolate other values from the recorded times to
+    these times.
+    """
 
     samples: Samples
     rate_hz: float
@@ -145,7 +147,7 @@ def _round_rate(rate_hz: float) -> float:
 
 
 def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Interpolation]:
-    """Place each sample on the grid; places between are empty."""
+    """Place each sample on the grid; grid times without a sample stay empty."""
     count = int(slot[-1]) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
     grid_s[slot] = time_s

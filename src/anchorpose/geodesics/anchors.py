@@ -1,11 +1,11 @@
 """Find and name the anchors: head, hands and feet as extrema of geodesic distance (paper, Definition 2, Section III).
 
-Three kinds of evidence vote. (1) The place of the extremum: distance from the centre, height above the middle of the
-body, and distance to its left. (2) Its path to the centre: where it enters the trunk, and the distance from the head
-along the paths; both hold in any pose. (3) The distance to the expected anchor; this vote is bounded, so that it
-decides only where the others cannot, and a wrong prediction does not confirm itself.
+Three kinds of evidence vote. (1) The place of the extremum: its distance from the centre, its height above the middle
+of the body, and its distance to the left of it. (2) Its path to the centre: where the path enters the trunk, and the
+distance from the head along the paths. Both are valid in any pose. (3) The distance to the expected anchor. This vote
+is bounded, so that it decides only where the other votes cannot, and a wrong prediction does not confirm itself.
 
-The anchor descriptor f (paper, Definition 3): every node's geodesic distance to every anchor.
+The module also computes the anchor descriptor f (paper, Definition 3): every node's geodesic distance to every anchor.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ HEAD: Final = 0
 LIMBS: Final = 4  # hands and feet, which follow the head
 
 PLACES: Final = np.array(
-    # distance from the centre along the surface; height above the middle, distance to its left; the same two where the
-    # path enters the trunk
+    # five values: distance from the centre along the surface; height above the middle and distance to its left, of the
+    # extremum and of the place where its path enters the trunk
     [
         [0.42, 0.38, 0.00, 0.19, 0.00],
         [0.55, 0.05, 0.22, 0.15, 0.09],
@@ -56,20 +56,22 @@ FROM_HEAD: Final = np.array([0.47, 0.47, 0.92, 0.92])
 
 FROM_HEAD_TOLERANCE: Final = 0.20
 # Costs, in tolerances
-MISSED: Final = 4.0  # cost of an anchor that is no extremum; a more expensive assignment is missed
+MISSED: Final = 4.0  # cost of a missed anchor; if every extremum costs more, the anchor is missed
 PREDICTION: Final = 1.5  # largest cost of an anchor that is not at its predicted place
 UNPREDICTED: Final = 1.0  # cost without a prediction, so that an anchor is at most 3 tolerances off
 AT_PREDICTION: Final = 3.5  # largest cost at the predicted place, so that an end there is the anchor in any pose
 CLEAR: Final = 2.0  # tolerances; beyond them nothing is named away from its prediction
 FARTHEST_OFF: Final = 3.0  # limit of each measure: one crossed arm or one wrong path counts no more
-HEADLESS: Final = 1.5  # added for hands and feet where no head is found to measure from
-ENTRY: Final = 0.20  # share of the height, from the centre: shoulders, neck and groin, where a path enters the trunk
-STEP: Final = 0.05  # share of the height, between the compared places of a path
+HEADLESS: Final = 1.5  # added for hands and feet if no head is found, from which to measure
+ENTRY: Final = 0.20  # share of the height from the centre at which a path enters the trunk: shoulders, neck and groin
+STEP: Final = 0.05  # share of the height between the compared places of a path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """The axes and the unit of length of places: up, left (3,) unit, world; height_m: the subject's."""
+    """The axes and the unit of length in which places are measured. up, left (3,): unit vectors, world; height_m: the
+    subject's height.
+    """
 
     up: np.ndarray
     left: np.ndarray
@@ -77,8 +79,8 @@ class Frame:
 
 
 def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """Return by how many tolerances each extremum is off each anchor's usual place, and its distance from each other
-    extremum.
+    """Return how many tolerances each extremum is away from each anchor's usual place, and the distances between the
+    extrema.
 
     Returns squared tolerances (k, 5), the sum of five bounded measures, and distances (k, k) over the body height,
     along the paths to the centre and across the trunk between them.
@@ -95,8 +97,8 @@ def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Fr
 
 
 def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: float, reach_m: float) -> np.ndarray:
-    """Return (k, l) int: the nodes of each extremum's path at every step from the centre; beyond the path, the
-    extremum.
+    """Return (k, l) int: the nodes of each extremum's path at every step from the centre; beyond the end of the path,
+    the extremum itself.
     """
     levels = (step_m * np.arange(max(reach_m / step_m, ENTRY / STEP + 1.0))).astype(np.float32)
     nodes = np.empty((len(tips), len(levels)), np.int64)
@@ -107,8 +109,8 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
-    """Return the distance (k, k) between extrema along their paths (k, l, 3) and straight between two places of
-    these.
+    """Return the distance (k, k) between extrema, along their paths (k, l, 3) and straight between one place of each
+    path.
     """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)
@@ -119,12 +121,12 @@ def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray)
 def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded: np.ndarray) -> np.ndarray:
     """Return (5,) int: the extremum of each anchor, -1 where missed, by the least total cost over all five.
 
-    off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance from the anchor's prediction in gates, NaN
-    without prediction. excluded (k, 5) bool: extrema that cannot be the anchor. An anchor costs the root of its squared
-    tolerances (for hands and feet including the distance from the head), plus at most ``PREDICTION`` for the
-    prediction; a missed anchor costs ``MISSED``. An extremum away from the predicted place is named only where it is
-    clear: few tolerances off, and farther off every other name. Each extremum is tried as the head, and so is no
-    extremum.
+    off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance from the anchor's prediction, divided by the
+    gate, NaN without prediction. excluded (k, 5) bool: extrema that cannot be the anchor. An anchor costs the root of
+    its squared tolerances (for hands and feet including the distance from the head), plus at most ``PREDICTION`` for
+    the prediction; a missed anchor costs ``MISSED``. An extremum away from the predicted place is named only where it
+    is clear: few tolerances from this name, and more from every other name. Each extremum is tried as the head, and so
+    is a missed head.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -142,7 +144,7 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
 
 def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """Return the cost (k, 5) of tolerances ``off`` (k, 5) and gates ``away`` (k, 5)."""
+    """Return the cost (k, 5) of the distances ``off`` (k, 5), in tolerances, and ``away`` (k, 5), in gates."""
     cost = off + np.where(np.isnan(away), UNPREDICTED, PREDICTION * np.minimum(away, 1.0))
     cost = np.where(away < 1.0, np.minimum(cost, AT_PREDICTION), cost)
     unclear = (off > CLEAR) | (off > off.min(axis=1, keepdims=True))
@@ -150,7 +152,7 @@ def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
 
 
 def _off_head2(apart: np.ndarray) -> np.ndarray:
-    """Return (k, 4) squared tolerances of the distance (k,) from the head."""
+    """Return the deviation (k, 4) of the distances (k,) from the head for each hand and foot, in squared tolerances."""
     off: np.ndarray = np.minimum(((apart[:, None] - FROM_HEAD) / FROM_HEAD_TOLERANCE) ** 2, FARTHEST_OFF**2)
     return off
 
@@ -172,10 +174,10 @@ class Anchors:
     """The five identified anchors of a surface; a missed one is marked as missed, never guessed.
 
     node (5,) int32: index into the surface, -1 where missed. position_m (5, 3) float64 world: centre of the extremal
-    cap, NaN where missed; sigma_m (5,) float64: its standard deviation per axis, NaN where missed. The node is the
-    cap's nearest to this centre: from frame to frame it moves half as much as the extremum itself, and so do distances
-    measured from it. free: unnamed ends of limbs (neither cut off nor continued by hidden skin), the farthest from the
-    centre first.
+    cap, NaN where missed; sigma_m (5,) float64: its standard deviation per axis, NaN where missed. The node is the node
+    of the cap nearest to this centre. From frame to frame it moves half as much as the extremum itself, and so do
+    distances measured from it. free: ends of limbs without a name (neither cut off nor continued by hidden skin), the
+    farthest from the centre first.
     """
 
     node: np.ndarray
@@ -194,13 +196,13 @@ class AnchorConfig:
     """Settings of the anchors. Lengths are fractions of the subject's height (paper, Section V)."""
 
     radius: Positive = 0.5 / 1.75  # r: 0.5 m on a person of 1.75 m
-    cap: Positive = 0.06 / 1.75  # how far below its tip the extremal cap reaches: 6 cm, about a fist
-    gate: Positive = 0.25 / 1.75  # m; an end so near its prediction is the anchor in any pose: half a forearm
+    cap: Positive = 0.06 / 1.75  # depth of the extremal cap below its tip: 6 cm, about a fist
+    gate: Positive = 0.25 / 1.75  # half a forearm; an end so near its prediction is the anchor in any pose
 
 
 # share of the body's height; a head moves less than a hand, and a neck without its head is 20 cm away
 HEAD_GATE: Final = 0.18 / 1.75
-# share of the body's height; an end this near its prediction is an end, even if hidden skin seems to continue
+# share of the body's height; an end this near its prediction counts as an end even if hidden skin seems to continue
 END_GATE: Final = 0.09 / 1.75
 
 
@@ -216,15 +218,15 @@ def find_anchors(
 ) -> Anchors:
     """Find the anchors: assign head, hands and feet to the extrema; other extrema remain unnamed.
 
-    up, facing (3,) unit, world: against gravity, and the way the patient faces; height_m: the subject's. cut (n,) bool:
-    nodes at an edge that something else cut (``surface.border``); an extremum there is a stump, not an anchor, unless
-    another camera sees its end. predicted_m (5, 3) world: each anchor's expected place, NaN where unknown, None: no
-    expectation. missing (5,) bool: anchors of limbs that the patient lacks. The names are the assignment of least total
-    cost (``name_extrema``), in which the prediction's part is bounded; an anchor is missed where every extremum costs
-    too much, and so are all anchors of a surface without seen nodes.
+    up, facing (3,): unit vectors, world, against gravity and in the direction in which the patient faces; height_m: the
+    subject's height. cut (n,) bool: nodes at an edge that something else cut (``surface.border``); an extremum there is
+    a stump, not an anchor, unless another camera sees its end. predicted_m (5, 3) world: each anchor's expected place,
+    NaN where unknown, None: no expectation. missing (5,) bool: anchors of limbs that the patient lacks. The names are
+    the assignment of least total cost (``name_extrema``), in which the prediction's part is bounded.
 
-    Left and right follow ``facing``, whatever the prediction of single hands or feet. If facing is wrong by half a
-    turn, all sides are exchanged consistently, and the anchors do not show it.
+    An anchor is missed where every extremum costs too much; all are missed on a surface without seen nodes. Left and
+    right follow ``facing``, whatever the prediction of single hands or feet. If facing is wrong by half a turn, all
+    sides are exchanged, and the anchors do not reveal this.
     """
     config = config or AnchorConfig()
     if surface.seen_count == 0:
@@ -237,7 +239,7 @@ def find_anchors(
     frame = Frame(up, np.cross(up, facing), height_m)
     no_end = _no_end_of_a_limb(surface, center, caps)
     away = _off_prediction(caps, predicted_m) / height_m
-    excluded = no_end & ~(away < END_GATE)  # a hand on a rail ends at a cut, just where its end is expected
+    excluded = no_end & ~(away < END_GATE)  # a hand on a rail ends at a cut, near its expected end
     excluded |= False if missing is None else missing
     away /= np.array([HEAD_GATE, *[config.gate] * LIMBS])
     chosen = name_extrema(*place_costs(surface, center, caps, frame), away, excluded)
@@ -287,8 +289,8 @@ def no_anchors() -> Anchors:
 def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap]) -> np.ndarray:
     """Return (k, 5) bool: caps that cannot be the anchor of a column.
 
-    Where hidden skin is part of their piece, it shows whether a hand or foot continues, better than an edge in the
-    depth frame does; the head is then identified by its place.
+    Where hidden skin is part of a cap's piece, it shows better than an edge in the depth frame whether a hand or foot
+    continues; the head is then identified by its place.
     """
     hidden = np.unique(field.piece[surface.seen_count :])
     closed = np.isin(field.piece[[cap.tip for cap in caps]], hidden)

@@ -1,15 +1,16 @@
 """Compute geodesic distances on a surface by fast marching with unfolding (paper, gd of Section III).
 
 The result is 3 to 9 mm off on average. A front leaves the source and reaches the nodes in the order of distance. A node
-takes its distance from the triangle of two reached neighbours by laying both and their distances flat, which is exact
-where the surface is flat; across a link it takes the link's length; see ``fans``.
+gets its distance from a triangle with two reached neighbours: the triangle and the neighbours' distances are laid flat,
+which is exact where the surface is flat.
 
-With a heap, nodes are fixed one after the other and nothing can be computed in parallel. Here every node below the
-round's threshold computes candidate distances for its ring, eight at a time in the processor's vector registers; a node
-whose distance is reduced waits for a later round, also if it was active before. The band is narrower than an edge, so
-that hardly 2 nodes in 100 are active twice. Within a round no node sees another's new distance, so the result does not
-depend on the order of the nodes. Source: the rounds after Kim 2001 (doi:10.1137/S1064827500367130); the candidate
-distances are those of ``fans``.
+Across a link, the link's length is added; see ``fans``. With the usual heap, nodes are fixed one after the other, so
+nothing can be computed in parallel. Here all nodes below a round's threshold are active: each computes candidate
+distances for its ring, eight at a time in the processor's vector registers. A node whose distance is reduced waits for
+a later round, even if it was active before. The band of active nodes is narrower than an edge, so that fewer than 2
+nodes in 100 are active twice. Within a round no node uses another's new distance, so the result does not depend on the
+order of the nodes. Source: the rounds after Kim 2001 (doi:10.1137/S1064827500367130); the candidate distances are those
+of ``fans``.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from anchorpose.geodesics.fans import (
 from anchorpose.surface.surface import MeshArrays, Surface
 
 _BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
-# (256, 8): lanes of set bits first, per byte
+# (256, 8): per byte, the lanes of its set bits come first
 SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)
 SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set bits per byte
 
@@ -47,8 +48,8 @@ class Front(NamedTuple):
     """The nodes that a front has reached, and its working memory.
 
     distance (n + 1,) float32, ``AWAY`` where not reached; bend (n + 1,) float32: the distance at which the front last
-    turned around the surface's rim. queued (n + 1,) uint8: 1 for the nodes that wait; waiting (n + 9,) uint32: these
-    nodes, size (1,) int64 of them; active (n,) uint32: the nodes of a round.
+    turned around the surface's rim. queued (n + 1,) uint8: 1 for nodes that wait; waiting (n + 9,) uint32: the waiting
+    nodes; size (1,) int64: their number; active (n,) uint32: the active nodes of a round.
     """
 
     distance: np.ndarray
@@ -62,8 +63,8 @@ class Front(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """The condition at which a front stops: beyond ``reach`` metres, or at the first node within it, other than the
-    sources, where field (n,) float32 is at least ``level``; a field of length 0 stops it nowhere.
+    """The condition at which a front stops: beyond ``reach`` metres, or earlier at the first node, other than a source,
+    where field (n,) float32 is at least ``level``. A field of length 0 never stops it.
     """
 
     reach: float
@@ -95,7 +96,8 @@ def start_at(front: Front, sources: np.ndarray) -> None:
 
 @njit(cache=True)
 def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
-    """March until every node within reach has its distance, or the stop's level is met; return whether it was met.
+    """March until every node within reach has its distance, or until the stop's level is met; return whether the level
+    was met.
 
     band: width in metres of the band of nodes that are active at once.
     """
@@ -117,7 +119,9 @@ def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
 
 @njit(cache=True)
 def _next_round(front: Front, band: float) -> tuple:
-    """Activate the waiting nodes within the band above the nearest; return their number, and the nearest distance."""
+    """Activate the waiting nodes whose distance is within the band above the nearest waiting node; return their number,
+    and the nearest distance.
+    """
     distance, waiting = front.distance, front.waiting
     low, waits = AWAY, front.size[0]
     for k in range(waits):
@@ -147,9 +151,9 @@ def _meets(stop: Stop, distance: np.ndarray, active: np.ndarray) -> bool:
 
 @njit(cache=True)
 def _update_rings(front: Front, active: np.ndarray) -> None:
-    """Pass candidate distances to the rings; a node that gets nearer waits for a later round.
+    """Pass candidate distances to the rings of active nodes; a node whose distance is reduced waits for a later round.
 
-    There are no branches: every second one would be mispredicted.
+    There are no branches, since every second one would be mispredicted.
     """
     distance, bend, queued, table = front.distance, front.bend, front.queued, front.rows.table
     end = front.size[0]
@@ -186,7 +190,7 @@ def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
                     front.size[0] += 1
 
 
-# width over the mean edge: narrower has more rounds, wider more nodes active twice; nearly equal in between
+# band width over the mean edge; narrower bands need more rounds, wider bands activate more nodes twice
 BAND: Final = 0.7
 SAMPLED_EDGES: Final = 128  # edges sampled for the mean edge, which affects speed only
 
@@ -196,8 +200,7 @@ def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: flo
 
     sources (s,) int: nodes. Returns (s, n) float32 metres; inf where the source's piece of surface does not reach, or
     beyond ``max_distance_m``. An isolated source is at 0 and everything else at inf.
-    Raises ValueError on a source that is not a node (a missed anchor's -1, or any node of an empty surface) and on
-    nodes that are not finite.
+    Raises ValueError for a source that is not a node (such as -1 of a missed anchor) and for nodes that are not finite.
     """
     nodes = check_sources(surface, sources, max_distance_m)
     mesh = surface.arrays
@@ -205,7 +208,9 @@ def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: flo
 
 
 def geodesic_distance_to_set(surface: Surface, sources: np.ndarray) -> np.ndarray:
-    """Return the distance (n,) float32 in metres to the nearest of the sources (s,), inf without any; else as above."""
+    """Return the distance (n,) float32 in metres to the nearest of the sources (s,), inf without sources; otherwise as
+    ``geodesic_distance``.
+    """
     nodes = check_sources(surface, sources, np.inf)
     mesh = surface.arrays
     field: np.ndarray = _fields(mesh, nodes.reshape(1, -1), np.float32(np.inf), band_of(mesh))[0]
@@ -213,7 +218,7 @@ def geodesic_distance_to_set(surface: Surface, sources: np.ndarray) -> np.ndarra
 
 
 def check_sources(surface: Surface, sources: np.ndarray, max_distance_m: float) -> np.ndarray:
-    """Return the sources (s,) int32; raises ValueError as ``geodesic_distance``."""
+    """Return the sources (s,) int32; raises ValueError as ``geodesic_distance`` does."""
     nodes = np.atleast_1d(np.asarray(sources))
     if nodes.ndim != 1 or (nodes.dtype.kind not in "iu" and len(nodes)):
         raise ValueError(f"sources must be a list of node numbers, got {nodes.dtype} of shape {nodes.shape}")
@@ -241,8 +246,8 @@ def mean_edge_m(mesh: MeshArrays) -> float:
 
 @njit(cache=True)
 def _fields(mesh: MeshArrays, sets: np.ndarray, max_distance: np.float32, band: float) -> np.ndarray:
-    """Return one field (s, n) float32 per row of sets (s, k) int32, its sources. Fans are filled once for all
-    fields.
+    """Return one field, (s, n) float32, per row of sets (s, k) int32, which holds the field's sources. Fans are filled
+    once for all fields.
     """
     count = len(mesh.points_m)
     fields, front = np.empty((len(sets), count), np.float32), new_front(count)

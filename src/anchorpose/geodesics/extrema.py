@@ -1,7 +1,7 @@
 """Find the centre of the surface, its geodesic extrema (paper, Section IV-B, after Definition 2), and their caps.
 
-The extremum itself is one node, the farthest of many that are almost as far. Its cap, the surface around it, has a more
-stable centre, and shows whether the limb really ends there.
+An extremum is a single node, the farthest of many nodes that are almost as far. Its cap, the surface around it, has a
+more stable centre and shows whether the limb really ends there.
 """
 
 from __future__ import annotations
@@ -16,22 +16,24 @@ from anchorpose.errors import DegenerateGeometry
 from anchorpose.geodesics.distance import Stop, band_of, geodesic_distance, march_on, new_front, start_at
 from anchorpose.surface.surface import MeshArrays, Surface
 
-FARTHEST: Final = 10  # nodes whose mean distance defines the end: the single farthest has half a centimetre of noise
-# share of a cap's outer half that is cut: beside a bar all of it is, beside one wrong reading little
+# nodes whose mean distance defines the end; the single farthest node has half a centimetre of noise
+FARTHEST: Final = 10
+# share of a cap's outer half that is cut; beside a bar all of it is cut, beside one wrong reading little
 STUMP_SHARE: Final = 0.5
-LONGER: Final = 1.5  # cap depths, 9 cm: fingers lost by the sensor are shorter than this, a lost hand is longer
-LONGER_AT_CUT: Final = 1.0  # cap depths where an object is in front of the end: a wrist behind a bar
-# area of a hidden node over the area of a seen node: skin points are 2.2 cm apart, nodes 1.3 cm
+# cap depths (9 cm) by which hidden skin continues; fingers lost by the sensor are shorter, a lost hand is longer
+LONGER: Final = 1.5
+LONGER_AT_CUT: Final = 1.0  # cap depths, the same where an object is in front of the end: a wrist behind a bar
+# area of a hidden node divided by that of a seen node: skin points are 2.2 cm apart, nodes 1.3 cm
 HIDDEN_AREA: Final = 3.0
-LEAST_SIGMA_M: Final = 0.003  # a quarter of the nodes' spacing: a cap of one node has no radius
+LEAST_SIGMA_M: Final = 0.003  # m, a quarter of the nodes' spacing, since a cap of one node has no radius
 SPREAD: Final = 0.20  # share of a cap's radius by which its centre moves from frame to frame
 
 
 def surface_center(surface: Surface, among: np.ndarray | None = None) -> int:
     """Return V_c, the seen node closest to the average position of all seen nodes.
 
-    With a hole at the centre it is the nearest node of the rim. among (n,) bool: allowed nodes, None for all; at least
-    one of them is seen. Raises DegenerateGeometry on a surface without seen nodes.
+    With a hole at the centre, this is the nearest node of the hole's rim. among (n,) bool: allowed nodes, None for all;
+    at least one of them is seen. Raises DegenerateGeometry on a surface without seen nodes.
     """
     if surface.seen_count == 0:
         raise DegenerateGeometry("a surface without seen nodes has no centre")
@@ -49,8 +51,8 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
     """Return seen nodes farther from the centre than all other seen nodes within ``radius_m``, the farthest first.
 
     field (n,) float32: geodesic distance from the centre; inf (unreachable) nodes are never extrema. radius_m: r of the
-    paper, geodesic, over hidden skin as well. Returns (k,) int32. The rule is exact: from each node that no direct
-    neighbour exceeds, a front marches until it meets a node as far from the centre.
+    paper, a geodesic distance that may run over hidden skin. Return (k,) int32. The rule is applied exactly: from each
+    node that no direct neighbour exceeds, a front marches until it meets a node that is as far from the centre.
     """
     if field.shape != (len(surface),):
         raise ValueError(f"field is {field.shape}, the surface has {len(surface)} nodes")
@@ -85,7 +87,7 @@ def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, radius: float, band: float) -> np.ndarray:
-    """Test each candidate by fast marching that ends at the first node as far from the centre."""
+    """Test each candidate by fast marching, which ends at the first node that is as far from the centre."""
     stands = np.empty(len(candidates), np.bool_)
     front = new_front(len(mesh.points_m))
     for k in range(len(candidates)):
@@ -98,9 +100,10 @@ def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, ra
 class Cap:
     """The cap of one extremum: the seen surface within some depth of it.
 
-    tip: the extremum. nodes (m,) int: seen nodes; center_m (3,): their mean, the outermost with most weight. reach_m:
-    distance of the extremum from the centre of the surface. sigma_m: standard deviation of center_m per axis. stump:
-    the surface ends because an object is in front; continues: hidden skin leads much farther.
+    tip: the extremum. nodes (m,) int: seen nodes; center_m (3,): their mean, in which the outermost nodes have most
+    weight. reach_m: distance of the extremum from the centre of the surface. sigma_m: standard deviation of center_m
+    per axis. stump: whether the surface ends because an object is in front; continues: whether hidden skin leads much
+    farther.
     """
 
     tip: int

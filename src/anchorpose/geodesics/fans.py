@@ -1,10 +1,11 @@
 """Prepare a node's ring for a marching front, and compute the distances that the node can pass on to it.
 
-Eight edges and sixteen triangles are computed side by side in the processor's vector registers. Lanes: the ring places
-E N W S NE NW SW SE, the four sides of the grid first, because every triangle through which a node passes a distance has
-its third corner on such a side: to NE it is the triangle with E or with N, to E the triangle with N or with S, whose
-right angle is at the node. So each lane has a triangle to its left, counter-clockwise, and a triangle to its right.
-Sources: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431) with the point source of Novotni and Klein 2002.
+Eight edges and sixteen triangles are computed side by side in the lanes of the processor's vector registers. The lanes
+are the ring places E N W S NE NW SW SE. The four sides of the grid come first, because every triangle through which a
+node passes a distance has its third corner on a side. To NE this is the triangle with E or with N; to E it is the
+triangle with N or with S, whose right angle is at the node. So each lane has one triangle to its left
+(counter-clockwise) and one to its right. Sources: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431) with the point
+source of Novotni and Klein 2002.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from anchorpose.surface.surface import MeshArrays
 
 LANES: Final = 8
 PLACE: Final = np.array([0, 2, 4, 6, 1, 3, 5, 7])  # ring place of each lane
-LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # lane of the side that the left triangle stands on
+LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # lane of the side on which the left triangle stands
 RIGHT: Final = np.array([3, 0, 1, 2, 0, 1, 2, 3])
-# columns of a fan: squared edges, dot products with the sides; last, the fan's width
+# columns of a fan: squared edges, and dot products with the sides; the last name is the fan's width
 EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24
 
 # columns of a row of ``Rows``: the fan; the sides' squared edges, distances and bends, of which the right ones begin
@@ -29,15 +30,15 @@ SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = (np.int6
 BEFORE, CANDIDATE, CANDIDATE_BEND, OWN, OWN_BEND, OWN_RIM, UPDATED, ROW = 66, 74, 82, 90, 91, 92, 93, 96
 WIDE: Final = 4  # columns copied as one number
 
-AWAY: Any = np.float32(1e6)  # metres; larger than any distance, yet its square fits into a float32
-# square metres; coinciding nodes count as a micrometre apart, to avoid a division by 0
+AWAY: Any = np.float32(1e6)  # metres; larger than any distance, but its square fits into a float32
+# m2; coinciding nodes count as a micrometre apart, to avoid a division by 0
 SMALLEST: Any = np.float32(1e-12)
 NOT_FILLED: Any = np.uint8(2)
 
 ZERO: Any
 ONE: Any
 TWO: Any
-ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)  # a literal would make all numbers float64
+ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)  # literals would make all numbers float64
 
 FULL_TURN: Any = np.float32(1.0 / (1.0 - np.cos(np.radians(4.0))))
 """Sharpness of a turn at the surface's rim from which the front starts again there: pixels do not make it by chance."""
@@ -46,11 +47,11 @@ FUSED: Final = {"contract", "nsz", "arcp"}  # fused and reordered products are a
 
 
 class Fans(NamedTuple):
-    """The rings of all n nodes, filled in when a front first reaches them.
+    """The rings of all n nodes; each is filled in when a front first reaches it.
 
-    near (n, 8) uint32: the neighbour in each lane, n where there is none; fan (n, 24) float32: the columns above; rim
-    (n,) uint8: 1 where the surface ends, ``NOT_FILLED`` at first; edge (8, 3) float32: scratch; wide (n, 6) complex128:
-    the memory of fan, four columns per number.
+    near (n, 8) uint32: the neighbour in each lane, n for a missing neighbour; fan (n, 24) float32: the columns above;
+    rim (n,) uint8: 1 where the surface ends, ``NOT_FILLED`` at first; edge (8, 3) float32: scratch; wide (n, 6)
+    complex128: the memory of fan, four columns per number.
     """
 
     near: np.ndarray
@@ -79,14 +80,16 @@ def empty_fans(count: int) -> Fans:
 
 @njit(cache=True)
 def empty_rows(count: int) -> Rows:
-    """Return rows for all count nodes, of which a round uses only a few."""
+    """Return a table with uninitialised rows for all ``count`` nodes; a round uses only a few of them."""
     table = np.empty((count, ROW), np.float32)
     return Rows(table, table.ravel(), table.view(np.complex128))
 
 
 @njit(cache=True)
 def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
-    """Fill the fans of active nodes that no earlier round filled, so that a march that stops early costs less."""
+    """Fill the fans of active nodes that no earlier round filled. Filling them only when needed makes a march that
+    stops early faster.
+    """
     for k in range(len(active)):
         node = active[k]
         if fans.rim[node] == NOT_FILLED:
@@ -97,7 +100,7 @@ def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
 def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
     """Fill in the neighbours and edges of one node; return whether the surface ends at it.
 
-    A triangle exists when its three edges exist: otherwise its dot product is NaN, which fails every comparison. A
+    A triangle exists if its three edges exist; otherwise its dot product is NaN, which fails every comparison. A
     missing neighbour is ``AWAY``. The function is inlined, since a call would count the references to eleven arrays.
     """
     points, ring = mesh.points_m, mesh.ring
@@ -155,8 +158,7 @@ def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, 
 
 @njit(cache=True, error_model="numpy", fastmath=FUSED)
 def find_candidates(table: np.ndarray, count: int) -> None:
-    """Compute the candidate distances of the first rows of ``Rows.flat``, and which neighbours may be updated by
-    them.
+    """Compute, for the first rows of ``Rows.flat``, the candidate distances and which neighbours they may update.
 
     The inner loop has no branch and one array, so that it is vectorised.
     """
@@ -190,12 +192,12 @@ def _through(
     own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
 ) -> tuple:
     """Return the candidate distance through one triangle, its bend, and how far the path turns at the node if it cannot
-    cross.
+    cross the triangle.
 
-    The triangle is laid flat, the node at the origin and the side at (c, 0): the point from which the front seems to
-    come is (x, -y), with ``towards`` = 2 c x and ``beside`` = 2 c y; the neighbour's height over the edge times c is
-    ``area``. A front that turned around the rim comes from there, so ``own_bend`` is taken off the distances and put
-    back on. ``AWAY`` where the straight line misses the edge between node and side.
+    The triangle is laid flat with the node at the origin and the side at (c, 0). The front seems to come from the point
+    (x, -y), where ``towards`` = 2 c x and ``beside`` = 2 c y; ``area`` is c times the neighbour's height over the edge.
+    A front that turned around the rim comes from the turning point, so ``own_bend`` is subtracted from the distances
+    and added again at the end. The distance is ``AWAY`` where the straight line misses the edge between node and side.
     """
     since = min(own_bend, side_bend)
     radius = own - since

@@ -1,13 +1,11 @@
-"""Decide which anchor distances of a node can be trusted: holes cast a shadow, in which paths are too long.
+"""Decide which anchor distances of a node can be trusted. Holes cast a shadow in which paths are too long.
 
 A node behind a bend of the path lies in the shadow of the hole's rim. In the plane of the bend, the path begins at the
-anchor, which is the origin, and runs along the first axis. If the hole were filled flat, the shortest path would be
-the chord to the path's end.
-
-The depth images show the surface only with its hole. A path from an anchor is a detour if it touches the rim of the
-hole and bends towards the hidden side. The node then lies in the anchor's shadow (paper, Definition 5). The length of
-the detour follows from the path: laid flat, the path is a chain of straight pieces, and the path over the complete skin
-is the chord from its beginning to its end. This assumes that the hole is as flat as the skin around it.
+anchor, the origin, and runs along the first axis. If the hole were filled flat, the shortest path would be the chord to
+the path's end, but depth images show only the surface with its hole. A path from an anchor is a detour if it touches
+the rim of the hole and bends towards the hidden side. The node then lies in the anchor's shadow (paper, Definition 5).
+The length of the detour follows from the path: laid flat, the path is a chain of straight pieces, and the path over the
+complete skin is the chord from its beginning to its end. This assumes that the hole is as flat as the skin around it.
 """
 
 from __future__ import annotations
@@ -60,10 +58,11 @@ def cast_shadow(
     node: int,
     edge: tuple[int, int, float, bool],
 ) -> None:
-    """Find where the node lies in the plane of its path, if the path bends; it comes from between an edge's ends.
+    """Find where a node lies in the plane of its path, if the path bends.
 
-    edge: its ends a and b, the share of the way from a to b, and whether it is a link; is_open (n,) bool: rim nodes
-    whose triangles do not close around them; hole (n, 3) float64: the direction out of the surface there.
+    edge: the edge that the path crosses before the node, as its ends a and b, the share of the way from a to b, and
+    whether it is a link; is_open (n,) bool: rim nodes whose triangles do not close around them; hole (n, 3) float64:
+    the direction out of the surface there.
     """
     a, b, share, linked = edge
     if chain[a, CORNER] == -2 or chain[b, CORNER] == -2:
@@ -111,7 +110,7 @@ def _behind(
     at_x: float,
     at_y: float,
 ) -> None:
-    """Continue a path from behind the last corner, or from behind the corner before at which it still bends.
+    """Continue a path behind its last corner, or behind the last corner at which it still bends.
 
     at_x, at_y: a place on the path, seen from the corners; first: the corner at which it bends first.
     """
@@ -130,7 +129,7 @@ def _behind(
 
 @njit(cache=True, error_model="numpy")
 def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, turn: float, node: int) -> None:
-    """Bend the path at a rim node by ``turn``, from where it reaches the node."""
+    """Bend the path by ``turn`` at a rim node."""
     x, y = _arrival(at, bend, chain)
     reach = distance[node] - distance[at]
     bend[node, PLACE] = bend[at, PLACE] + reach * (x * np.cos(turn) - y * np.sin(turn))
@@ -193,14 +192,14 @@ TOLERANCE_M: Final = 0.010
 def trusted_anchors(
     surface: Surface, descriptor: np.ndarray, rim: np.ndarray, tolerance_m: float = TOLERANCE_M
 ) -> np.ndarray:
-    """Return (n, k) bool: whether a node's distance to an anchor is what it would be without occlusions.
+    """Return (n, k) bool: whether a node's distance to an anchor is the same as without occlusions.
 
-    descriptor (n, k) metres, from ``anchor_descriptor``: the distances as they are on this surface. rim (n,) bool:
-    nodes where something else ends the surface, ``surface.border.border(...) == Border.CUT``; a band of some nodes
-    around it does no harm, since paths bend only at nodes with an open ring of neighbours. The body's own outline is
-    not a rim: it is the same in every frame. Links across hidden skin lead straight on. Missed (NaN) or unreached (inf)
-    anchors are not trusted. Where the outline bends a path shortly before a rim does (a hole beside the armpit), too
-    few are trusted: the path through the hole would have bent as well.
+    descriptor (n, k) metres, from ``anchor_descriptor``: the distances on this surface. rim (n,) bool: nodes where
+    something else ends the surface, ``surface.border.border(...) == Border.CUT``; a band of some nodes around the rim
+    does no harm, since paths bend only at nodes with an open ring of neighbours. The body's own outline is not a rim,
+    since it is the same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached (inf)
+    anchors are not trusted. Where the outline bends a path shortly before a rim does (at a hole beside the armpit), too
+    few anchors are trusted: the path through the hole would have bent as well.
     """
     if not tolerance_m >= 0:
         raise ValueError(f"tolerance_m must not be negative, got {tolerance_m}")
@@ -209,12 +208,13 @@ def trusted_anchors(
 
 
 def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: float = np.inf) -> np.ndarray:
-    """Return (n, k) float32 metres: by how much each distance is longer than if the occluded holes were filled flat.
+    """Return (n, k) float32 metres: by how much each distance is longer than it would be if the occluded holes were
+    filled flat.
 
-    Arguments as in ``trusted_anchors``. It is NaN where the distance is not finite. A detour only grows along a path,
-    so nodes behind a detour of more than ``enough_m`` get a lower bound, which saves half the time. It is inf where the
-    path passes a strip without triangles beside the occlusion, whose bends are unknown. The direction of each path at a
-    rim comes from the field's own triangles, so that any solver's distances will do.
+    Arguments as in ``trusted_anchors``. The detour is NaN where the distance is not finite. Detours only grow along a
+    path, so nodes behind a detour of more than ``enough_m`` get a lower bound, which saves half the time. The detour is
+    inf where the path passes a strip without triangles beside the occlusion, in which bends are unknown. The direction
+    of each path at a rim is computed from the field, so distances of any solver can be used.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:
         raise ValueError(
@@ -281,9 +281,9 @@ def _skin(mesh: MeshArrays) -> np.ndarray:
 def _set_heading(
     skin: np.ndarray, bend: np.ndarray, node: int, edge: tuple[int, int], share: float, known: bool
 ) -> None:
-    """Set the direction of a path's last piece, which comes from between the ends of an edge.
+    """Set the direction of a path's last piece, which begins between the ends of an edge.
 
-    It stays 0 behind a link: a path across the hole does not bend around it.
+    The direction stays 0 behind a link, since a path across the hole does not bend around it.
     """
     a, b = edge
     for axis in range(3):
@@ -297,7 +297,7 @@ def _set_heading(
 def _detour_of(
     distance: np.ndarray, found: np.ndarray, bend: np.ndarray, chain: np.ndarray, node: int, before: int
 ) -> np.float32:
-    """Return the detour of a node whose path is laid out, from that of the nearer node before it."""
+    """Return the detour of a node whose path is laid out, computed from the detour of the nearer node before it."""
     if chain[node, CORNER] >= 0:
         chord = np.sqrt(bend[node, PLACE] ** 2 + bend[node, PLACE + 1] ** 2)
         return np.float32(max(distance[node] - chord, 0.0))

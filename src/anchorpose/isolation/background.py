@@ -1,4 +1,4 @@
-"""Describe the empty room and equipment chi_0 as each camera sees them, and find the foreground (paper, Section
+"""Describe the empty room and the equipment chi_0 as each camera sees them, and find the foreground (paper, Section
 III).
 """
 
@@ -18,15 +18,17 @@ from anchorpose.isolation.components import JUMP_GATE, without_flying_pixels
 from anchorpose.isolation.depth_noise import Sensor
 from anchorpose.recording.equipment import EquipmentModel
 
-# sigmas of a pixel, for a 3x3 median, whose own deviation is 0.4 of a pixel's: five of its own sigmas
+# sigmas of a pixel, as a limit for a 3x3 median; a median has 0.4 of a pixel's deviation, so these are five of its own
+# sigmas
 BACKGROUND_GATE: Final = 2.0
-EQUIPMENT_GATE: Final = 3.0  # sigmas of a single pixel, not of a median: thin bars are 3 pixels wide
-EQUIPMENT_TOLERANCE_M: Final = 0.01  # error of the equipment, which was measured by hand and whose pose was estimated
+EQUIPMENT_GATE: Final = 3.0  # sigmas of a single pixel, not of a median, since thin bars are 3 pixels wide
+# m, error of the equipment, which was measured by hand and whose pose was estimated
+EQUIPMENT_TOLERANCE_M: Final = 0.01
 _SQUARE: Final = np.ones((3, 3), np.uint8)
 
 
 class BackgroundSource(StrEnum):
-    """Source of the background; the run's notes quote it."""
+    """The source of the background, which the run's notes state."""
 
     PICTURE = "the given picture of the empty room"
     RECORDING = "what stays in place in the recording"
@@ -35,7 +37,8 @@ class BackgroundSource(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestingLayer:
-    """An object before the room, at rest from from_s until until_s (reference clock), and elsewhere at other times.
+    """An object in front of the room, which rests here from from_s until until_s (reference clock) and is elsewhere at
+    other times.
 
     depth_m (height, width) float32 metres, 0 = not here; sigma_m (height, width) float32: deviation of its readings.
     """
@@ -50,9 +53,9 @@ class RestingLayer:
 class BackgroundModel:
     """One camera's empty room.
 
-    depth_m (height, width) float32 metres, 0 = nothing known. sigma_m (height, width) float32: deviation of a live
-    reading from depth_m where nobody stands. layers: movable objects, each for the time that it rests. usual_share:
-    share of the known pixels that read the room in a usual frame (``other_place``); 0 where unknown.
+    depth_m (height, width) float32 metres, 0 = nothing known. sigma_m (height, width) float32: standard deviation of a
+    live reading from depth_m where nobody stands. layers: movable objects, each for the time for which it rests.
+    usual_share: share of the known pixels that read the room in a usual frame (``other_place``); 0 where unknown.
     """
 
     depth_m: np.ndarray
@@ -64,9 +67,10 @@ class BackgroundModel:
 
 
 def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return (depth_m, sigma_m), (height, width) float32 each, that each reading is compared with at a time.
+    """Return (depth_m, sigma_m), (height, width) float32 each, with which readings at a time are compared.
 
-    It is the room, or a layer that is present at the time, where the reading is not behind that. time_s None: the room.
+    They describe the room or, where the reading is not behind it, a layer that is present at the time. time_s None:
+    only the room.
     """
     room, sigma = model.depth_m, model.sigma_m
     for layer in model.layers:
@@ -80,12 +84,12 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
     """Return (height, width) bool: pixels nearer than the room by more than the noise explains, without flying
     pixels.
 
-    time_s: the frame's, reference clock; None: no layers.
+    time_s: time of the frame, reference clock; None: no layers.
 
-    The test is on the 3x3 median of the difference in sigmas, so it reaches down to a sole on the floor: the margin is
-    two sigmas along the ray, at grazing incidence a centimetre of height. A pixel that is clearly nearer needs no
-    median: fingers and corners of the outline are smaller than that. Where the background is unknown, a reading counts
-    as foreground; pixels that belong to no person are removed later.
+    The test uses the 3x3 median of the difference in sigmas, so it finds even a sole on the floor: the margin is two
+    sigmas along the ray, at grazing incidence a centimetre of height. A pixel that is clearly nearer is tested without
+    a median, since fingers and corners of the outline are smaller than its window. Where the background is unknown, a
+    reading counts as foreground; pixels that do not belong to a person are removed later.
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)
@@ -111,7 +115,7 @@ def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedEquipment:
-    """The view of one camera if only the equipment were there.
+    """One camera's view, if only the equipment were there.
 
     depth_m (height, width) float32 metres, 0 = no equipment on this ray. A reading between low_m and high_m, (height,
     width) float32, is the equipment; away from equipment low_m is inf. measured (height, width) bool: pixels of the
@@ -136,9 +140,10 @@ def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
 
 
 def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> ExpectedEquipment:
-    """Compute which readings are the equipment, once per camera, since it does not move.
+    """Compute which readings show the equipment; once per camera is enough, since it does not move.
 
-    drawn_m: ``equipment_depth``. The silhouette is one pixel wider than drawn: a pixel that is half bar reads as bar.
+    drawn_m: ``equipment_depth``. The silhouette is made one pixel wider than drawn, since a pixel that is half on a bar
+    reads the bar.
     """
     sigma = background.sensor.noise.sigma_m(drawn_m)
     reach = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(background.sigma_m, sigma)
@@ -153,10 +158,10 @@ def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> Expect
 def equipment_mask(depth_m: np.ndarray, nearer: np.ndarray, expected: ExpectedEquipment) -> np.ndarray:
     """Return (height, width) bool: pixels whose view ends at the equipment, so that the patient may be behind it.
 
-    These are pixels that read the equipment, and pixels without reading where it is drawn; nearer readings are in front
-    of it. nearer (height, width) bool: ``background.foreground``. Where the background frame shows the empty equipment,
-    ``nearer`` decides alone: fingers around a bar stand out from it by less than the error of a model measured by hand,
-    and less than one pixel's noise.
+    These are pixels that read the equipment, and pixels without a reading where it is drawn; nearer readings are in
+    front of it. nearer (height, width) bool: ``background.foreground``. Where the background frame shows the empty
+    equipment, only ``nearer`` decides, since fingers around a bar stand out from the bar by less than the error of a
+    model measured by hand, and by less than one pixel's noise.
     """
     on_it = (depth_m >= expected.low_m) & (depth_m <= expected.high_m) & ~(expected.measured & nearer)
     mask: np.ndarray = on_it | ((depth_m <= 0) & (expected.depth_m > 0))

@@ -1,4 +1,4 @@
-"""Remember the skin of all people from frame to frame, to predict where it is in the next frame."""
+"""Remember the skin of all people from frame to frame, to predict where this skin is in the next frame."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from anchorpose.isolation.ownership import OwnershipLikelihood
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
-SAMPLE_PX: Final = 3  # rows and columns between sampled pixels: two centimetres at 2.5 m
-CELL_M: Final = 0.05  # newly seen skin replaces remembered skin within this distance
-MEMORY_S: Final = 1.0  # time for which hidden skin is remembered: a person crosses in front of it
-SIGMA_M: Final = 0.012  # error of remembered points: noise and half of their spacing
-# speed of skin between frames, of people who hold or stand; walking people are reached by region growing
+SAMPLE_PX: Final = 3  # step in rows and columns between sampled pixels: two centimetres at 2.5 m
+CELL_M: Final = 0.05  # m; newly seen skin replaces remembered skin within this distance
+MEMORY_S: Final = 1.0  # s for which hidden skin is remembered: a person crosses in front of it
+SIGMA_M: Final = 0.012  # m, error of remembered points: noise and half of their spacing
+# m/s, speed of the skin of people who hold or stand; walking people are reached by region growing
 SPEED_M_S: Final = 0.30
-# gap within one cluster, a bar with its margins: a head over a rail still belongs to its body
+# m, gap within one cluster: a bar with its margins, so that a head over a rail still belongs to its body
 CLUSTER_GAP_M: Final = 0.10
-CLUSTER_AREA_M2: Final = 0.25  # skin of a person, seen by all cameras together: more than an arm, 0.15
-CUBES_PER_FACE: Final = 1.5  # cubes that a plane passes through, per cube face of its area: mean over all slants
+CLUSTER_AREA_M2: Final = 0.25  # m2, least skin of a person, seen by all cameras together; an arm has 0.15
+# number of cubes that a plane passes through, per cube face of its area; mean over all slants
+CUBES_PER_FACE: Final = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BystanderMemory:
     """The skin of all people, the patient included, as last seen.
 
-    points_m (n, 3) float32 world; owner (n,) uint8 label; age_s (n,) float32: time since it was seen; next_label: the
-    label that a new person gets.
+    points_m (n, 3) float32 world; owner (n,) uint8 label; age_s (n,) float32: time since the point was seen;
+    next_label: the label for the next new person.
     """
 
     points_m: np.ndarray
@@ -70,9 +71,10 @@ class BystanderMemory:
         return replace(self, points_m=points)
 
     def likelihood(self, elapsed_s: float, doubt_m: float = 0.0) -> OwnershipLikelihood:
-        """Predict skin ``elapsed_s`` after the last frame: its uncertainty grows with the time since it was seen.
+        """Predict the remembered skin ``elapsed_s`` after the last frame; its uncertainty grows with the time since it
+        was seen.
 
-        doubt_m: added to its deviation, since its person label may be wrong.
+        doubt_m: added to the deviation of the skin, since its person label may be wrong.
         """
         spread = np.hypot(np.hypot(SIGMA_M, doubt_m), SPEED_M_S * (self.age_s + abs(elapsed_s)))
         return OwnershipLikelihood(self.points_m, self.owner, spread.astype(np.float32))
@@ -94,9 +96,9 @@ def update_memory(
 ) -> BystanderMemory:
     """Update the memory by one more frame.
 
-    Skin that is hidden from all cameras is remembered for ``MEMORY_S``; where a camera looks past it, it has gone.
-    Clusters too small to be a person are dropped, so that an arm or head that was once given to the wrong person does
-    not keep its wrong owner.
+    Skin that is hidden from all cameras is remembered for ``MEMORY_S``; skin that a camera sees past has gone. Clusters
+    too small to be a person are dropped, so that an arm or head that was once labelled as the wrong person's does not
+    keep that label.
     """
     points, owner = _seen_now(pieces, views)
     kept = _hidden_since(before, points, pieces, cameras, elapsed_s)
@@ -131,7 +133,7 @@ def _hidden_since(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> BystanderMemory:
-    """Return the skin that was seen before, is not seen now, and may still be at its place."""
+    """Return the skin that was seen before, is not seen now, and may still be in its place."""
     age = before.age_s + np.float32(abs(elapsed_s))
     kept = np.flatnonzero((age < MEMORY_S) & ~_near(before.points_m, seen_m))
     points = before.points_m[kept]
@@ -146,7 +148,7 @@ def _hidden_since(
 
 
 def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: points in whose cell, or beside it, skin is seen now."""
+    """Return (n,) bool: points with presently seen skin in their own or a neighbouring cell."""
     if not len(points_m) or not len(seen_m):
         return np.zeros(len(points_m), dtype=bool)
     low = np.minimum(points_m.min(axis=0), seen_m.min(axis=0)) - CELL_M

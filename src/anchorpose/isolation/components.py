@@ -8,17 +8,17 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-SUPPORT: Final = 3  # supporting neighbours out of eight; the corner of a convex outline still has three
+SUPPORT: Final = 3  # supporting neighbours out of eight; a pixel at the corner of a convex outline still has three
 JUMP_GATE: Final = 4.0  # sigmas by which neighbours on one surface may differ beyond the slope
-STEEPEST_SLOPE_RAD: Final = 1.40  # 80 degrees: steeper surfaces give no reading
+STEEPEST_SLOPE_RAD: Final = 1.40  # 80 degrees: steeper surfaces return no reading
 
 
 @dataclass(frozen=True, slots=True)
 class JumpLimit:
-    """Largest depth difference between neighbouring pixels of one surface: ``square z^2 + slope z`` metres at depth
+    """The largest depth difference between neighbouring pixels of one surface: ``square z^2 + slope z`` metres at depth
     z.
 
-    square (1/m): from the noise; slope: from the steepest surface that gives a reading, per pixel.
+    square (1/m): part due to noise; slope: part per pixel due to the steepest surface that returns a reading.
     """
 
     square: float
@@ -30,8 +30,8 @@ class JumpLimit:
 
 
 def jump_limit(noise_per_m: float, focal_px: float) -> JumpLimit:
-    """Return the limit for a sensor of noise ``noise_per_m z^2``: ``JUMP_GATE`` deviations of a difference above the
-    slope.
+    """Return the limit for a sensor with noise ``noise_per_m z^2``: the slope's part, and ``JUMP_GATE`` deviations of a
+    difference.
     """
     return JumpLimit(float(JUMP_GATE * np.sqrt(2.0) * noise_per_m), float(np.tan(STEEPEST_SLOPE_RAD) / focal_px))
 
@@ -40,15 +40,16 @@ def label_components(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) ->
     """Return the pieces of ``mask`` in which neighbouring pixels (8-neighbourhood) differ in depth by at most the
     limit.
 
-    depth_m (height, width) float32 metres; mask (height, width) bool. Of two pixels the farther one's limit counts.
-    Returns labels (height, width) int32, 0 = outside the mask, 1... in the order of the first pixel, and their number.
+    depth_m (height, width) float32 metres; mask (height, width) bool. For two pixels, the limit of the farther one
+    applies. Return labels (height, width) int32, 0 = outside the mask, 1... in the order of their first pixels, and the
+    number of pieces.
     """
     return _label(depth_m, mask, limit.square, limit.slope)
 
 
 def without_flying_pixels(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> np.ndarray:
-    """Return ``mask`` without pixels that hang between two surfaces: those with fewer than three neighbours at their
-    depth.
+    """Return ``mask`` without flying pixels, which hang between two surfaces: pixels with fewer than three neighbours
+    at their depth.
 
     Time-of-flight cameras report such mixed depths along every silhouette.
     """
@@ -65,7 +66,9 @@ def _root(parent: np.ndarray, node: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _label(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> tuple[np.ndarray, int]:
-    """Label the pieces by union-find; the smallest index of a piece is its root, so it comes first."""
+    """Label the pieces by union-find. The root of a piece is its smallest index, so pieces are numbered by their first
+    pixels.
+    """
     height, width = depth.shape
     parent = np.empty(height * width, dtype=np.int32)
     for row in range(height):

@@ -1,10 +1,10 @@
 """Describe one camera's depth images: noise, step between grey values, width of edges, smear between surfaces.
 
-Spatial filters (such as librealsense's) join a person and the wall behind by a false slope, a decimetre wide.
+Spatial filters (such as librealsense's) connect a person with the wall behind by a false slope, a decimetre wide.
 
-A pixel that shows the empty room in two sampled frames differs between them by noise alone. Second differences along a
-row (``first_frames``) would miss the error that neighbouring pixels share: a stereo camera's error comes in patches as
-wide as its matching window, so it hardly averages out over a limb.
+Noise is measured on pixels that show the empty room in two sampled frames, since these differ only by noise. Second
+differences along a row (``first_frames``) would miss the error that neighbouring pixels share: a stereo camera's error
+comes in patches as wide as its matching window, so it hardly averages out over a limb.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ from anchorpose.calibration.first_frames import step_per_m
 from anchorpose.camera import Camera
 from anchorpose.isolation.components import JumpLimit, jump_limit
 
-LIMB_M: Final = 0.08  # thickness of a forearm, the thinnest limb: 25 cm around
-SHARP_EDGE_PX: Final = 2.0  # pixels; a sharp edge has a pixel with either side's depth, or one mixed pixel
+LIMB_M: Final = 0.08  # m, thickness of a forearm, the thinnest limb: 25 cm around
+# pixels; across a sharp edge, neighbouring pixels show one side and the other, with at most one mixed pixel
+SHARP_EDGE_PX: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class DepthDetail:
-    """The edges and steps of one camera's depth. edge_px: width of its depth edges; focal_px; step_per_m: the step
-    between grey values is ``step_per_m z^2`` (1/m), 0 = unknown.
+    """The edges and steps of one camera's depth. edge_px: width of its depth edges in pixels; focal_px: focal length in
+    pixels; step_per_m (1/m): the step between grey values is ``step_per_m z^2``, 0 = unknown.
     """
 
     edge_px: float
@@ -55,14 +56,14 @@ class DepthDetail:
 
 
 WIDEST_PX: Final = 16  # a wider edge is a slanting surface
-# depth difference of the two sides of a measured edge: clothes, arms and seats differ less from what is behind them
+# m, depth difference between the sides of a measured edge; clothes, arms and seats are nearer to their background
 JUMP_M: Final = 0.40
 FLAT: Final = 0.1  # share of the jump by which the two pixels on one side of an edge may differ
 MIDDLE: Final = (0.2, 0.8)  # shares of the jump between which the ramp's width is measured
 LEAST_EDGES: Final = 1000  # edges in all frames together; real recordings have tens of thousands
-SHARP_PX: Final = 2.0  # width of the ramp's middle; an unfiltered camera has one pixel or none there
-FRAMES: Final = 8  # frames that are measured
-ON_RAMP: Final = 0.15  # share of the jump from either side beyond which a pixel is on the ramp
+SHARP_PX: Final = 2.0  # pixels, width of the ramp's middle; an unfiltered camera has at most one pixel there
+FRAMES: Final = 8  # number of frames that are measured
+ON_RAMP: Final = 0.15  # share of the jump; a pixel that differs by more from both sides is on the ramp
 
 
 def smear_px(frames_m: Sequence[np.ndarray]) -> int:
@@ -79,7 +80,7 @@ def smear_px(frames_m: Sequence[np.ndarray]) -> int:
 
 
 def _middles(depth_m: np.ndarray) -> np.ndarray:
-    """Return the widths (e,), in pixels, of the middle of each ramp along the rows, between two even sides."""
+    """Return the width (e,), in pixels, of the middle of each ramp along the rows that lies between two flat sides."""
     beside, width = 4, depth_m.shape[1]
     span = width - WIDEST_PX - 2 * beside
     if span <= 0:
@@ -96,7 +97,7 @@ def _middles(depth_m: np.ndarray) -> np.ndarray:
 
 
 def smeared(depth_m: np.ndarray, width_px: int) -> np.ndarray:
-    """Return (height, width) bool: pixels on a ramp between two surfaces that differ by a jump; width_px:
+    """Return (height, width) bool: pixels on a ramp between two surfaces with a jump between them. width_px:
     ``smear_px``.
     """
     square = np.ones((2 * width_px + 1, 2 * width_px + 1), np.uint8)
@@ -108,30 +109,30 @@ def smeared(depth_m: np.ndarray, width_px: int) -> np.ndarray:
 
 
 CHANGES: Final = 6  # pairs of frames that are compared: half a million pixels or more
-STILL_GATE: Final = 6.0  # sigmas; nearer readings show the background, people stand farther off
+STILL_GATE: Final = 6.0  # sigmas; readings nearer to the background show it, people stand farther off
 OUTLIER_GATE: Final = 4.0  # sigmas; 1 in 16,000 of a normal distribution is beyond
 ROUNDS: Final = 3  # rounds in which outliers are left out
 EDGE_PX: Final = 2  # pixels beside a depth edge, where readings fly; they are counted separately
-EDGE_M: Final = 0.10  # depth range of 5x5 pixels that is an edge; a slanted surface has less
-BIN_M: Final = 0.5  # width of a depth bin
-SLANTS_DEG: Final = (35.0, 60.0)  # limits, between ray and surface normal, of facing, slanted and steep surfaces
-# readings per depth and slant: the deviation is then known to a tenth if 40 share an error
+EDGE_M: Final = 0.10  # m, depth range of 5x5 pixels that counts as an edge; a slanted surface has less
+BIN_M: Final = 0.5  # m, width of a depth bin
+SLANTS_DEG: Final = (35.0, 60.0)  # degrees between ray and surface normal, limits of facing, slanted and steep surfaces
+# readings per depth and slant, by which the deviation is known to a tenth even if 40 readings share an error
 LEAST_READINGS: Final = 2000
 LONGEST_PX: Final = 24  # largest distance at which errors of neighbours are compared
-UNRELATED: Final = 0.05  # correlation; less is chance
-SMOOTH_PX: Final = 9  # window over which a surface normal is computed
+UNRELATED: Final = 0.05  # correlation; smaller ones may be chance
+SMOOTH_PX: Final = 9  # pixels, window over which a surface normal is computed
 
 
 @dataclass(frozen=True, slots=True)
 class DepthNoise:
     """The random error of one camera's readings along its optical axis.
 
-    at_m, sigma_at_m: sigma (metres) of a reading on a surface that faces the camera, at depths in rising order. slants:
-    factors of sigma on a slanted (35 to 60 degrees between ray and normal) and on a steep surface, None where not
-    measured. shared_px: how many pixels, on average, share one error; 1 = independent pixels. flying: share of the
-    readings beside depth edges that show neither side; holes: share of the pixels on the room's surfaces without a
-    reading; None where not measured. measured is False where no still background was seen: sigma is then that between
-    neighbouring readings, a lower bound.
+    at_m, sigma_at_m: depths in increasing order, and sigma (metres) there of a reading on a surface that faces the
+    camera. slants: factors on sigma for a slanted surface (35 to 60 degrees between ray and normal) and for a steep
+    surface, None where not measured. shared_px: number of pixels, on average, that share one error; 1 = independent
+    pixels. flying: share of the readings beside depth edges that show neither side; holes: share of the pixels on the
+    room's surfaces without a reading; None where not measured. measured: False where no still background was seen;
+    sigma is then measured between neighbouring readings, a lower bound.
     """
 
     at_m: tuple[float, ...]
@@ -145,14 +146,14 @@ class DepthNoise:
     def sigma_m(self, depth_m: np.ndarray, slant_deg: np.ndarray | None = None) -> np.ndarray:
         """Return sigma, metres, at depths of any shape; slant_deg has the same shape, None: facing surfaces.
 
-        sigma / z^2 is linear between measured depths and stays as it is beyond them.
+        sigma / z^2 is linear between measured depths and constant beyond them.
         """
         depth = np.asarray(depth_m, np.float64)
         per_square = np.interp(depth, self.at_m, np.divide(self.sigma_at_m, np.square(self.at_m)))
         return np.asarray(per_square * depth**2 * (1.0 if slant_deg is None else self._times(slant_deg)))
 
     def _times(self, slant_deg: np.ndarray) -> np.ndarray:
-        """Return the factors at a slant; an unmeasured slant takes the factor of the next smaller one."""
+        """Return the factors at a slant; an unmeasured slant has the factor of the next smaller slant."""
         times = [1.0]
         for slant in self.slants:
             times.append(times[-1] if slant is None else slant)
@@ -160,18 +161,18 @@ class DepthNoise:
 
 
 def neighbour_noise(neighbours_per_m: float) -> DepthNoise:
-    """Return the noise where no still background is seen: ``noise_per_m z^2`` of ``calibration.first_frames``,
-    independent pixels.
+    """Return the noise for a camera that sees no still background: ``noise_per_m z^2`` of ``calibration.first_frames``,
+    with independent pixels.
     """
     return DepthNoise((1.0,), (neighbours_per_m,), measured=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor(DepthDetail):
-    """All that is known of one camera's depth images.
+    """The measured properties of one camera's depth images.
 
-    noise_per_m: deviation between neighbouring readings is ``noise_per_m z^2``, which limits depth jumps on one
-    surface; noise: that of single readings.
+    noise_per_m: the deviation between neighbouring readings is ``noise_per_m z^2``, which limits depth jumps on one
+    surface; noise: noise of single readings.
     """
 
     noise_per_m: float
@@ -223,8 +224,8 @@ def measure_noise(
 
 
 def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return nearest and farthest depth (height, width) of the room around a pixel; 0 and inf if any neighbour is
-    unknown.
+    """Return the nearest and the farthest depth (height, width) of the room around each pixel; 0 and inf if any
+    neighbour is unknown.
     """
     square = np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
     near, far = cv2.erode(room_m, square), cv2.dilate(room_m, square)
@@ -232,7 +233,9 @@ def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _slant_deg(room_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the angle (height, width), degrees, between ray and normal of the smoothed room; 0 where unknown."""
+    """Return the angle (height, width), degrees, between each ray and the normal of the smoothed room; 0 where
+    unknown.
+    """
     size = (SMOOTH_PX, SMOOTH_PX)
     share = cv2.blur((room_m > 0).astype(np.float32), size)
     smooth_m = np.where(room_m > 0, cv2.blur(room_m, size) / np.maximum(share, 1e-6), np.float32(0.0))
@@ -244,7 +247,8 @@ def _slant_deg(room_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNoise | None:
-    """Fit sigma by depth times a factor by slant to the logarithms of all cells; None without a cell.
+    """Fit a model of sigma, a function of depth times a factor by slant, to the logarithms of all cells; return None
+    without a cell.
 
     change_m (n, height, width) with NaN: a reading's noise; slant (height, width): 0 facing, 1 slanted, 2 steep.
     """
@@ -258,14 +262,17 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
     logs, depth_m = np.log(np.array(list(cells.values()))).T
     found = np.linalg.lstsq(matrix, logs, rcond=None)[0]
     by_level, by_slant = found[: len(levels)], dict(zip(slants, found[len(levels) :], strict=True))
-    reference = by_slant[slants[0]]  # facing or, without such surfaces, the least slanted, whose sigma is too large
+    # facing surfaces or, without them, the least slanted surfaces, whose sigma is too large
+    reference = by_slant[slants[0]]
     at_m = [float(np.exp(np.mean([d for d, (at, _) in zip(depth_m, cells, strict=True) if at == k]))) for k in levels]
     times = [float(np.exp(by_slant[k] - reference)) if k in by_slant else None for k in (1, 2)]
     return DepthNoise(tuple(at_m), tuple(np.exp(by_level + reference).tolist()), (times[0], times[1]))
 
 
 def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return sigma and median depth, metres, of each depth bin and slant with enough readings and any noise."""
+    """Return sigma and median depth, metres, of each depth bin and slant that has enough readings and a noise above
+    zero.
+    """
     _, row, column = np.nonzero(np.isfinite(change_m))
     value, depth_m = change_m[np.isfinite(change_m)], room_m[row, column]
     level, kind = (depth_m / BIN_M).astype(np.int64), slant[row, column]
@@ -279,7 +286,9 @@ def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[
 
 
 def _deviation(values: np.ndarray) -> float:
-    """Return the root mean square without outliers. Medians would be 0 where most readings of a coarse scale repeat."""
+    """Return the root mean square without outliers. Medians are not used: they would be 0 where most readings of a
+    coarse scale repeat.
+    """
     sigma = float(np.sqrt(np.mean(values**2)))
     for _ in range(ROUNDS):
         sigma = float(np.sqrt(np.mean(values[np.abs(values) <= OUTLIER_GATE * sigma] ** 2)))
@@ -287,19 +296,19 @@ def _deviation(values: np.ndarray) -> float:
 
 
 def _shared(in_sigmas: np.ndarray) -> float:
-    """Return how many pixels share one error: the sum of a pixel's correlations with all pixels around it, and
-    itself.
+    """Return how many pixels share one error: the sum of a pixel's correlations with itself and all pixels around it.
 
-    in_sigmas (n, height, width): noise in its own sigmas, NaN where unknown. Correlations are summed ring by ring until
-    a ring is ``UNRELATED``. They are computed by Fourier transforms, since the correlation may be a narrow peak on a
-    broad hill.
+    in_sigmas (n, height, width): noise divided by its sigma, NaN where unknown. Correlations are summed ring by ring
+    until a ring is ``UNRELATED``. All lags are computed, by Fourier transforms, since the correlation may be a narrow
+    peak on a broad hill.
     """
     seen = np.abs(in_sigmas) < OUTLIER_GATE
     value = np.where(seen, in_sigmas, 0.0).astype(np.float32)
     related = _at_lags(value) / np.maximum(np.rint(_at_lags(seen.astype(np.float32))), 1.0)
     rows, columns = np.ogrid[: related.shape[0], -LONGEST_PX : LONGEST_PX + 1]
     ring = np.rint(np.hypot(rows, columns)).astype(np.int64)
-    twice = np.where((rows > 0) | (columns > 0), 1.0, 0.5) * ((rows > 0) | (columns >= 0))  # one lag of each pair
+    # one lag of each opposite pair
+    twice = np.where((rows > 0) | (columns > 0), 1.0, 0.5) * ((rows > 0) | (columns >= 0))
     weight = np.bincount(ring.ravel(), twice.ravel())[: LONGEST_PX + 1]
     total = np.bincount(ring.ravel(), (twice * related).ravel())[: LONGEST_PX + 1] / related[0, LONGEST_PX]
     unrelated = np.flatnonzero(total < UNRELATED * weight)
@@ -307,7 +316,9 @@ def _shared(in_sigmas: np.ndarray) -> float:
 
 
 def _at_lags(images: np.ndarray) -> np.ndarray:
-    """Return (LONGEST_PX + 1, 2 LONGEST_PX + 1) sums of products of pixels at each lag in rows and (signed) columns."""
+    """Return the sums (LONGEST_PX + 1, 2 LONGEST_PX + 1) of the products of pixels at each lag in rows and (signed)
+    columns.
+    """
     size = tuple(cv2.getOptimalDFTSize(side + LONGEST_PX) for side in images.shape[1:])
     power = sum(np.abs(np.fft.rfft2(image, size)) ** 2 for image in images)
     lags = np.fft.irfft2(power, size)

@@ -1,8 +1,8 @@
-"""Learn the empty room of one camera from its background frame or, without one, from what stays still in the
-recording.
+"""Learn the empty room of one camera from its background frame or, without such a frame, from surfaces that stay still
+in the recording.
 
-Static surfaces are the room, except people who never leave their place; the learnt descriptor recognises them. Behind
-them only floor and walls are known.
+Still surfaces are the room, except people who never leave their place, whom the learnt descriptor recognises. Behind
+these people only floor and walls are known.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
-BLOCK_PX: Final = 16  # side of the blocks in which noise is measured: it changes slowly over the image
-READINGS_NEEDED: Final = 32  # readings per block: the median is then good to a sixth of itself
+BLOCK_PX: Final = 16  # pixels, side of the blocks in which noise is measured; noise changes slowly over the image
+READINGS_NEEDED: Final = 32  # readings per block, by which the median is known to a sixth of itself
 LEAST_READ: Final = 0.15  # share of the frames that must agree on a depth, for the room to be known there
-OFTEN_READ: Final = 0.5  # share of the frames with a reading: people hide the room, they do not make it readable
+OFTEN_READ: Final = 0.5  # share of the frames with a reading; people hide the room, they do not add readings of it
 SAME_SIGMAS: Final = 6.0  # sigmas beyond ``SAME_M``; readings of one surface differ by less
-FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room where a pixel is free a fifth of the time
-FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # places of these percentiles in a normal distribution
+FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both percentiles show the room where a pixel is free a fifth of the time
+FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a normal distribution, in sigmas
 
-LEAN_M: Final = 0.25  # margin beyond the equipment's outline on the ground: arms over the rails, and the back
-HEAD_M: Final = 2.3  # height above the floor: a raised arm
-SOLE_M: Final = 0.015  # height above the floor: the plane's error, and a third of a foot's height
+LEAN_M: Final = 0.25  # m beyond the equipment's outline on the ground, for arms over the rails and the back
+HEAD_M: Final = 2.3  # m above the floor, for a raised arm
+SOLE_M: Final = 0.015  # m above the floor, the plane's error and a third of a foot's height
 
 
 def learn_background(
@@ -59,10 +59,10 @@ def learn_background(
     floor_height_m: float | None,
     equipment: EquipmentModel | None = None,
 ) -> BackgroundModel:
-    """Learn the background of one camera from a frame of the empty room or, without one, from sampled frames.
+    """Learn the background of one camera from a frame of the empty room or, without such a frame, from sampled frames.
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
-    has a pose. Without an empty frame the background is the farthest surface most of the time, without people (by the
+    needs a pose. Without an empty frame the background is the farthest surface most of the time, without people (by the
     learnt descriptor). floor_height_m: None where no floor is seen; the equipment is not needed with an empty frame.
     Raises ValueError without frames.
     """
@@ -79,7 +79,7 @@ def learn_background(
         sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
         return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
-    if len(frames_m) > 1:  # with one frame, room and reading are the same, rounded once
+    if len(frames_m) > 1:  # with a single frame, room and reading are the same value, which is rounded once
         sigma = _at_least_a_step(sigma, depth, detail.step_per_m)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
     return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.RECORDING)
@@ -109,7 +109,8 @@ def _from_recording(
         margin = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(sigma, noise * drawn**2)
         hidden |= standing & ~((drawn > 0) & (depth > drawn - margin))
     depth = np.where(hidden, behind, depth)
-    return depth, np.maximum(sigma, np.float32(noise) * depth**2)  # also where floor and walls were filled in
+    # this includes places where floor and walls were filled in
+    return depth, np.maximum(sigma, np.float32(noise) * depth**2)
 
 
 def in_equipment(
@@ -146,8 +147,8 @@ def _fill_specks(depth_m: np.ndarray) -> np.ndarray:
 def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: float) -> np.ndarray:
     """Return the deviation of live readings from the background, block by block.
 
-    Only readings *behind* the background are used: nobody can stand there, so they are noise, and the median of their
-    size is that of a half normal distribution. Blocks that are always covered get the image's typical z^2 law.
+    Only readings *behind* the background are used: nobody can stand there, so they are noise with a half-normal
+    distribution, whose median gives the deviation. Blocks that are always covered get the image's typical z^2 law.
     """
     known = depth_m > 0
     behind = np.stack([np.where((frame > depth_m) & known, frame - depth_m, np.nan) for frame in frames_m])
@@ -159,8 +160,8 @@ def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: fl
 def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
     """Return (depth_m, sigma_m) of the surface that is farthest most of the time, from (n, height, width) frames."""
     count = (frames_m > 0).sum(axis=0)
-    rising = np.sort(frames_m, axis=0)  # lost readings are 0 and come first
-    if len(frames_m) < FRAMES_NEEDED:  # a single reading may be a person; of several the farthest is the room
+    rising = np.sort(frames_m, axis=0)  # lost readings are 0 and are sorted first
+    if len(frames_m) < FRAMES_NEEDED:  # a single reading may be a person; the farthest of several is the room
         depth = np.where(count >= min(2, len(frames_m)), rising[-1], np.float32(0.0))
         return depth, (np.sqrt(2.0) * noise * depth**2).astype(np.float32)
     near, far = (_percentile_of_last(rising, count, percent) for percent in (NEAR_PERCENTILE, FAR_PERCENTILE))
@@ -169,7 +170,7 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
     free = (far - near < same) & (count > 0)  # both percentiles show the room
     spread = (far - near) / ((FAR_SIGMAS - NEAR_SIGMAS) * square)
     sigma = _as_sigma(_block_median(np.where(free, spread, np.nan)[None]), far, floor=noise)
-    # where the room gives no reading, only passers-by are read
+    # where the room returns no reading, only passers-by are read
     agreeing = (np.abs(rising - far) < same).sum(axis=0)
     known = (agreeing >= LEAST_READ * len(frames_m)) | (count >= OFTEN_READ * len(frames_m))
     return np.where(known, np.maximum(far - FAR_SIGMAS * sigma, 0.0), 0.0).astype(np.float32), sigma
@@ -184,9 +185,10 @@ def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -
 
 
 def _at_least_a_step(sigma_m: np.ndarray, depth_m: np.ndarray, step_per_m: float) -> np.ndarray:
-    """Raise sigma so that a reading is in front of the room only if nearer by more than one step of the grey values.
+    """Raise sigma so that a reading counts as in front of the room only if it is nearer by more than one step of the
+    grey values.
 
-    Room and reading are each rounded by half a step: neighbouring grey values are the same depth.
+    Room and reading are each rounded by half a step, so neighbouring grey values may show the same depth.
     """
     return np.maximum(sigma_m, np.float32(0.5 * step_per_m) * depth_m**2)
 

@@ -1,7 +1,7 @@
-"""Find depth images that show another place than the camera's room: it was covered, or knocked over, for a moment.
+"""Find depth images that do not show the camera's room, because the camera was covered or knocked over for a moment.
 
-Such an image has readings and surfaces. But nobody can stand behind the room, and nobody hides all of it: a camera in
-its place sees some of its room in every image.
+Such an image has readings and surfaces, but it lacks two properties of usual images: nobody can stand behind the room,
+and nobody hides all of it, so a camera in its place sees some of its room in every image.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from anchorpose.recording.recording import FrameSet
 
 SENTENCE: Final = "shows another place than usual: it was covered, or moved, for a moment"
 STEP_PX: Final = 4  # every fourth pixel of every fourth row is tested
-# largest difference between a reading of the room and the room, which may have been learnt a step off
+# m, largest difference between a reading of the room and the room, which may have been learnt a step off
 SAME_M, SAME_SIGMAS = 0.05, 6.0
-FRAMES_NEEDED: Final = 3  # frames that determine how much of the room a usual image shows
-# share of the image where the room must be known: recorders that remove the room leave at most objects
+FRAMES_NEEDED: Final = 3  # least frames that determine how much of the room a usual image shows
+# share of the image where the room must be known; recorders that remove the room leave at most objects
 LEAST_KNOWN: Final = 0.2
 LEAST_USUAL: Final = 0.2  # share of the room's pixels; a camera that sees less of them is not tested
-COVERED: Final = 0.05  # share of the usual share: a passer-by who fills most of the image leaves half of it
-MOVED: Final = 0.6  # share of the usual share, if readings also lie behind the room
-# share of the room's pixels with readings behind: 0.002 where people walk, 0.04 where furniture is moved
+COVERED: Final = 0.05  # share of the usual share; a passer-by who fills most of the image leaves half of it
+MOVED: Final = 0.6  # share of the usual share, for an image that also has readings behind the room
+# share of the room's pixels with readings behind the room: 0.002 where people walk, 0.04 where furniture is moved
 MOST_BEHIND: Final = 0.05
 
 
@@ -42,7 +42,7 @@ def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.n
 
 
 def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
-    """Return whether a depth image (height, width) float32 cannot be of the room that the camera saw all the time.
+    """Return whether a depth image (height, width) float32 cannot show the room that the camera saw all the time.
 
     It is False where too little of the room is known, for example if a recorder has removed it.
     """

@@ -11,12 +11,12 @@ from numba import njit
 
 NOBODY: Final = 0
 MIXED: Final = 255  # label of a cell with several people
-# skin is searched in the cell of a place and the 26 around it: all skin within this distance is found
+# m; skin is searched in the cell of a place and the 26 cells around it, so all skin within this distance is found
 CELL_M: Final = 0.035
-# half the spacing of skin points: a place this far from the nearest one may still be on the skin
+# m, half the spacing of skin points; a place this far from the nearest point may still be on the skin
 SAMPLING_M: Final = 0.01
-GATE: Final = 3.0  # sigmas; places farther from expected skin have no owner yet, and are reached by region growing
-LEAST_LEAD: Final = 2.0  # squared deviations by which the most likely owner must lead all others
+GATE: Final = 3.0  # sigmas; places farther from expected skin have no owner at first, and are reached by region growing
+LEAST_LEAD: Final = 2.0  # squared deviations by which the most likely owner must lead all other people
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +38,8 @@ class LikelihoodGrid(NamedTuple):
     """Expected skin sorted by cells: the points of cell c are start[c] to start[c + 1].
 
     points_m (n, 3) float32, owner (n,) uint8; weight (n,) float32 = 1 / sigma^2; penalty (n,) float32 = 2 log(sigma);
-    origin_m (3,) float32; around (a, b, c) uint8: the owner of the skin in a cell and the 26 around it: ``NOBODY``, one
-    person's label or ``MIXED``.
+    origin_m (3,) float32; around (a, b, c) uint8: the owner of the skin in a cell and the 26 cells around it:
+    ``NOBODY``, one person's label or ``MIXED``.
     """
 
     points_m: np.ndarray
@@ -80,7 +80,9 @@ def sort_likelihood(likelihood: OwnershipLikelihood) -> LikelihoodGrid:
 
 @njit(cache=True, nogil=True)
 def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> None:
-    """Enter every point's owner in its own and the 26 cells around; all points keep one cell from the lower border."""
+    """Enter every point's owner in the point's cell and the 26 cells around it. All points must be at least one cell
+    away from the lower border.
+    """
     before = np.full(3, -1, np.int64)
     whose = 0
     for i in range(len(cell)):
@@ -101,12 +103,12 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
 def decide_ownership(
     grid: LikelihoodGrid, places_m: np.ndarray, compared: np.ndarray, gate: float = GATE, least_lead: float = LEAST_LEAD
 ) -> np.ndarray:
-    """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` where there is none.
+    """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` where no owner is clear.
 
-    Where all skin around a place is one person's, that person owns it. Elsewhere, and only where ``compared`` (m,)
-    bool, the most likely owner wins: the one with least (d / sigma)^2 + 2 log(sigma), d being the distance to the skin,
-    from the likelihood of a reading that is off the skin by d. It has to lead all others by ``least_lead``; skin
-    farther away than ``gate`` of its sigmas does not count.
+    Where all skin around a place belongs to one person, that person owns the place. Elsewhere, and only where
+    ``compared`` (m,) bool, the most likely owner wins: the person with least (d / sigma)^2 + 2 log(sigma), from the
+    likelihood of a reading that is off the skin by the distance d. This person has to lead all others by
+    ``least_lead``; skin farther away than ``gate`` of its sigmas does not count.
     """
     return _decide(grid, places_m, compared, gate, least_lead)
 

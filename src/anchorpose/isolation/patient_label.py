@@ -1,5 +1,5 @@
-"""Correct the label of the patient's pixels: parts labelled as others, stray pieces of others, and whole other
-people.
+"""Correct the patient's pixels: add parts that were labelled as another person, and remove stray pieces of other people
+and whole other people.
 """
 
 from __future__ import annotations
@@ -21,18 +21,19 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel
 
 LEAST_CONTACT_M: Final = 0.05  # a wrist's width
-# times a piece's width: half a head continues along its longest side, a held forearm does not
+# times a piece's width; half a head continues along its longest side, a held forearm does not
 LEAST_CONTACT: Final = 1.0
-LARGEST_M2: Final = 0.03  # a head; a leg below a bar is larger, and people kneeling before it border on all of it
+# m2, a head; a leg below a bar is larger, and people kneeling in front of it border on all of it
+LARGEST_M2: Final = 0.03
 
 
 def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the owners (n,) uint8 of each camera; stray pieces among the patient's pixels go to the person they
-    continue.
+    """Return the owners (n,) uint8 of each camera, after stray pieces among the patient's pixels were given to the
+    person whose surface they continue.
 
-    A stray piece is no larger than a head, not connected to other pixels of the patient in this camera, and continues
-    another person's surface without a crease: for example half a therapist's head where the patient's hand was
-    expected. A forearm beyond a bar that a hand may hold stays the patient's.
+    A stray piece is no larger than a head, is not connected to other pixels of the patient in this camera, and
+    continues another person's surface without a crease. An example is half a therapist's head where the patient's hand
+    was expected. A forearm beyond a bar that a hand may hold remains the patient's.
     """
     return [_without_strays(pixels, owner) for pixels, owner in zip(shown, owners, strict=True)]
 
@@ -59,18 +60,19 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
     return grow_regions(pixels, np.where(mine & stray[piece], np.uint8(NOBODY), owner))
 
 
-OWN_SHARE: Final = 0.5  # share of a person's pixels on the expected skin from which on the person is the patient
-OFF_SKIN_M: Final = 0.2  # m from the expected skin: an arm moves as far between two frames without a fit
-PART_CONTACT_M: Final = 0.05  # a wrist's width, over which a part of the patient is connected to the rest
-ON_SKIN_M: Final = 0.05  # m from the patient's expected skin: its spacing, clothes, and its movement
+# share of a person's pixels on the patient's expected skin, above which the person is the patient
+OWN_SHARE: Final = 0.5
+OFF_SKIN_M: Final = 0.2  # m from the expected skin; an arm moves as far between two frames without a fit
+PART_CONTACT_M: Final = 0.05  # m, a wrist's width: least border between a part of the patient and the rest
+ON_SKIN_M: Final = 0.05  # m from the patient's expected skin, for its spacing, clothes and movement
 LAST_LABEL: Final = 254
 
 
 def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood) -> list[np.ndarray]:
-    """Return the owners after the patient's own parts that had another person's label were given back.
+    """Return the owners after parts of the patient that had another person's label were given back to the patient.
 
-    A label is another person if it has a body, or if its pixels off the patient's expected skin are enough for a
-    person. Otherwise, if connected to the patient, it is a part of the patient.
+    A label is another person if it has a body, or if it has enough pixels for a person off the patient's expected skin.
+    Otherwise its pixels are a part of the patient, if they are connected to the patient.
     """
     bodies = np.unique(expected.owner)
     labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}
@@ -84,8 +86,8 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
 
 def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
-    """Return whether a label's pixels lie mostly on the patient's skin (a tree of it), are connected to the patient's,
-    and leave too few elsewhere for a person.
+    """Return whether a label's pixels are a part of the patient: most lie on the patient's skin (given as a KD-tree),
+    they are connected to the patient's pixels, and too few for a person lie elsewhere.
     """
     on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
     for pixels, owner in zip(shown, owners, strict=True):
@@ -107,12 +109,12 @@ def one_patient(
     expected: OwnershipLikelihood | None,
     free: int,
 ) -> list[np.ndarray]:
-    """Return the owners after other people were split off who had been taken for a part of the patient.
+    """Return the owners after splitting off other people who had been taken for a part of the patient.
 
-    This is tested only where much of the patient lies off the expected skin: the learnt descriptor then shows whether
-    several people share the pixels. The patient is the person with most pixels, together with all that lie mostly on
-    the expected skin, since a patient who bends down has the trunk beside the legs. expected: the likelihood of
-    predicted skin, None without a prediction. free: the first unused label.
+    This is tested only where much of the patient lies off the expected skin; the learnt descriptor then shows whether
+    several people share the pixels. The patient is the person with most pixels, together with all people whose pixels
+    lie mostly on the expected skin, since the trunk of a patient who bends down is beside the legs. expected: the
+    likelihood of predicted skin, None without a prediction. free: the first unused label.
     """
     skin = None if expected is None else expected.points_m[expected.owner == PixelLabel.PATIENT]
     tree = None if skin is None or not len(skin) else cKDTree(skin)
@@ -134,8 +136,8 @@ def one_patient(
 
 
 def _off_skin_m2(shown: Sequence[Pieces], owners: Sequence[np.ndarray], skin: cKDTree | None) -> float:
-    """Return the area of the patient's pixels farther than ``OFF_SKIN_M`` from the expected skin; all without a
-    prediction.
+    """Return the area of the patient's pixels farther than ``OFF_SKIN_M`` from the expected skin; without a prediction,
+    of all these pixels.
     """
     area_m2 = 0.0
     for pixels, owner in zip(shown, owners, strict=True):
@@ -154,7 +156,9 @@ def _away_m(skin: cKDTree, points_m: np.ndarray, reach_m: float) -> np.ndarray:
 def _share_on_skin(
     theirs: Sequence[Pieces], people: Sequence[np.ndarray | None], skin: cKDTree | None, count: int
 ) -> np.ndarray:
-    """Return (k,) share of each person's pixels, among the patient's, on the patient's expected skin."""
+    """Return the share (k,) of each person's pixels that lies on the patient's expected skin; the people share the
+    patient's pixels.
+    """
     own, every = np.zeros(count + 1), np.zeros(count + 1)
     for pixels, of in zip(theirs, people, strict=True):
         if of is None or skin is None or not len(of):
@@ -166,8 +170,8 @@ def _share_on_skin(
 
 
 def _split(pixels: Pieces, owner: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-    """Return (n,) uint8 owners after region growing divided the patient's pixels from their seeds, labels or
-    ``NOBODY``.
+    """Return (n,) uint8 owners after region growing divided the patient's pixels. seeds: the label of each pixel from
+    which it starts, else ``NOBODY``.
     """
     patient = owner == PixelLabel.PATIENT
     grown = grow_regions(pixels.only(patient), seeds.astype(np.uint8))

@@ -24,13 +24,13 @@ class IsolationConfig:
 
 
 PERSON_AREA_M2: Final = 0.12  # m2, least seen surface of a person: a fifth of an adult's frontal area
-EDGE_M: Final = 0.1  # m, largest depth step from a pixel to its nearest ray; depth jumps by more across an outline
+EDGE_M: Final = 0.1  # m, largest depth step from a pixel to its nearest ray; across an outline depth jumps by more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """One person: ground_xz_m (2,) float64, the pelvis over the ground; bottom_m, top_m: heights of the seen surface;
-    area_m2: its area.
+    """One person. ground_xz_m (2,) float64: place of the pelvis over the ground; bottom_m, top_m: lowest and highest
+    height of the seen surface; area_m2: area of this surface.
     """
 
     ground_xz_m: np.ndarray
@@ -41,9 +41,9 @@ class Person:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class People:
-    """The people of one moment.
+    """The people at one moment.
 
-    of: per camera, (n,) int32 person of each foreground pixel, -1 = nobody.
+    of: per camera, (n,) int32 number of the person of each foreground pixel, -1 = nobody.
     """
 
     people: tuple[Person, ...]
@@ -55,10 +55,12 @@ class People:
         return np.concatenate([pixels.points_m[own == number] for pixels, own in shown])
 
     def joined(self, owner: np.ndarray) -> People:
-        """Merge people: owner (k,) is the number of the person that each one belongs to, or their own."""
+        """Merge people. owner (k,): the number of the person with whom each person is merged, or the person's own
+        number.
+        """
         kept = np.flatnonzero(owner == np.arange(len(owner)))
         members = [[self.people[k] for k in np.flatnonzero(owner == number)] for number in kept]
-        number = np.append(np.searchsorted(kept, owner), -1)  # the last entry stands for nobody
+        number = np.append(np.searchsorted(kept, owner), -1)  # the last entry means nobody
         people = [
             Person(
                 self.people[k].ground_xz_m,
@@ -73,10 +75,11 @@ class People:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatientChoice:
-    """The place (2,) float64, X and Z, of the patient in a frame, and why it was chosen.
+    """The place (2,) float64, X and Z, of the patient in a frame, and why this person was chosen.
 
-    sure: named or in the equipment, and nobody else is nearly as likely. frame: the frame's number, None where it does
-    not matter. rival_xz_m: (2,) place of another person who may be the patient, None without one.
+    sure: whether the patient was named or is in the equipment, and nobody else is nearly as likely. frame: the frame's
+    number, None where it does not matter. rival_xz_m: place (2,) of another person who may be the patient, None without
+    such a person.
     """
 
     ground_xz_m: np.ndarray
@@ -89,7 +92,7 @@ class PatientChoice:
 def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> People:
     """Find the people in the foreground of all cameras at one moment by the learnt descriptor.
 
-    A pixel belongs to the person of the ray nearest to it; -1 where the descriptor sees nobody.
+    A pixel belongs to the person of its nearest ray; it has -1 where the descriptor sees nobody.
     """
     depths = [None if pixels is None else pixels.depth_m for pixels in pieces]
     said = each(lambda depth, camera: None if depth is None else described(depth, camera), depths, cameras)
@@ -122,7 +125,7 @@ def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray 
 
 
 def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, np.ndarray]]) -> Person | None:
-    """Return the person with a number by their foreground pixels; None where these are too few."""
+    """Return the person with a number, measured on their foreground pixels; None where these are too few."""
     heights = np.concatenate([pixels.points_m[own == number, 1] for pixels, own in shown])
     area_m2 = sum(float(pixels.area_m2[own == number].sum()) for pixels, own in shown)
     if area_m2 < LEAST_AREA_M2:

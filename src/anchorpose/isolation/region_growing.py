@@ -1,4 +1,4 @@
-"""Grow regions: pixels without a clear owner join the person they are connected to, up to the nearest crease."""
+"""Grow regions: pixels without a clear owner join the person to whom they are connected, up to the nearest crease."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from numba import njit
 from anchorpose.isolation.ownership import NOBODY
 from anchorpose.isolation.scene import Pieces
 
-CREASE_COST: Final = 4.0  # steps over the surface that equal a valley's depth of one deviation of the noise
+# steps over the surface that cost as much as a valley with a depth of one deviation of the noise
+CREASE_COST: Final = 4.0
 CREASE_PX: Final = 3  # pixels to either side in which creases are searched: a finger's width at 2.5 m
 CREASE_SIGMAS: Final = 2.0  # deviations of the noise; a deeper valley is a crease
-DEEPEST: Final = 60  # largest cost of a crease in steps: as many pixels as a forearm is long
+DEEPEST: Final = 60  # steps, largest cost of a crease: as many pixels as a forearm is long
 
 
 def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_COST) -> np.ndarray:
     """Spread owners over the surface along the cheapest paths, until they meet or the depth jumps.
 
-    owner (n,) uint8 for each foreground pixel: ``NOBODY`` where undecided. A step costs one, and in a valley
-    ``crease_cost`` more for each deviation of the noise by which the surface lies behind its neighbours on both sides.
-    Two bodies that touch meet in such a valley. Returns (n,) uint8; ``NOBODY`` remains where a pixel is connected to no
-    owner.
+    owner (n,) uint8 for each foreground pixel: ``NOBODY`` where undecided. A step costs 1. In a valley it costs
+    ``crease_cost`` more for each deviation of the noise by which the surface lies behind its neighbours on both sides;
+    two bodies that touch meet in such a valley. Return (n,) uint8; ``NOBODY`` remains where a pixel is not connected to
+    any owner.
     """
     limit, noise = pixels.sensor.jump_limit, float(np.sqrt(1.5)) * pixels.sensor.noise_per_m
     surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
@@ -32,11 +33,11 @@ def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_
 
 
 def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarray:
-    """Return (count, count) metres: length of the border at which one owner's surface continues as another's without a
+    """Return (count, count) metres: length of the border across which the surfaces of two owners continue without a
     crease.
 
-    owner (n,) int: 0 to count - 1 for each foreground pixel, -1 = nobody. Two touching bodies meet in a crease; one
-    body that was divided has none.
+    owner (n,) int: 0 to count - 1 for each foreground pixel, -1 = nobody. Two touching bodies meet in a crease; at the
+    border within a single body that was divided there is no crease.
     """
     limit, noise = pixels.sensor.jump_limit, float(np.sqrt(1.5)) * pixels.sensor.noise_per_m
     surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
@@ -45,8 +46,8 @@ def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarra
 
 
 class _Surface(NamedTuple):
-    """The part of ``Pieces`` that growing needs; number: its index; noise: deviation of a valley's depth at one
-    metre.
+    """The fields of ``Pieces`` that growing needs. number: the field ``index``; noise: deviation of a valley's depth at
+    one metre.
     """
 
     number: np.ndarray
@@ -59,10 +60,11 @@ class _Surface(NamedTuple):
 
 
 class _Queue(NamedTuple):
-    """Pixels to give to an owner (``NOBODY``: keep theirs) in a ring of buckets by cost, each a linked list.
+    """A queue of pixels to give to an owner (``NOBODY``: the pixel keeps its owner), in a ring of buckets by cost; each
+    bucket is a linked list.
 
-    head (buckets,): the first entry of each, -1 = none; after, pixel, owner (capacity,): next entry, pixel and owner of
-    each entry.
+    head (buckets,): the first entry of each bucket, -1 = none; after, pixel, owner (capacity,): next entry, pixel and
+    owner of each entry.
     """
 
     head: np.ndarray
@@ -128,7 +130,7 @@ def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, crease_cost: float) -> tuple[int, int]:
-    """Return the pixel beside this one in a direction, -1 where growing cannot go there, and the cost in steps."""
+    """Return the neighbour of a pixel in a direction, -1 where growing cannot go there, and the cost in steps."""
     depth = surface.depth
     r, c = surface.row[pixel], surface.column[pixel]
     nr, nc = r + d_r, c + d_c

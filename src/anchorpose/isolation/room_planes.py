@@ -1,6 +1,6 @@
-"""Find the flat pieces of an empty room, and gaps in its walls: doorways, windows or mirrors.
+"""Find the planes of an empty room, and gaps in its walls: doorways, windows or mirrors.
 
-A depth camera measures along the path of light: in a mirror it sees a room, and people, beyond the mirror's plane.
+A depth camera measures along the path of light, so in a mirror it sees a room, and people, beyond the mirror's plane.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
 
-PLANES: Final = 6  # floor, ceiling and the walls in view
-TRIALS: Final = 200  # trials; a plane with a fifth of the points is drawn once in 125
-VOTERS: Final = 5000  # points that vote on a plane
+PLANES: Final = 6  # number of planes: floor, ceiling and the walls in view
+TRIALS: Final = 200  # number of trials; a plane with a fifth of the points is drawn once in 125 trials
+VOTERS: Final = 5000  # number of points that vote on a plane
 LEAST_SHARE: Final = 0.03  # share of the image; a smaller plane is furniture, or a person's back
-MOST_BEYOND: Final = 0.02  # share of the readings on the far side: nothing is behind a wall
+MOST_BEYOND: Final = 0.02  # share of the readings that may lie on the far side; nothing is behind a wall
 
 
 def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.ndarray:
-    """Return (height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 where none is met.
+    """Return (height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 where the ray meets
+    none of them.
 
     room_m (height, width) float32: the known room, 0 = unknown. Walls are planes with many readings on them and none
-    behind them. A room is convex, so the nearest of several planes is the visible one.
+    behind them. A room is convex, so the nearest of several planes is the one that is visible.
     """
     nearest = np.full(room_m.shape, np.inf, np.float32)
     for plane in find_planes(room_m, camera, noise_per_m):
@@ -36,8 +37,8 @@ def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.
 
 
 def depth_of_plane(plane: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the depth (height, width) float32 of a plane (4,) of ``find_planes`` along each ray; inf where it is not
-    met.
+    """Return the depth (height, width) float32 of a plane (4,) of ``find_planes`` along each ray; inf where the ray
+    does not meet it.
     """
     rays = np.concatenate([camera.pixel_rays(), np.ones((camera.height, camera.width, 1), np.float32)], axis=-1)
     towards = rays @ plane[:3].astype(np.float32)
@@ -99,7 +100,7 @@ def _best(
 
 
 def off_plane_m(depth_m: np.ndarray, noise_per_m: float) -> np.ndarray:
-    """Return how far readings at a depth may be from the plane that they show."""
+    """Return how far readings at a depth may lie from the plane that they show."""
     return np.asarray(TOLERANCES_M[0] + NOISE_GATE * noise_per_m * depth_m**2)
 
 
@@ -112,17 +113,18 @@ def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np
     return np.append(normal, normal @ centre)
 
 
-UPRIGHT: Final = 0.2  # cosine between a mirror's normal and the vertical: a mirror that leans by 11 degrees
-FRAMED: Final = 0.6  # share of a gap's border that is wall: a doorway has no wall at the floor
+UPRIGHT: Final = 0.2  # cosine between a mirror's normal and the vertical, for a mirror that leans by 11 degrees
+FRAMED: Final = 0.6  # share of a gap's border that must be wall; a doorway has no wall at the floor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wall:
-    """An upright plane of one camera's empty room, which is on its near side.
+    """An upright plane in one camera's empty room; the room is on the plane's near side.
 
-    normal (3,): unit, world, away from the camera, with ``normal @ p = offset_m``; depth_m (height, width) float32: of
-    the plane along each ray, inf where it is not met; on_it, gap (height, width) bool: pixels of the empty room that
-    show the plane, and pixels between these that show something beyond it, or nothing.
+    normal (3,): unit vector in the world, away from the camera, with ``normal @ p = offset_m``; depth_m (height, width)
+    float32: depth of the plane along each ray, inf where the ray does not meet it; on_it (height, width) bool: pixels
+    of the empty room that show the plane; gap (height, width) bool: pixels between these that show something beyond the
+    plane, or nothing.
     """
 
     camera: Camera
@@ -141,13 +143,15 @@ class Wall:
         return np.asarray(points_m - 2.0 * self.beyond_m(points_m)[..., None] * self.normal)
 
     def gap_before(self, point_m: np.ndarray) -> np.ndarray | None:
-        """Return (height, width) bool: the connected gap through which a point (3,) is seen; None if in no gap."""
+        """Return (height, width) bool: the connected gap through which a point (3,) is seen; None if it is not seen
+        through a gap.
+        """
         _, piece = cv2.connectedComponents(self.gap.astype(np.uint8), connectivity=4)
         _, [own], [inside] = self.camera.look(point_m[None], piece)
         return np.asarray(piece == own) if inside and own else None
 
     def frames(self, gap: np.ndarray) -> bool:
-        """Return whether the plane surrounds a gap (height, width), not only borders on it."""
+        """Return whether the plane surrounds a gap (height, width), so that it does not only border on it."""
         border = cv2.dilate(gap.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool) & ~gap
         return bool(border.any() and self.on_it[border].mean() > FRAMED)
 
@@ -177,7 +181,7 @@ def _within(mask: np.ndarray) -> np.ndarray:
 
 
 def with_wall(scene: Scene, wall: Wall, gap: np.ndarray) -> Scene:
-    """Return the scene with the wall in place of the gap (height, width): nobody is seen beyond it."""
+    """Return the scene with the wall in place of the gap (height, width), so that nobody is seen beyond the wall."""
     model = scene.background
     depth_m = np.where(gap, wall.depth_m, model.depth_m)
     sigma_m = np.where(gap, model.sensor.noise.sigma_m(wall.depth_m).astype(np.float32), model.sigma_m)

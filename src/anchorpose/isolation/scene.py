@@ -29,11 +29,11 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 
 SMALLEST_PIECE_M2: Final = 0.0005  # m2; a piece smaller than a fingertip is not a person
-FEET_M: Final = 0.3  # m above the lowest pixel: an ankle's height, and what is lost with a removed floor
-LEAST_M2: Final = 0.15  # m2; a smaller patch of a body, cut out by bars, may be flat
-FLATTEST: Final = 0.025  # deviation from a plane over the width; trunks bulge by 5 %
+FEET_M: Final = 0.3  # m above the lowest pixel: an ankle's height, and the part that is removed together with the floor
+LEAST_M2: Final = 0.15  # m2; smaller pieces are not tested, since a patch of a body between bars may be flat
+FLATTEST: Final = 0.025  # deviation from a plane, as a share of the width; trunks bulge by 5 %
 LEAST_FILLED: Final = 0.85  # share of its enclosing rectangle that a board fills; a trunk with thighs fills less
-SAMPLE: Final = 500  # points of a piece that are tested
+SAMPLE: Final = 500  # number of points of a piece that are tested
 
 
 def flat_pieces(
@@ -53,12 +53,13 @@ def flat_pieces(
         own -= own.mean(axis=0)
         spread, axes = np.linalg.eigh(own.T @ own / len(own))
         across = np.abs(own @ axes[:, 0])
-        thickness = 1.483 * _median(across)  # thickness of most of it: a hand at the edge may stick out
+        thickness = 1.483 * _median(across)  # robust thickness: a hand at the edge may stick out
         noise = noise_per_m * _median(depth_m[mine]) ** 2
-        if thickness - noise > FLATTEST * np.sqrt(12.0 * spread[1]):  # a width w has variance w^2 / 12
+        if thickness - noise > FLATTEST * np.sqrt(12.0 * spread[1]):  # the variance over a width w is w^2 / 12
             continue
         _, sides, _ = cv2.minAreaRect((own @ axes[:, 1:]).astype(np.float32))
-        facing = area[large]  # area as if it faced the camera: less than its own, so a slanting board may be missed
+        # area as if the piece faced the camera, less than its true area: a slanting board may be missed
+        facing = area[large]
         flat[large] = facing > LEAST_FILLED * sides[0] * sides[1]
     return flat[piece]
 
@@ -85,9 +86,9 @@ class Pieces:
     """The people's pixels of one camera's frame, all people together.
 
     depth_m (height, width) float32; labels (height, width) uint8 of ``PixelLabel``, CLUTTER where a person may be;
-    index (height, width) int32: number of the foreground pixel, -1 = none; row, column, piece (n,) int32: the
-    foreground pixels and the connected piece (from 1) of each; points_m (n, 3) float32 world; area_m2 (n,) float32:
-    surface a pixel covers if it faces the camera.
+    index (height, width) int32: number of the foreground pixel, -1 = none; row, column, piece (n,) int32: place and
+    connected piece (from 1) of each foreground pixel; points_m (n, 3) float32 world; area_m2 (n,) float32: area that a
+    pixel covers on a surface that faces the camera.
     """
 
     depth_m: np.ndarray
@@ -102,7 +103,7 @@ class Pieces:
     sensor: Sensor
 
     def only(self, kept: np.ndarray) -> Pieces:
-        """Return the frame with only the ``kept`` (n,) bool foreground pixels."""
+        """Return the frame with only those foreground pixels that are ``kept`` (n,) bool."""
         index = np.full_like(self.index, -1)
         row, column = self.row[kept], self.column[kept]
         index[row, column] = np.arange(len(row), dtype=np.int32)
@@ -136,9 +137,10 @@ def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces
 
 
 def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) -> Pieces:
-    """Remove room and equipment from one frame and cut the rest at its depth jumps; ramps have no reading.
+    """Remove room and equipment from one frame, and cut the rest at its depth jumps; pixels on ramps lose their
+    reading.
 
-    time_s: the frame's, reference clock; None: resting objects are not part of the room.
+    time_s: time of the frame, reference clock; None: resting objects are not part of the room.
     """
     model, camera, sensor = scene.background, scene.camera, scene.background.sensor
     depth_m = sensor.without_ramps(depth_m)
@@ -175,7 +177,9 @@ def _first_labels(
 
 @njit(cache=True, nogil=True)
 def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: float) -> np.ndarray:
-    """Return NO_READING, BACKGROUND, or CLUTTER for readings in front of the room, which may be flying."""
+    """Return each pixel's label: NO_READING, BACKGROUND, or CLUTTER for a reading in front of the room, which may be
+    flying.
+    """
     labels = np.zeros(depth.shape, np.uint8)
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):
@@ -187,9 +191,10 @@ def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: floa
 
 
 def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return (height, width) bool: nobody is there, as pixels without reading were certainly removed with the room.
+    """Return (height, width) bool: pixels without a reading where certainly nobody is, since they were removed with the
+    room.
 
-    Recorders that remove the room remove feet with the floor, so pixels near the lowest one are uncertain.
+    Recorders that remove the room remove feet with the floor, so pixels near the lowest foreground pixel are uncertain.
     """
     rows = np.flatnonzero(people.any(axis=1))
     feet_px = int(FEET_M * camera.intrinsics.fy / float(np.median(depth_m[people])))

@@ -1,4 +1,6 @@
-"""Label the person of every pixel (transient occlusion; paper, Section III), by likelihood, creases and reach."""
+"""Label the person of every pixel (transient occlusion; paper, Section III), by the likelihood of expected skin, by
+creases and by distance.
+"""
 
 from __future__ import annotations
 
@@ -32,15 +34,16 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-DECISION_PX: Final = 2  # every second row and column between two people is decided; the pixels between grow from them
-DETACHED_M: Final = 0.12  # a bar's width, and the movement of a hidden forearm
-# added to remembered skin without a body: it then ties with the patient's predicted skin
+# pixels; between two people, every second row and column is decided, and the pixels between grow from these
+DECISION_PX: Final = 2
+DETACHED_M: Final = 0.12  # m, a bar's width and the movement of a hidden forearm
+# m, added to the deviation of remembered skin without a body, which then ties with the patient's predicted skin
 UNSUPPORTED_SIGMA_M: Final = 0.04
 FIRST_EARLIER_LABEL: Final = 128  # first label of people met in the backward pass
 
 
 def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: PatientChoice) -> tuple[View | None, ...]:
-    """Label each camera's pixels in a frame before which nothing is known.
+    """Label each camera's pixels in a frame without knowledge from earlier frames.
 
     The patient is the person nearest to the chosen place.
     """
@@ -48,17 +51,16 @@ def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: Pa
 
 
 def by_distance(people: People, ground_xz_m: np.ndarray) -> np.ndarray:
-    """Return the numbers (k,) int of the people, the nearest to a place (2,) first."""
+    """Return the numbers (k,) int of the people, sorted by their distance to a place (2,)."""
     axes = np.array([person.ground_xz_m for person in people.people]).reshape(-1, 2)
     return np.argsort(np.linalg.norm(axes - ground_xz_m, axis=1), kind="stable")
 
 
 def label_people(pieces: Sequence[Pieces | None], people: People, order: np.ndarray) -> tuple[View | None, ...]:
-    """Label each camera's pixels by person; order (k,): numbers of the people, the first of whom becomes the
-    patient.
+    """Label each camera's pixels by person.
 
-    Pixels in which the descriptor sees nobody join the person they are connected to, up to the creases between touching
-    people.
+    order (k,): numbers of the people; the first becomes the patient. Pixels in which the descriptor sees nobody join
+    the person to whom they are connected, up to the creases between touching people.
     """
     label = np.full(len(people.people) + 1, NOBODY, np.uint8)  # the last entry stands for nobody
     label[order] = np.minimum(PixelLabel.PATIENT + np.arange(len(order)), LAST_LABEL)
@@ -76,12 +78,12 @@ def separate(
 ) -> tuple[View | None, ...]:
     """Label each camera's pixels by the people ``elapsed_s`` ago and, if given, by predicted skin.
 
-    expected: the likelihood of people with predicted skin; others are expected where they were seen last. A pixel goes
-    to the most likely owner if that leads clearly (``decide_ownership``). Remaining pixels, between two people or out
-    of range, go to the person they are connected to (``grow_regions``); a separate piece goes to the person it nearly
-    touches (a bar cuts a forearm off); a remaining piece that the learnt descriptor takes for a person is a new person.
-    elapsed_s: negative in the backward pass, whose new people get labels from another range, so that they share none
-    with people met later in time.
+    expected: the likelihood of people with predicted skin; all other people are expected where they were seen last. A
+    pixel goes to the most likely owner if this owner leads clearly (``decide_ownership``). Remaining pixels, between
+    two people or out of range, go to the person to whom they are connected (``grow_regions``). A separate piece goes to
+    the person that it nearly touches, such as a forearm that a bar cuts off. A remaining piece that the learnt
+    descriptor takes for a person is a new person. elapsed_s: negative in the backward pass, whose new people get labels
+    from another range, different from those of people met later in time.
     """
     shown = [pixels for pixels in pieces if pixels is not None]
     of_shown = [camera for pixels, camera in zip(pieces, cameras, strict=True) if pixels is not None]
@@ -108,7 +110,7 @@ def _decided(pixels: Pieces, grid: LikelihoodGrid | None) -> np.ndarray:
 
 
 def _decision_pixels(pixels: Pieces) -> np.ndarray:
-    """Return (n,) bool: the pixels at which several people's likelihoods are compared."""
+    """Return (n,) bool: the pixels at which the likelihoods of several people are compared."""
     return np.asarray((pixels.row % DECISION_PX == 0) & (pixels.column % DECISION_PX == 0))
 
 
@@ -117,7 +119,7 @@ def _grown(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.nda
 
 
 def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np.ndarray]:
-    """Return the owners; pieces without owner go to the person they nearly touch, in any camera."""
+    """Return the owners after pieces without an owner went to the person that they nearly touch, in any camera."""
     cameras = list(zip(shown, owners, strict=True))
     if not any(pixels.area_m2[owner == NOBODY].sum() >= SMALLEST_PIECE_M2 for pixels, owner in cameras):
         return owners
@@ -127,14 +129,16 @@ def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np
     points = np.concatenate([place for place, _, _ in owned])
     if not len(points):
         return owners
-    # a tree of all skin would take longer than the search in it
+    # building a tree of all skin would take longer than the search
     near = ((points >= low) & (points <= high)).all(axis=1)
     label, tree = np.concatenate([whose for _, whose, _ in owned])[near], cKDTree(points[near])
     return [_to_neighbour(pixels, owner, tree, label) for pixels, owner in cameras]
 
 
 def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.ndarray) -> np.ndarray:
-    """Return (n,) uint8 owners; each piece gives its unowned pixels to the nearest person within ``DETACHED_M``."""
+    """Return (n,) uint8 owners, after each piece gave its unowned pixels to the nearest person within
+    ``DETACHED_M``.
+    """
     unowned = np.flatnonzero(owner == NOBODY)
     if not len(unowned):
         return owner
@@ -142,7 +146,7 @@ def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.nd
     found = np.isfinite(distance)
     piece, distance, whose = pixels.piece[unowned[found]], distance[found], label[nearest[found]]
     to = np.zeros(pixels.piece_count + 1, np.uint8)
-    order = np.argsort(-distance, kind="stable")  # the nearest comes last and remains
+    order = np.argsort(-distance, kind="stable")  # the nearest is written last and remains
     to[piece[order]] = whose[order]
     assigned = owner.copy()
     assigned[unowned] = to[pixels.piece[unowned]]
@@ -150,10 +154,10 @@ def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.nd
 
 
 def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], skin_m: np.ndarray) -> list[np.ndarray]:
-    """Return the owners; unowned pixels where the patient's skin (p, 3) was in the last frame go to the patient.
+    """Return the owners after unowned pixels went to the patient where the patient's skin (p, 3) was in the last frame.
 
-    If the prediction is wrong, the patient must not become a new person, nor a part that is connected to that skin and
-    was hidden before. Other people keep their pixels.
+    So neither the patient, if the prediction is wrong, nor a connected part that was hidden before becomes a new
+    person. Other people keep their pixels.
     """
     if not len(skin_m) or not any((owner == NOBODY).any() for owner in owners):
         return owners
@@ -192,13 +196,13 @@ def _with_newcomers(
 
 
 def _views(pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray]) -> tuple[View | None, ...]:
-    """Return one view per camera, None where it has no frame; ``owners`` has the cameras with a frame."""
+    """Return one view per camera, None for a camera without a frame. owners: only of cameras with a frame."""
     left = iter(owners)
     return tuple(None if pixels is None else view_of(pixels, next(left)) for pixels in pieces)
 
 
 def view_of(pixels: Pieces, owner: np.ndarray) -> View:
-    """Return the camera's view with the owner (n,) uint8 of each foreground pixel, ``NOBODY`` where there is none."""
+    """Return the camera's view, given the owner (n,) uint8 of each foreground pixel, ``NOBODY`` without an owner."""
     labels = pixels.labels.copy()
     labels[pixels.row, pixels.column] = np.where(owner == NOBODY, np.uint8(PixelLabel.CLUTTER), owner)
     return View(pixels.depth_m, labels)

@@ -9,12 +9,12 @@ import numpy as np
 
 
 class PixelLabel(IntEnum):
-    """The thing that a pixel shows. Labels above ``OTHER_PERSON`` are further people, one label each."""
+    """The kind of thing that a pixel shows. Labels above ``OTHER_PERSON`` are further people, one label per person."""
 
     NO_READING = 0
     BACKGROUND = 1
-    EQUIPMENT = 2  # kept as a label, not just removed: the patient may be behind it
-    CLUTTER = 3  # foreground that belongs to no person: flying pixels, small components
+    EQUIPMENT = 2  # a label of its own, since the patient may be behind the equipment
+    CLUTTER = 3  # foreground that is not part of a person: flying pixels, small components
     PATIENT = 4
     OTHER_PERSON = 5
 

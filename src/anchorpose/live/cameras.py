@@ -27,14 +27,14 @@ from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.sources.plan import CameraPlan, folder_name
 
 WIDTH, HEIGHT, RATE_HZ = 848, 480, 30
-STALL_S: Final = 5.0  # without an image for this time a camera counts as unplugged
+STALL_S: Final = 5.0  # s; a camera without an image for this time counts as unplugged
 GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system_time")
 """Clock domains in which the device's time is on the host's clock, so that the age of an image is known."""
 
 
 @dataclass(slots=True, eq=False)
 class RealSense:
-    """A started camera; device and pipeline are pyrealsense2's."""
+    """A started camera. device, pipeline: objects of pyrealsense2."""
 
     name: str
     cameras: tuple[CameraPlan, ...]
@@ -63,10 +63,10 @@ class RealSense:
 
 
 def open_realsense(serial: str, about: Recording | None) -> RealSense:
-    """Open the camera with this serial number, or the first one if it is empty.
+    """Open the camera with this serial number, or the first camera if it is empty.
 
     about: see ``LiveSource``. Raises MissingPackage without pyrealsense2 or the system's libusb, AnchorposeError where
-    there is no such camera.
+    no such camera exists.
     """
     try:
         import pyrealsense2 as rs
@@ -113,7 +113,9 @@ def _lens(rs: Any, found: Any) -> Intrinsics:
 
 
 def _taken(depth: Any) -> float:
-    """Return when an image was taken, by ``time.monotonic``, or when it arrived if the device has its own clock."""
+    """Return when an image was taken, by ``time.monotonic``; if the device has its own clock, when the image
+    arrived.
+    """
     now_s = time.monotonic()
     if str(depth.get_frame_timestamp_domain()) not in GLOBAL_CLOCKS:
         return now_s
@@ -156,7 +158,7 @@ class Orbbec:
 
 
 def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = ()) -> Orbbec:
-    """Open the camera with this serial number, or the first one if it is empty.
+    """Open the camera with this serial number, or the first camera if it is empty.
 
     about: see ``LiveSource``; command: replaces the process that reads the camera. Raises AnchorposeError where there
     is no such camera, or that Python has no pyorbbecsdk2.
@@ -196,7 +198,7 @@ def _out(process: subprocess.Popen[bytes]) -> IO[bytes]:
 
 
 def _why_ended(process: subprocess.Popen[bytes]) -> str:
-    """Return the last output of a process, which ends by itself."""
+    """Return why a process ended: its last output."""
     process.wait(timeout=10.0)
     said = b"" if process.stderr is None else process.stderr.read()
     last = said.decode(errors="replace").strip().splitlines()[-1:] or ["the process that reads it ended"]
@@ -220,7 +222,7 @@ class Playback:
         self.recording = recording
         self.about: Recording | None = recording
         self.cameras = tuple(CameraPlan(camera=camera) for camera in recording.cameras)
-        timed, _ = settle_clocks(recording, recording.cameras, ClockConfig())  # cameras that see the same at one time
+        timed, _ = settle_clocks(recording, recording.cameras, ClockConfig())  # all cameras on one clock
         shown_s = [stream.time_s for stream in timed.streams]
         self._order = sorted(
             (float(when), camera, place) for camera, times in enumerate(shown_s) for place, when in enumerate(times)

@@ -21,8 +21,9 @@ from anchorpose.sources.plan import CameraPlan
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveImage:
-    """One depth image. camera: index; number: counted by the source, with gaps where it lost images; time_s: by the
-    device's own clock; taken_s: when it was taken, by ``time.monotonic``; grey (height, width) uint16, 0 = no reading.
+    """One depth image. camera: index of the camera; number: number given by the source, with gaps where it lost images;
+    time_s: time on the device's own clock; taken_s: when it was taken, by ``time.monotonic``; grey (height, width)
+    uint16, 0 = no reading.
     """
 
     camera: int
@@ -33,10 +34,10 @@ class LiveImage:
 
 
 class LiveSource(Protocol):
-    """Cameras that belong together, in the order of their indices.
+    """Cameras that are read together, in the order of their indices.
 
-    name: for the user; about: a recording whose equipment, empty room and patient are valid for these cameras, too;
-    None if there is none.
+    name: name for the user; about: a recording whose equipment, empty room and patient are valid for these cameras,
+    too; None without such a recording.
     """
 
     name: str
@@ -52,7 +53,7 @@ class LiveSource(Protocol):
 
 
 def about_folder(sources: Sequence[LiveSource]) -> Path | None:
-    """Return the folder of the first recording that is valid for one of the sources, None where there is none."""
+    """Return the folder of the first recording that is valid for one of the sources, None without such a recording."""
     return next((source.about.folder for source in sources if source.about is not None), None)
 
 
@@ -60,10 +61,11 @@ Taker = Callable[[LiveImage], None]
 
 
 class Intake:
-    """The threads that read the sources, one each. A source that fails ends alone; ``failed`` has a sentence on each
-    failure.
+    """The threads that read the sources, one per source. If a source fails, only its thread ends; ``failed`` has a
+    sentence on each failure.
 
-    cameras: of all sources, in order; feed: gets their images; add and remove: further receivers of every image.
+    cameras: cameras of all sources, in order; feed: the buffer that gets their images; add and remove: further
+    receivers of every image.
     """
 
     def __init__(self, sources: Sequence[LiveSource]) -> None:
@@ -98,7 +100,7 @@ class Intake:
         self._takers = (*self._takers, taker)
 
     def remove(self, taker: Taker) -> None:
-        """Stop passing images to ``taker``; one may still be under way."""
+        """Stop passing images to ``taker``; an image may still be under way."""
         self._takers = tuple(one for one in self._takers if one != taker)
 
     @property
@@ -138,14 +140,14 @@ class Intake:
                 self.failures.append(str(error))
 
 
-KEPT: Final = 4  # images kept per camera: the partner of an image is at most one period older than the newest
+KEPT: Final = 4  # images kept per camera; the partner of an image is at most one period older than the newest
 SILENT_S: Final = 0.5  # s; a camera without images for this long is not waited for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveSet:
-    """A set of images, one per camera, taken at about the same time; taken_s: by ``time.monotonic``; skipped: images of
-    the reference camera since the set before that were not used.
+    """A set of images, one per camera, taken at about the same time; taken_s: by ``time.monotonic``; skipped: number of
+    images of the reference camera since the previous set that were not used.
     """
 
     images: tuple[LiveImage | None, ...]
@@ -178,8 +180,8 @@ class LiveSet:
 class Feed:
     """A buffer: sources put images in from their threads, and the tracker takes the newest complete set.
 
-    A set is complete when every camera that is not silent has delivered an image taken as late, or a period has passed.
-    The first camera that is not silent is the reference.
+    A set is complete when every camera that is not silent has delivered an image of the same time, or when a period has
+    passed. The first camera that is not silent is the reference.
     """
 
     def __init__(self, count: int) -> None:
@@ -202,7 +204,7 @@ class Feed:
     def take(self, patience_s: float) -> LiveSet | None:
         """Wait for the newest complete set that is newer than the last one taken, and return it.
 
-        None where no more images come, or none within ``patience_s``.
+        Return None where no more images come, or where no set is complete within ``patience_s``.
         """
         until_s = time.monotonic() + patience_s
         with self._changed:
@@ -233,7 +235,7 @@ class Feed:
         return all(not images or images[-1].taken_s <= self._last_s for images in self._images)
 
     def _skipped(self, reference: int, main: LiveImage) -> int:
-        """Return the number of unused images of the reference camera since the set before; 0 if that had another
+        """Return the number of unused images of the reference camera since the previous set; 0 if that set had another
         reference.
         """
         before = None if self._last is None else self._last.images[reference]

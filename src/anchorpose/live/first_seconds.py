@@ -34,18 +34,19 @@ from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.start import with_best_initial_frame
 
-FIRST_WAIT_S: Final = 10.0  # longest wait for the first image of a source
-NEARLY_AS_GOOD: Final = 0.5  # share of the best score: a later initial frame saves waiting
+FIRST_WAIT_S: Final = 10.0  # s, longest wait for the first image of a source
+# share of the best score with which a later initial frame is preferred, since it saves waiting
+NEARLY_AS_GOOD: Final = 0.5
 
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveOptions:
-    """Options of a live session. config: of tracking; wait_frames: number of later frames to wait for before a frame is
-    answered; start_s: duration of the recording from which the body is learnt; calibration: a file of camera poses;
-    record: a folder for all depth images; seconds: of tracking, None until ``stop``; markers: the stream whose markers
-    are kept in ``record``.
+    """Options of a live session. config: settings of tracking; wait_frames: number of later frames to wait for before
+    the pose of a frame is given; start_s: duration of the recording from which the body is learnt; calibration: a file
+    of camera poses; record: a folder for all depth images; seconds: duration of tracking, None until ``stop``; markers:
+    the stream whose markers are kept in ``record``.
     """
 
     config: TrackConfig
@@ -63,9 +64,10 @@ class LiveOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class User:
-    """The user's connections to a running session. say: receives sentences; stop: set to end it; asked: number
-    (``PersonInView``) of a person who becomes the patient from now on, returned once, None otherwise; keep_markers:
-    receives the function that keeps the user's markers, once there is a recording.
+    """The user's connections to a running session. say: function that receives sentences; stop: event that ends the
+    session; asked: function that returns, once, the number (``PersonInView``) of a person who becomes the patient from
+    now on, None otherwise; keep_markers: function that receives the function which stores the user's markers, once
+    there is a recording.
     """
 
     say: Say
@@ -86,7 +88,7 @@ class Prepared:
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstSeconds:
     """The recorder of first seconds. about: a recording folder whose equipment and empty room are valid, None without
-    one; folder: for the recordings.
+    such a recording; folder: folder for the recordings.
     """
 
     intake: Intake
@@ -96,9 +98,9 @@ class FirstSeconds:
     user: User
 
     def record(self, name: str, whom: str) -> Recording:
-        """Record the next seconds; whom: the recorded person, for the user.
+        """Record the next seconds. whom: words for the recorded person, for the user.
 
-        Raises AnchorposeError where it cannot be made.
+        Raises AnchorposeError where the recording cannot be made.
         """
         folder = self.folder / name
         recorder = Recorder(folder, self.intake.cameras, self.about)
@@ -134,10 +136,10 @@ class FirstSeconds:
     def learn_named(
         self, recording: Recording, room: Room, place_xz_m: tuple[float, float], before_xz_m: np.ndarray | None
     ) -> Prepared | None:
-        """Learn the person nearest to a place when a person is first seen there, in a known room.
+        """Learn the body of the person nearest to a place when a person is first seen there, in a known room.
 
-        before_xz_m (2,): where the present patient stands, None where unknown. Returns None where nobody stands there,
-        where that person is the present patient, or where no human body explains the person.
+        before_xz_m (2,): where the present patient stands, None where unknown. Return None where nobody stands there,
+        where this person is the present patient, or where no human body explains the person.
         """
         inputs, furnished = known_room(recording, self.options, room, place_xz_m)
         if not furnished.initial_frames:
@@ -150,7 +152,7 @@ class FirstSeconds:
         return self._learn_in(furnished, inputs)
 
     def _learn_in(self, room: Room, inputs: TrackInputs) -> Prepared | None:
-        """Learn as ``learn_in``, and tell the user who was found."""
+        """Learn as in ``learn_in``, and report to the user who was found."""
         found = learn_in(room, inputs)
         if found is not None:
             self.user.say(f"The patient was found: who {room.initial_frames[0].choice.reason}.")
@@ -182,8 +184,8 @@ def new_room(recording: Recording, options: LiveOptions) -> tuple[TrackInputs, R
 def known_room(
     recording: Recording, options: LiveOptions, room: Room, place_xz_m: tuple[float, float]
 ) -> tuple[TrackInputs, Room]:
-    """Prepare a known room in the first seconds of another patient, who stands at a place; without initial frames where
-    nobody is found there.
+    """Prepare a known room in the first seconds of another patient, who stands at a given place. It has no initial
+    frames where nobody is found there.
     """
     config = replace(options.config, patient_xz_m=place_xz_m, height_m=None)
     inputs = read_inputs(recording.folder, config, UserInputs(options.calibration))
@@ -203,7 +205,7 @@ def in_room(folder: Path, room: Room) -> Recording:
 STEP_S: Final = 0.2  # a patient in a standing frame moves little in it
 # longest gap between frames; after a longer one, another person may stand in the patient's place
 MOST_STEP_S: Final = 1.0
-PACE: Final = 2.0  # times real time, at least, at which waiting sets are processed, so that the backlog comes to an end
+PACE: Final = 2.0  # least speed, relative to real time, at which waiting sets are processed, so that the backlog ends
 PATIENCE_S: Final = 0.5
 
 
@@ -213,16 +215,16 @@ class Backlog:
     def __init__(self, feed: Feed, cameras: Sequence[Camera]) -> None:
         self._feed, self._cameras = feed, cameras
         self._packed: deque[LiveSet] = deque()
-        self._last_s, self._taken_at_s = -np.inf, -np.inf  # of the set taken last: its time, and when it was taken
+        self._last_s, self._taken_at_s = -np.inf, -np.inf  # time of the set taken last, and when it was taken
         self._done = Event()
         self._thread = Thread(target=self._collect, daemon=True)
         self._thread.start()
 
     def take(self) -> LiveSet | None:
-        """Return the oldest waiting set; None when none waits, after which nothing more is collected.
+        """Return the oldest waiting set; None when no set waits, after which nothing more is collected.
 
-        If following is slower than the sets, some are left out: the next set is later by twice the time spent on the
-        last one, but by at most ``MOST_STEP_S``.
+        If following is slower than the sets, some sets are left out: the next set is later by twice the time spent on
+        the last set, but by at most ``MOST_STEP_S``.
         """
         now_s = time.monotonic()
         spent_s = now_s - self._taken_at_s if np.isfinite(self._last_s) else 0.0

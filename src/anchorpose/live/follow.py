@@ -23,12 +23,12 @@ from anchorpose.tracker.frame_record import FrameRecord, TrackedFrame, label_pic
 from anchorpose.tracker.journal import Blocks
 from anchorpose.tracker.room import Run
 
-LONGEST_MS: Final = 60_000  # larger latencies count as this one
+LONGEST_MS: Final = 60_000  # ms; larger latencies count as this value
 
 
 class LatencyMeter:
-    """A counter of frames by the milliseconds from image to joints, in constant memory. dropped: images that were not
-    tracked.
+    """A meter of latency that counts frames by the milliseconds from image to joints, in constant memory. dropped:
+    number of images that were not tracked.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class LatencyMeter:
         self._longest_s, self.dropped = 0.0, 0
 
     def add(self, latency_s: float, dropped: int = 0) -> None:
-        """Count a frame; dropped: images before it that were not tracked."""
+        """Count a frame. dropped: number of images before it that were not tracked."""
         self._counts[min(max(round(1000 * latency_s), 0), LONGEST_MS)] += 1
         self._longest_s = max(self._longest_s, latency_s)
         self.dropped += dropped
@@ -47,7 +47,9 @@ class LatencyMeter:
         return int(self._counts.sum())
 
     def quantile_s(self, share: float) -> float:
-        """Return the latency that this share of the frames does not exceed, to a millisecond; NaN without frames."""
+        """Return a quantile of the latency: the value that the given share of the frames does not exceed, to a
+        millisecond; NaN without frames.
+        """
         found = np.searchsorted(np.cumsum(self._counts), share * self.count)
         return float(found) / 1000 if self.count else float("nan")
 
@@ -92,9 +94,9 @@ class LiveFollower:
     _holding: Mapping[str, bool] | None = None
 
     def take(self, live_set: LiveSet, live: bool) -> None:
-        """Track a set; live: it is the newest one, so that its latency counts."""
+        """Track a set. live: whether it is the newest set, so that its latency counts."""
         frame_set = without_other_places(live_set.frame_set(self._cameras, self._clocks), self.run.room.scenes)
-        if frame_set.time_s <= self._last_s + ROUNDING_S:  # the last of the first seconds is in the feed, too
+        if frame_set.time_s <= self._last_s + ROUNDING_S:  # the last set of the first seconds is also in the feed
             return
         self._last_s = frame_set.time_s
         self._taken_s[frame_set.frame] = live_set.taken_s

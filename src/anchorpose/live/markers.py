@@ -1,7 +1,7 @@
-"""Receive markers of other programs while cameras run, by the Lab Streaming Layer, and make trials of them.
+"""Receive markers of other programs by the Lab Streaming Layer while cameras run, and turn them into trials.
 
-``begin NAME`` begins a trial of the condition NAME and ends the trial before; ``end`` ends it; ``rating NUMBER`` rates
-the trial that runs, or the last. Any other text is kept only as a marker.
+``begin NAME`` begins a trial of the condition NAME and ends the previous trial; ``end`` ends the trial; ``rating
+NUMBER`` rates the running or the last trial. Any other text is kept only as a marker.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ TakeMarker = Callable[[str, float], object]
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A row of events.tsv; seconds since the recording's first frame. rating: None where there is none."""
+    """A row of events.tsv, with times in seconds since the recording's first frame. rating: None without a rating."""
 
     condition: str
     onset_s: float
@@ -80,7 +80,7 @@ def _rating(text: str) -> float | None:
 
 
 def write_events(folder: Path, end_s: float) -> None:
-    """Write events.tsv of the markers that a recording folder has, in the form of BIDS, with the unit of ratings.
+    """Write events.tsv from the markers in a recording folder, in the format of BIDS, with the unit of ratings.
 
     end_s: seconds from the first frame to the last. Nothing is written where no trial began, or events.tsv exists
     already.
@@ -125,7 +125,7 @@ class MarkerInlet:
         self._thread: Thread | None = None
 
     def start(self, take: TakeMarker) -> None:
-        """Pass each marker to ``take`` from now on."""
+        """From now on, pass each marker to the function ``take``."""
         self._inlet.open_stream(timeout=FIND_S)
         self._thread = Thread(target=self._run, args=(take,), daemon=True)
         self._thread.start()

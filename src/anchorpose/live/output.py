@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from pythonosc.osc_bundle_builder import OscBundleBuilder
 
 
-TOP: Final = 0.98  # quantile of the heights of a person's skin: a flying pixel is not the head
+TOP: Final = 0.98  # quantile of the heights of a person's skin, so that a flying pixel is not taken for the head
 
 
 @dataclass(frozen=True, slots=True)
 class PersonInView:
-    """Another person in view. number: from 1, the same while the person is followed; place_xz_m: on the floor, world;
-    top_m: height (Y).
+    """Another person in view. number: counted from 1, the same while the person is followed; place_xz_m: place on the
+    floor, world; top_m: height (Y) of the top of the head.
     """
 
     number: int
@@ -53,14 +53,15 @@ _CODES: Final = {state: code for code, state in enumerate(JointState)}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveFrame:
-    """The answer for one frame. NaN where a joint is lost.
+    """The result for one frame.
 
-    frame, time_s: of the first camera; taken_s: when its images were taken, by ``time.monotonic``. joints_m (21, 3)
-    world, sigma_m (21,), state_code (21,) index into ``JointState``. why_lost: why all joints are lost, else empty.
-    touched: parts of the patient (``REGIONS``) that other people touched in the frame before, and whether the contact
-    was seen; None where unknown. dropped: images that were not tracked since live tracking began. people: all other
-    people in view; patient: 1, and one more whenever another person becomes the patient. holding: parts of the patient
-    on the equipment, as ``touched``.
+    frame, time_s: number and time of the frame, of the first camera; taken_s: when its images were taken, by
+    ``time.monotonic``. joints_m (21, 3) world, sigma_m (21,), NaN where a joint is lost; state_code (21,): index into
+    ``JointState``. why_lost: why all joints are lost, else empty. touched: parts of the patient (``REGIONS``) that
+    other people touched in the previous frame, and whether the contact was seen; None where unknown. dropped: number of
+    images that were not tracked since live tracking began. people: all other people in view; patient: number of the
+    patient, 1 at first, and one more whenever another person becomes the patient. holding: parts of the patient that
+    touch the equipment, in the form of ``touched``.
     """
 
     frame: int
@@ -93,7 +94,7 @@ class LiveFrame:
         )
 
 
-@lru_cache(maxsize=2)  # several outputs need the same
+@lru_cache(maxsize=2)  # several outputs need the same angles
 def angles_of(frame: LiveFrame) -> AngleTable:
     """Return the angles of a frame, a table of one row; computed on demand, so that joints are sent first."""
     return joint_angles(frame.joint_table)
@@ -105,7 +106,7 @@ class Output(Protocol):
     name: str
 
     def send(self, frame: LiveFrame) -> None:
-        """Send a frame without waiting for a reader; raises OSError where sending is no longer possible."""
+        """Send a frame without waiting for its reader; raises OSError where sending is no longer possible."""
         ...
 
     def close(self) -> None:
@@ -129,7 +130,7 @@ def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
 
 
 class Outputs:
-    """All receivers of frames; one that fails is left out from then on, with a sentence."""
+    """All receivers of frames. A receiver that fails is left out from then on, and the user gets a sentence."""
 
     def __init__(self, outputs: Sequence[Output]) -> None:
         self._outputs = list(outputs)

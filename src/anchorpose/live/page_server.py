@@ -1,4 +1,4 @@
-"""Serve every newest frame to browsers: a page, and the events that it reads.
+"""Serve the newest frames to browsers: a page, and the events that the page reads.
 
 Each client has its own thread, which takes the newest frame when the one before has been sent: a slow client misses
 frames, and a client that never reads is dropped after some seconds. The tracker only deposits frames.
@@ -32,9 +32,10 @@ from anchorpose.viewer.guarded_server import LIVE_PAGE, GuardedHandler, GuardedS
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """The patient's stand. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN`` in this frame; upright_s: total so far.
-    load_left: the left foot's share of the load, 0 to 1, with load_sigma; both None where not upright, and where
-    ``feet_load`` is unknown. inferred, load_inferred: a joint that they depend on was not seen.
+    """The state of the patient's standing. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN`` in this frame;
+    upright_s: total time upright so far. load_left: the left foot's share of the load, 0 to 1, with load_sigma; both
+    are None where the patient is not upright or ``feet_load`` is unknown. inferred, load_inferred: whether a joint on
+    which they depend was not seen.
     """
 
     upright: int
@@ -86,17 +87,17 @@ class UprightClock:
 
 EVENTS: Final = "events"
 STREAM: Final = "text/event-stream"
-SIGN_OF_LIFE_S: Final = 1.0  # something is sent at least this often, to show the page that the program still runs
-CLIENT_PATIENCE_S: Final = 5.0  # a client that reads nothing for this long is dropped
+SIGN_OF_LIFE_S: Final = 1.0  # s; something is sent at least this often, to show the page that the program still runs
+CLIENT_PATIENCE_S: Final = 5.0  # s; a client that reads nothing for this long is dropped
 # size of the socket's buffer, some frames: in a larger buffer they would be seconds old on arrival
 BUFFER_BYTES: Final = 32 * 1024
-EXACT: Final = 4  # decimals: a tenth of a millimetre
+EXACT: Final = 4  # decimal places of metres: a tenth of a millimetre
 
 
 class PageOutput:
-    """A running server of the page, in its own threads; see ``Output``. address: to open, token included.
+    """A running server of the page, in its own threads; see ``Output``. address: the address to open, with the token.
 
-    has_markers: whether the page has keys for conditions and ratings, which only a recording keeps. Raises
+    has_markers: whether the page has keys for conditions and ratings, which only a recording can store. Raises
     AnchorposeError where it cannot listen on ``host`` and ``port``.
     """
 
@@ -125,8 +126,8 @@ class PageOutput:
         self._newest.put_sentence(sentence)
 
     def asked(self) -> int | None:
-        """Return the number (``PersonInView``) of the person who becomes the patient from now on; it is returned
-        once.
+        """Return the number (``PersonInView``) of the person whom the user chose as the new patient; it is returned
+        once, and None otherwise.
         """
         return self._newest.take_asked()
 
@@ -191,8 +192,8 @@ def _numbers(values: Iterable[float]) -> list[float | None]:
 
 
 class _Newest:
-    """The newest frame and sentence, for any number of clients, and the person whom a client asked for; nothing older
-    is kept.
+    """The newest frame and sentence, for any number of clients, and the person whom a client chose as the patient;
+    nothing older is kept.
     """
 
     def __init__(self) -> None:
@@ -200,7 +201,7 @@ class _Newest:
         self._frame: tuple[int, LiveFrame, Standing] | None = None
         self._sentence = (0, "")
         self._count = 0
-        self._people = frozenset[int]()  # people who may be asked for
+        self._people = frozenset[int]()  # people who may be chosen
         self._asked: int | None = None
 
     def put_frame(self, frame: LiveFrame, standing: Standing) -> None:
@@ -217,8 +218,8 @@ class _Newest:
             self._changed.notify_all()
 
     def ask(self, number: int) -> None:
-        """Ask for a person to become the patient; raises AnchorposeError where the newest frame does not show the
-        number.
+        """Choose a person to become the patient; raises AnchorposeError where the newest frame does not show a person
+        with this number.
         """
         with self._changed:
             if number not in self._people:
@@ -226,7 +227,7 @@ class _Newest:
             self._asked = number
 
     def take_asked(self) -> int | None:
-        """Return the person whom a client asked for; from then until the next frame nobody can be asked for."""
+        """Return the person whom a client chose; from then until the next frame nobody can be chosen."""
         with self._changed:
             asked, self._asked = self._asked, None
             if asked is not None:
@@ -244,7 +245,7 @@ class _Newest:
             return self._count, _event("sentence", self._sentence[1])
 
     def take(self, after: int, patience_s: float) -> tuple[int, bytes]:
-        """Return events newer than ``after``, and their number; no events if none come in time."""
+        """Return events newer than the number ``after``, and their number; no events if none come in time."""
         with self._changed:
             self._changed.wait_for(lambda: self.ended or self._count > after, patience_s)
             count, frame, sentence = self._count, self._frame, self._sentence
@@ -307,7 +308,7 @@ class _Handler(GuardedHandler):
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.close_connection = True  # the end of the stream is the end of the connection
         newest = self.server.newest
-        seen, events = newest.begin()  # before the answer begins: later events go to the client
+        seen, events = newest.begin()  # before the answer begins, so that all later events go to the client
         self.send_head(HTTPStatus.OK, STREAM, {})
         try:
             self.wfile.write(events)

@@ -1,4 +1,4 @@
-"""Record what cameras see; a power cut costs at most the last second."""
+"""Record the cameras' images such that a power cut costs at most the last second."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from anchorpose.results.folder import naming_place, write_text_whole
 from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
 
 UNFINISHED_FILE: Final = "recording.unfinished.json"
-"""Name of the future recording.json while the folder is no whole recording."""
+"""Name of the future recording.json while the folder is not a whole recording."""
 
 EMPTY_ROOM_FILE: Final = "background.png"
 IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
-SYNC_S: Final = 1.0  # data that a power cut may cost
+SYNC_S: Final = 1.0  # s of data that a power cut may cost
 ROOM_EVERY: Final = 100  # images between two checks of the free space
 LEAST_FREE_BYTES: Final = 500_000_000  # the system and the results need some space, too
 
 
 class Recorder:
-    """A writer of every image it gets; ``finish`` makes the folder a recording."""
+    """A recorder that writes every image it gets; ``finish`` turns the folder into a recording."""
 
     def __init__(self, folder: Path, cameras: Sequence[CameraPlan], about: Path | None = None) -> None:
         """folder: absent or empty; about: a recording folder whose equipment, images of the empty room and patient are
@@ -51,20 +51,20 @@ class Recorder:
             document |= _copy_about(about, folder)
         self._document: dict[str, Any] = document
         self._began_s: float | None = None  # when the first image of the first camera was taken, by time.monotonic
-        self._waiting: list[tuple[str, float]] = []  # markers that came before it
+        self._waiting: list[tuple[str, float]] = []  # markers that came before the first image
         self._marking = Lock()
         self._write_document()
         self.images, self.finished = 0, False  # number of images written so far
         self._unsynced: list[Path] = []
-        # an image comes from its camera's thread while another one ends the recording
+        # an image comes from its camera's thread while another thread may end the recording
         self._writing = [Lock() for _ in cameras]
         self._done = Event()
         self._syncing = Thread(target=self._sync_often, daemon=True)
         self._syncing.start()
 
     def put(self, image: LiveImage) -> None:
-        """Write an image, none after the end; raises AnchorposeError where less than half a gigabyte is free on the
-        disk.
+        """Write an image; after the end, ignore it. Raises AnchorposeError where less than half a gigabyte is free on
+        the disk.
         """
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():
@@ -149,7 +149,7 @@ class Recorder:
 
 
 def start_of(taken_s: float) -> dict[str, Any]:
-    """Return the entry of recording.json on the start; taken_s: of the first image, by ``time.monotonic``.
+    """Return the entry of recording.json about the start. taken_s: time of the first image, by ``time.monotonic``.
 
     The clock of the Lab Streaming Layer is left out where pylsl is not installed.
     """
@@ -164,9 +164,10 @@ def start_of(taken_s: float) -> dict[str, Any]:
 
 
 def finish_recording(folder: Path) -> Path:
-    """Make a recording of a folder that ``Recorder`` has written; if it was cut off, of all complete images.
+    """Turn a folder that ``Recorder`` has written into a recording; if the recorder was cut off, with all complete
+    images.
 
-    Raises InputError where it is not such a folder, or no camera has an image.
+    Raises InputError where it is not such a folder, or where no camera has an image.
     """
     path = folder / UNFINISHED_FILE
     if not path.is_file():
@@ -207,7 +208,9 @@ def _copy_about(about: Path, folder: Path) -> dict[str, Any]:
 
 
 def copy_equipment(file: Path, about: Path, folder: Path) -> None:
-    """Copy an equipment.json, which lies somewhere in ``about``, and its meshes to the same places in a folder."""
+    """Copy an equipment.json that lies somewhere in ``about``, and its meshes, to the same relative paths in a
+    folder.
+    """
     for path in equipment_files(file):
         require_regular(path)
         target = folder / path.relative_to(about)
@@ -224,7 +227,7 @@ def _remove_without_row(folder: Path) -> None:
             file.unlink()
 
 
-ROOM_IMAGES: Final = 60  # images per camera: the median of more is not better
+ROOM_IMAGES: Final = 60  # images per camera; the median of more images is not better
 REPORT_S: Final = 10.0
 
 
@@ -239,8 +242,8 @@ def record_live(
 ) -> Path:
     """Record all sources into ``out`` until they end, ``stop`` is set or ``seconds`` have passed.
 
-    empty_room_s: duration of a recording of the empty room before; 0: none. markers: the stream whose markers are kept.
-    Raises AnchorposeError where no camera gives an image, or there is no such stream.
+    empty_room_s: duration for which the empty room is recorded before; 0: it is not recorded. markers: the stream whose
+    markers are kept. Raises AnchorposeError where no camera gives an image, or where the stream does not exist.
     """
     about = about_folder(sources)
     check_place(out, about)

@@ -1,9 +1,9 @@
 """Track live cameras: analyse the first seconds, learn the body, catch up, follow every newest frame, write results.
 
 The first seconds are recorded, and everything that tracking needs beforehand is found in them as in any recording.
-Images that arrive meanwhile are tracked at a few frames a second, so that the patient is never out of sight; from then
-on every newest frame is tracked, and images that arrive during its processing are dropped. If another person becomes
-the patient, this begins again for that person, in the known room.
+Images that arrive during this analysis are then tracked at a few frames per second, so that the patient is never out of
+sight. From then on every newest frame is tracked, and images that arrive during its processing are dropped. If another
+person becomes the patient, all of this begins again for that person, in the known room.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from anchorpose.threads import one_thread, worker_threads
 from anchorpose.tracker.following import Follower
 
 PATIENCE_S: Final = 0.5
-REPORT_S: Final = 10.0  # between two lines about latency
+REPORT_S: Final = 10.0  # s between two lines about latency
 MOST_THREADS: Final = 4  # more threads would wait for Python's lock
 
 
@@ -91,8 +91,8 @@ def _stop(inlet: MarkerInlet | None) -> None:
 
 
 def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
-    """Return the finished recording; None without one, or if it cannot be finished, with the reason noted in the
-    session.
+    """Return the finished recording; None without a recording, or if it cannot be finished, which the session notes
+    with the reason.
     """
     try:
         return None if recorder is None else recorder.finish()
@@ -115,7 +115,7 @@ class _Session:
     latency: LatencyMeter = field(default_factory=LatencyMeter)
 
     def prepare(self) -> tuple[Prepared, Backlog]:
-        """Return the first seconds in which a patient is found, and the backlog of images since then."""
+        """Return the first seconds in which a patient is found, and the backlog of images that arrived since then."""
         self.intake.start()
         for attempt in count(1):
             recording = self.first_seconds.record(f"start-{attempt}", "the room and the patient")
@@ -169,14 +169,16 @@ class _Session:
         write_patients(results, [one.patient for one in patients], recorded, notes)
 
     def _catch_up(self, follower: LiveFollower, backlog: Backlog) -> None:
-        """Track the images that arrived meanwhile."""
+        """Track the images that arrived while the first seconds were analysed."""
         while not self.user.stop.is_set() and (waiting := backlog.take()) is not None:
             follower.take(waiting, live=False)
         backlog.drop()
         self.user.say("Tracking live.")
 
     def _change_patient(self, now: Followed, number: int) -> Followed | None:
-        """Return the person with a number, learnt in new first seconds; None where that fails, with nothing changed."""
+        """Return the person with a number as the new patient, learnt in new first seconds; None where this fails, with
+        nothing changed.
+        """
         before, patient = now.follower, now.patient.number + 1
         places = {one.number: one.place_xz_m for one in people_in(before.follower.memory)}
         try:
@@ -201,7 +203,7 @@ class _Session:
         return new
 
     def _learn(self, recording: Recording, now: Followed, place_xz_m: tuple[float, float]) -> Prepared | None:
-        """Learn the person at a place; None also where an error occurs, so that the session continues."""
+        """Learn the person at a place; return None also where an error occurs, so that the session continues."""
         room, before_xz_m = now.patient.prepared.run.room, now.follower.patient_xz_m
         try:
             return self.first_seconds.learn_named(recording, room, place_xz_m, before_xz_m)

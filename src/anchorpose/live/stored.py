@@ -1,4 +1,4 @@
-"""Store a live session while it runs, write its results, and finish one that ended early."""
+"""Store a live session while it runs, write its results, and finish a session that ended early."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from anchorpose.writing import write_results
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LivePatient:
-    """A person who is or was the patient. number: in the session, from 1; blocks: the stored tracked frames."""
+    """A person who is or was the patient. number: number in the session, from 1; blocks: the stored tracked frames."""
 
     number: int
     prepared: Prepared
@@ -49,15 +49,15 @@ class LivePatient:
 
     @property
     def first_frame(self) -> int | None:
-        """Return the number of the first stored frame, None where there is none."""
+        """Return the number of the first stored frame, None without frames."""
         return next((one.record.joints.frame for one in self.blocks.read()), None)
 
 
 def write_patients(results: Path, patients: Sequence[LivePatient], recorded: Path | None, notes: Sequence[str]) -> None:
     """Write the last patient's results into an existing folder, and those of each earlier patient into a subfolder.
 
-    recorded: a recording of the session, from which pictures are made; None: from the first seconds. notes: on the
-    session, for every ``run.json``.
+    recorded: a recording of the session, from which pictures are made; None: they are made from the first seconds.
+    notes: sentences on the session, for every ``run.json``.
     """
     *earlier, last = patients
     changes = list[str]()
@@ -144,7 +144,7 @@ def on_this_disk() -> Iterator[None]:
 
 
 def read_session(results: Path) -> StoredSession:
-    """Read the session of an unfinished results folder; raises InputError where it has none yet."""
+    """Read the session of an unfinished results folder; raises InputError where the folder has no session yet."""
     path = results / JOURNAL / SESSION_FILE
     if not is_there(path):
         if any(path.parent.glob("patient-*/*.frames")):
@@ -205,8 +205,8 @@ BEGIN_AGAIN: Final = "begin again with 'anchorpose live' and --overwrite"
 def finish_session(results: Path, overwrite: bool) -> None:
     """Make the results folder of an unfinished session from all stored frames.
 
-    Nothing is tracked again; the room is found again in the first seconds. Raises InputError where there is no such
-    session, or no frame in it.
+    Nothing is tracked again; the room is found again in the first seconds. Raises InputError where the session does not
+    exist or has no frames.
     """
     if not is_live_session(results):
         remedy = "give the name that 'anchorpose live' was given with -o"
@@ -225,7 +225,7 @@ def finish_session(results: Path, overwrite: bool) -> None:
 
 @contextmanager
 def _remedy_of_live(folder: Path) -> Iterator[None]:
-    """Give a refusal of stored values a remedy for live sessions, which cannot be tracked again."""
+    """Replace the remedy of an error about stored values by one for live sessions, which cannot be tracked again."""
     try:
         yield
     except InputError as error:
@@ -235,7 +235,7 @@ def _remedy_of_live(folder: Path) -> Iterator[None]:
 
 
 def _recorded(folder: Path | None) -> Path | None:
-    """Return the whole recording of the session; None where there is none."""
+    """Return the whole recording of the session; None where the session was not recorded."""
     if folder is None:
         return None
     with suppress(InputError, OSError):

@@ -1,12 +1,13 @@
-"""Read and index reference movements: the shipped file, those of ``motions build``, skeletons of other trackers.
+"""Read and index reference movements: from the shipped file, files of ``motions build``, and skeletons of other
+trackers.
 
 A pose vector theta does not depend on where the patient stands and faces. It holds 21 x 3 joint positions relative to
-SpineBase in the trunk's heading frame (X where the trunk faces, Y up, Z to its right), then a path of 4: SpineBase
-along X, Y, Z of the *momentary* heading frame, summed from step to step like an odometer, and the heading, radians,
-unwrapped. Only differences of the path are meaningful.
+SpineBase in the trunk's heading frame (X where the trunk faces, Y up, Z to its right), then a path of 4 numbers. Three
+are the way of SpineBase along X, Y, Z of the *momentary* heading frame, summed from step to step like an odometer; the
+fourth is the heading, radians, unwrapped. Only differences of the path are meaningful.
 
-The scaled set D_s (paper, Section IV) is never stored: a sub-list is a place in the recorded clips, and the number of
-their frames per frame of the recording; its poses are interpolated when needed.
+The scaled set D_s (paper, Section IV) is never stored: a sub-list is a place in the recorded clips and a speed (frames
+of the clip per frame of the recording), and its poses are interpolated when needed.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ from anchorpose.recording.writable import whole_file
 COMPARED: Final = 3 * JOINT_COUNT
 """Number of columns of a pose vector that measure how similar two poses are."""
 
-# neighbours in time with a common bound; larger groups are farther apart, which costs more tests than it saves
+# neighbours in time that share a bound; larger groups differ more, which costs more tests than it saves
 SEGMENT: Final = 4
-COLUMNS: Final = 16  # principal columns of the bounds, which then reach nine tenths of the cost
+COLUMNS: Final = 16  # principal columns used for the bounds, which then reach nine tenths of the cost
 _SAMPLES: Final = 5000  # poses from which the principal directions are computed
 
 _ROOT: Final = JOINT_INDEX["SpineBase"]
@@ -37,10 +38,10 @@ _RIGHT: Final = [JOINT_INDEX["HipRight"], JOINT_INDEX["ShoulderRight"]]
 
 
 class SubLists(NamedTuple):
-    """The sub-lists, w of them; sub-lists of one clip and speed are contiguous, in the order of time.
+    """All w sub-lists; sub-lists of one clip and speed are contiguous, in the order of time.
 
-    place (w,) float64: row of theta, also between two rows, of the newest pose. stride (w,) float64: rows per frame.
-    followed (w,) int32: frames after it in its clip.
+    place (w,) float64: row of theta of the newest pose, possibly between two rows. stride (w,) float64: rows per frame.
+    followed (w,) int32: number of frames after the newest pose in its clip.
     summary (w, 2, COLUMNS) float32: mean pose and displacement, in the leading columns of ``turned``.
     segment (s + 1,) int64: where each group of neighbours begins; centre (s, 2, COLUMNS) float32: the mean of their
     summaries; radius (s, 2) float32: largest distance of their mean poses, and of their displacements, from it.
@@ -59,9 +60,9 @@ class SubLists(NamedTuple):
 class MotionDatabase:
     """Reference movements D, one after another, and the sub-lists of D_s.
 
-    theta (n, d) float32, at their recorded rates. The first ``compared`` columns decide how similar two poses are; the
-    others (a path over the floor with an arbitrary origin) are only predicted. turned (n, compared) float32 = theta[:,
-    :compared] @ basis, basis orthonormal: distances are the same, but mostly in the first columns.
+    theta (n, d) float32, at their recorded rates. The first ``compared`` columns decide how similar two poses are; all
+    other columns (a path over the floor with an arbitrary origin) are only predicted. turned (n, compared) float32 =
+    theta[:, :compared] @ basis, basis orthonormal: distances are the same, but mostly in the first columns.
     """
 
     theta: np.ndarray
@@ -97,8 +98,8 @@ def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) 
 
 
 def heading_rad(joints_m: np.ndarray) -> np.ndarray:
-    """Return the turn (t,) about Y from world X to the trunk's heading, across hips and shoulders, whichever are
-    known.
+    """Return the angle (t,) about Y from world X to the trunk's heading, which is perpendicular to the lines of hips
+    and shoulders, whichever are known.
     """
     across = joints_m[:, _RIGHT] - joints_m[:, _LEFT]
     across = np.where(np.isfinite(across).all(axis=(2,), keepdims=True), across, 0.0).sum(axis=1)
@@ -122,10 +123,11 @@ def build_database(
     history: int,
     past: int,
 ) -> MotionDatabase:
-    """Build D_s from clips, (n_i, d) each, recorded at ``rate_hz`` each, for a recording of ``at_hz``.
+    """Build D_s for a recording of ``at_hz`` from clips, (n_i, d) each, whose rates are ``rate_hz``.
 
-    history: poses per sub-list; past: frames that its clip must have before its newest one (at least its other poses).
-    Raises ValueError where a clip holds missing values, or no clip is long enough for the past and one step.
+    history: poses per sub-list; past: frames that a clip must have before the newest pose of a sub-list (at least its
+    other poses). Raises ValueError where a clip has missing values, or where no clip is long enough for the past and
+    one step.
     """
     if any(not np.isfinite(clip).all() for clip in clips):
         raise ValueError("a clip of the motion database has missing values; cut it there")
@@ -166,14 +168,16 @@ def summarise(turned: np.ndarray, place: np.ndarray, stride: np.ndarray, history
 
 
 def _principal(poses: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis (d, d) float32, the direction in which poses differ most first."""
+    """Return an orthonormal basis (d, d) float32, ordered such that poses differ most along the first direction."""
     some = poses[:: max(1, len(poses) // _SAMPLES)].astype(np.float64)
     apart = some - some.mean(axis=0)
     return np.linalg.eigh(apart.T @ apart)[1][:, ::-1].astype(np.float32)
 
 
 def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: int, past: int) -> SubLists:
-    """List the sub-lists of runs; a run is the first row of a clip, rows per frame, and its number of frames."""
+    """List the sub-lists of runs. A run consists of the first row of a clip, the rows per frame, and the number of
+    frames.
+    """
     place, stride, followed, segment = [], [], [], [np.zeros(1, dtype=np.int64)]
     listed = 0
     for first, rows, frames in runs:
@@ -262,7 +266,7 @@ def join_clips(parts: Sequence[ReferenceClips]) -> ReferenceClips:
 
 
 def write_motions(path: Path, clips: ReferenceClips) -> None:
-    """Write the clips in millimetres, each moved to the origin; ``path`` is whole or unchanged."""
+    """Write the clips in millimetres, each moved to the origin; ``path`` is either completely written or unchanged."""
     root = JOINT_INDEX["SpineBase"]
     millimetres = [np.rint(1000.0 * (clip - clip[0, root])).astype(np.int16) for clip in clips.joints_m]
     with whole_file(path) as partial, partial.open("wb") as stream:
@@ -278,7 +282,7 @@ def write_motions(path: Path, clips: ReferenceClips) -> None:
 
 
 def read_motions(path: Path) -> ReferenceClips:
-    """Read a file that ``write_motions`` wrote; raises InputError where it is not such a file."""
+    """Read a file that ``write_motions`` wrote; raises InputError for any other file."""
     arrays = read_arrays(path, ("format", *_MOTION_ARRAYS), MOTION_REMEDY)
     missing = [name for name in ("format", *_MOTION_ARRAYS) if name not in arrays]
     if missing or str(arrays["format"]) != FORMAT:
@@ -298,11 +302,11 @@ def read_motions(path: Path) -> ReferenceClips:
 
 
 def read_skeletons(path: Path, rate_hz: float | None) -> ReferenceClips:
-    """Read the clips of a skeleton file, in our joints.
+    """Read the clips of a skeleton file and convert them to our 21 joints.
 
-    rate_hz: frames per second where the file has no ``rate_hz``. Joints are found by our names or by those of the bones
-    that begin there; hands and neck may be derived, which a note says. Raises InputError where a joint is missing or
-    the file is not valid.
+    rate_hz: frames per second where the file has no ``rate_hz``. Joints are found by our names, or by the names of
+    bones that begin there; hands and neck may be derived, which a note states. Raises InputError where a joint is
+    missing or the file is not valid.
     """
     arrays = read_arrays(path, _SKELETON_ARRAYS, _SKELETON_REMEDY)
     missing = [name for name in _SKELETON_ARRAYS[:-1] if name not in arrays]
@@ -339,7 +343,7 @@ def _in_our_joints(path: Path, joints: np.ndarray, columns: list[str]) -> tuple[
     """Return the joints (n, 21, 3) and the names of the derived ones."""
     found: dict[str, np.ndarray] = {}
     for name in JOINT_NAMES:
-        # columns Neck and Head are ours by either naming; LHand is where the hand begins, so the wrist
+        # columns Neck and Head are our joints in both namings; LHand is where the hand begins, so it is the wrist
         for known in (name, BONE_BEGINNING_AT.get(name)):
             if known in columns and name not in found:
                 found[name] = joints[:, columns.index(known)]

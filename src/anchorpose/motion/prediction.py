@@ -1,5 +1,5 @@
-"""Predict the next joints by scaled motion dynamics from the most similar movements (paper, Section IV), found
-exactly.
+"""Predict the next joints by scaled motion dynamics from the most similar movements (paper, Section IV), which are
+found exactly.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from anchorpose.motion.database import (
 )
 from anchorpose.settings import Count, NotNegative, Positive, settings
 
-_SEEDS: Final = 16  # segments searched first, to have a cost to compare with
+_SEEDS: Final = 16  # segments searched first, to get a cost with which bounds are compared
 _ROUNDED: Final = np.float32(0.9999)  # bounds are stored in single precision, which may round up ...
 _SLACK_M: Final = np.float32(1e-5)  # ... and near 0 by more than a share
 
@@ -39,7 +39,7 @@ class Matches:
     """The most similar sub-lists, the best first.
 
     place (m,): database row of the newest pose; stride (m,): rows per frame, as in ``SubLists``.
-    distance_m (m,): root mean square over the joints, mean over the frames.
+    distance_m (m,): root-mean-square distance over the joints, mean over the frames.
     """
 
     place: np.ndarray
@@ -54,15 +54,15 @@ class Matches:
 def best_sublists(
     history: np.ndarray, database: MotionDatabase, steps: int, count: int, displacement_weight: float
 ) -> Matches | None:
-    """Return the ``count`` sub-lists most similar to the last poses; None where no column is known or no clip long
+    """Return the ``count`` sub-lists most similar to the last poses; None where no column is known or no clip is long
     enough.
 
     The cost is the sum over v of ed(theta^(t-v), theta_s^(j-v)), as in the paper, plus ``displacement_weight`` k times
     the distance of the displacements over the history, since one pose occurs in both directions and at every speed.
     history (k, d): the newest pose last. Only sub-lists that are followed by ``steps`` more frames count. Sub-lists
-    whose lower bound is too high are skipped, so the result is exact: k distances sum up to at least k times that of
-    the means, and omitted columns shorten both. Ties go to the earlier sub-list. A column that is missing anywhere in
-    the history is not compared, and then every sub-list is tested.
+    whose lower bound is too high are skipped. The result is exact, since k distances sum up to at least k times the
+    distance of the means, and omitted columns only lower this bound. Ties go to the earlier sub-list. A column that is
+    missing anywhere in the history is not compared, and then every sub-list is tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
@@ -92,9 +92,7 @@ def _rank(
     count: int,
     displacement_weight: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best sub-lists by rising cost. Without ``query``, which is shaped like a summary, there are no
-    bounds.
-    """
+    """Return the best sub-lists by increasing cost. query: shaped like a summary; without it no bounds are used."""
     best, cost = np.full(count, -1, dtype=np.int64), np.full(count, np.inf)
     place, stride, followed, segment = sublists.place, sublists.stride, sublists.followed, sublists.segment
     found = 0
@@ -120,7 +118,7 @@ def _rank(
 
 @njit(cache=True)
 def _insert(best: np.ndarray, cost: np.ndarray, found: int, w: int, total: float) -> int:
-    """Insert a sub-list among the best if it belongs there; return how many there are now."""
+    """Insert a sub-list among the best if it belongs there; return the number of best sub-lists."""
     if found == len(best):
         if total > cost[-1] or (total == cost[-1] and w > best[-1]):
             return found
@@ -146,7 +144,7 @@ def _apart(summary: np.ndarray, query: np.ndarray, weight: np.float32) -> np.flo
 def _bound_segments(
     centre: np.ndarray, radius: np.ndarray, query: np.ndarray, scale: np.float32, weight: np.float32, bound: np.ndarray
 ) -> np.ndarray:
-    """Fill ``bound`` with lower bounds of the sub-lists' costs per segment; return the segments with the nearest
+    """Fill ``bound`` with a lower bound per segment on the costs of its sub-lists; return the segments with the nearest
     centres.
     """
     nearest = np.full(min(_SEEDS, len(centre)), -1, dtype=np.int64)
@@ -173,7 +171,7 @@ def _bound_segments(
 def _cost(
     theta: np.ndarray, history: np.ndarray, place: float, stride: float, displacement_weight: float, limit: float
 ) -> float:
-    """Return the cost of one sub-list, or infinity as soon as it is above ``limit``."""
+    """Return the cost of one sub-list, or infinity as soon as the cost exceeds ``limit``."""
     k, d = history.shape
     last = len(theta) - 1
     new, old = int(place), int(place - (k - 1) * stride)
@@ -200,9 +198,10 @@ def _cost(
 
 
 SPANS: Final = (1, 2, 4)  # frames over which the patient's velocity is measured
-DAMPING: Final = 0.85  # factor on the velocity per frame; a limb reverses within a few tenths of a second
+DAMPING: Final = 0.85  # factor on the velocity per frame, since a limb reverses within a few tenths of a second
 OWN_VELOCITY: Final = 0.8  # share of the velocity difference, patient minus matches, added; 1 would follow its noise
-_CHECKED_STEPS: Final = 6  # one-frame predictions that each span is tested on: times some 60 columns, enough
+# one-frame predictions on which each span is tested; with some 60 columns each, this is enough
+_CHECKED_STEPS: Final = 6
 _SHARPNESS: Final = 4  # exponent; a span whose squared error is a fifth larger gets half the weight
 
 
@@ -210,7 +209,7 @@ class MotionRule(StrEnum):
     """The rule by which the next poses are predicted."""
 
     BLEND = "blend"  # several similar sub-lists and the patient's own velocity, weighted by their reliability
-    BEST_SUBLIST = "best_sublist"  # the paper's own: the change that follows the one most similar sub-list
+    BEST_SUBLIST = "best_sublist"  # the paper's rule: the change that follows the single most similar sub-list
     VELOCITY = "velocity"  # the patient's own damped velocity, without reference movements
     STANDSTILL = "standstill"  # no motion dynamics at all
 
@@ -225,9 +224,10 @@ class MotionConfig:
 
     rule: MotionRule = MotionRule.BLEND
     history: Annotated[int, Field(ge=2, strict=True)] = 5  # frames compared; at 30 Hz they show a direction
-    speeds: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.71, 1.0, 1.41, 2.0)  # relative, half octaves
+    # factors on speed, in half octaves
+    speeds: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.71, 1.0, 1.41, 2.0)
     displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0: the paper's equation
-    neighbours: Count = 32  # similar sub-lists averaged; a single one adds its own noise, and 64 are no better
+    neighbours: Count = 32  # similar sub-lists that are averaged; a single one adds its own noise, and 64 are no better
     checked: Count = 7  # age in frames of the predictions whose errors decide how matches and velocity are weighted
 
     @property
@@ -242,7 +242,7 @@ class MotionConfig:
 
 
 class PredictionSource(StrEnum):
-    """The grounds of a prediction."""
+    """The source of a prediction."""
 
     DATABASE = "database"
     OWN_VELOCITY = "own_velocity"  # no reference movements, or a history too short to compare
@@ -251,10 +251,10 @@ class PredictionSource(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """A prediction: theta (steps, d) float64, NaN where the last pose is unknown. matches: None where none were
+    """A prediction: theta (steps, d) float64, NaN where the last pose is unknown. matches: None where no matches were
     searched or found.
 
-    trust: from 0, the patient's own velocity alone, to 1, the continuation of the matches alone.
+    trust: from 0 (only the patient's own velocity) to 1 (only the continuation of the matches).
     """
 
     theta: np.ndarray
@@ -316,11 +316,11 @@ def predict(
 ) -> Prediction:
     """Predict the next ``steps`` poses after ``history`` (k, d), newest last. Raises ValueError on an empty history.
 
-    compared: columns that count in a prediction's error, those of the database. The paper's rule is theta^(t+h) =
-    theta^t + theta_s^(j+h) - theta_s^j. Ours takes the mean of this over several sub-lists and adds by how much the
-    patient moves faster than they do. It is weighted against the velocity alone by how well each would have predicted,
-    ``checked`` frames ago, the present: the share of the velocity's squared error in both. So a movement that the
-    database does not contain is predicted by its velocity.
+    compared: columns that count in a prediction's error, as in the database. The paper's rule is theta^(t+h) = theta^t
+    + theta_s^(j+h) - theta_s^j. Our rule takes the mean of this over several sub-lists and adds the difference between
+    the patient's velocity and theirs. The result is mixed with a prediction by the velocity alone. The weights follow
+    from how well each would have predicted the present ``checked`` frames ago: the share of the velocity's squared
+    error in the sum of both. So a movement that the database does not contain is predicted by its velocity.
     """
     if not len(history):
         raise ValueError("a prediction needs at least one pose")
@@ -365,8 +365,8 @@ def _blend(
 
 
 def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compared: int, checked: int) -> float:
-    """Return, 0 to 1, how much better the matches explain the last frames of the history than the velocity before them
-    does.
+    """Return the trust, 0 to 1: how much better the matches explain the last frames of the history than the velocity
+    before these frames does.
     """
     back = min(checked, len(history) - 2)
     known = np.flatnonzero(np.isfinite(history[:, :compared]).all(axis=0))
@@ -378,17 +378,17 @@ def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compare
 
 
 def _travelled(steps: int) -> np.ndarray:
-    """Return the frames' worth of velocity (steps,) travelled after each step."""
+    """Return (steps,) the distance travelled after each step, in units of the velocity per frame."""
     return np.cumsum(DAMPING ** np.arange(steps))
 
 
 def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
     """Return the weight (s,) float64, sum 1, of the velocity over each span (frames, rising).
 
-    A short span follows the movement, a long span averages the noise out. Weights follow from how well each would have
-    predicted the newest frames from the earlier ones, over all columns. A span that is too long to be tested on the
-    history (k, d), newest last, has no weight; with two frames the shortest has all. Columns with missing values are
-    left out.
+    A short span follows the movement, a long span averages the noise out. Weights follow from how well each span would
+    have predicted the newest frames from the earlier frames, over all columns. A span that is too long to be tested on
+    the history (k, d), newest last, has no weight; with two frames the shortest span has all weight. Columns with
+    missing values are left out.
     """
     known = history[:, np.isfinite(history).all(axis=0)]
     squared = np.full(len(spans), np.inf)
@@ -405,8 +405,8 @@ def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
 
 
 def velocity(poses: np.ndarray, spans: Sequence[int], shares: np.ndarray, at: int = -1) -> np.ndarray:
-    """Return the velocity (..., d) per frame at pose ``at`` (from the end) of (..., k, d), newest last; too long a span
-    is cut.
+    """Return the velocity (..., d) per frame at pose ``at`` (counted from the end) of (..., k, d), newest last; a span
+    that is too long is cut.
     """
     total = np.zeros(poses.shape[:-2] + poses.shape[-1:])
     for span, share in zip(spans, shares, strict=True):

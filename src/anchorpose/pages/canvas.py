@@ -1,6 +1,7 @@
-"""Provide what all pictures over a depth image share: colours, grey shading, world to pixel, names beside dots, PNG.
+"""Provide the common parts of all pictures over a depth image: colours, grey shading, projection to pixels, names
+beside dots, PNG.
 
-The colours are Okabe and Ito's, which colour-blind readers can distinguish; blue, green, red as OpenCV has them.
+The colours are Okabe and Ito's, which colour-blind readers can distinguish, as blue, green, red in OpenCV's order.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ class Ink:
     NO_READING: Final = (48, 24, 16)  # black with a blue cast
     PATIENT: Final = SKY
     EQUIPMENT: Final = ORANGE
-    OTHERS: Final = (PURPLE, GREEN, YELLOW, WHITE)  # people by their labels; the fifth has the first's colour again
+    # colours of people by their labels; the fifth person has the first colour again
+    OTHERS: Final = (PURPLE, GREEN, YELLOW, WHITE)
 
 
 PICTURE_WIDTH: Final = 960

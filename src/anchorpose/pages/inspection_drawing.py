@@ -44,8 +44,8 @@ from anchorpose.surface.links import links
 from anchorpose.tracker.inspection import InspectedCamera
 from anchorpose.tracker.observation import Observation
 
-ISO_M: Final = 0.1  # between two lines of equal distance
-MAGNIFIED: Final = 3.0  # a hand moves 3 cm in a frame: nine pixels, too few for an arrow
+ISO_M: Final = 0.1  # m between two lines of equal distance
+MAGNIFIED: Final = 3.0  # factor on arrows: a hand moves 3 cm in a frame, nine pixels, too few for an arrow
 LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # direction towards the light, camera frame: from above on the left
 SEEN_ONCE: Final = (235.0, 235.0, 235.0)
 SEEN_TWICE: Final = (255.0, 200.0, 130.0)
@@ -60,7 +60,7 @@ def draw_reading(one: InspectedCamera) -> np.ndarray:
 
 
 def draw_background(one: InspectedCamera) -> np.ndarray:
-    """Draw the empty room as isolation knows it."""
+    """Draw the empty room that isolation uses."""
     return draw_depth(one.scene.background.depth_m, one.camera)
 
 
@@ -146,7 +146,7 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
 
 @_of_surface
 def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """Draw the extrema, the ones identified as head, hands and feet, and the missed anchors."""
+    """Draw all extrema, the names of extrema that were identified as head, hands and feet, and the missed anchors."""
     picture, to_pixel = _canvas(one)
     extrema = geodesic_extrema(
         seen.whole, center_field(seen.whole).distance_m, one.config.anchors.radius * one.inspection.height_m

@@ -32,7 +32,7 @@ INSPECTION: Final = FolderKind("an inspection", (FACTS_FILE, PAGE_FILE), (FACTS_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A stage as shown: pictures by camera; caption, filled in; missing: why there is no picture, or empty."""
+    """A stage as shown on the page: pictures by camera; caption; missing: why there is no picture, else empty."""
 
     stage: Stage
     caption: str

@@ -76,7 +76,9 @@ class OverlayScene:
 
 
 def draw_scene(scene: OverlayScene) -> np.ndarray:
-    """Draw the scene: filled joints are observed, hollow ones inferred, crossed ones of unknown cause."""
+    """Draw the scene: filled joints are observed, hollow joints are inferred, crossed joints are unseen for an unknown
+    reason.
+    """
     scale = scale_of(scene.camera)
     picture = enlarge(shade(scene.depth_m, None if scene.labels is None else _tint(scene.labels)), scale)
     to_pixel = projector(scene.camera, scale)
@@ -181,7 +183,7 @@ _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 
 @dataclass(frozen=True, slots=True)
 class ChosenFrame:
-    """A chosen frame. row: of the joints' table; why: the reason, for people; empty for frames spread over the
+    """A chosen frame. row: row of the joints' table; why: the reason, for people; empty for frames spread over the
     recording.
     """
 

@@ -23,7 +23,7 @@ ARROW_TIP: Final = 0.35
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """Pixels (height, width) bool with one meaning, and their colour; hatched layers let others show through."""
+    """Pixels (height, width) bool with one meaning, and their colour; hatched layers are partly transparent."""
 
     mask: np.ndarray
     colour: Colour

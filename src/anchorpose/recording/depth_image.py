@@ -1,8 +1,8 @@
-"""Read depth images: 16-bit grey PNG files, checked to their last byte before use, and then by their content.
+"""Read depth images, 16-bit grey PNG files, and check first every byte of the file and then the content of the image.
 
-A sensor that is blinded, covered or broken still delivers whole files, whose content is like no scene: no readings, one
-value everywhere, or unrelated neighbours. Such an image is left out as if it were missing. No prediction is used: the
-rules hold for every room and every pose.
+A sensor that is blinded, covered or broken still delivers complete files, but their content cannot be a scene: there
+are no readings, or all have the same value, or neighbouring pixels are unrelated. Such an image is left out as if it
+were missing. The check uses no prediction, so it holds for every room and every pose.
 
 ``RecordedFrames`` gives the images of several cameras one by one, each on its own clock, before frames are paired.
 """
@@ -25,7 +25,7 @@ _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES: Final = 33  # signature and the IHDR chunk
 _GREY: Final = 0  # PNG's code of the colour type
 _DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # the only chunks that a grey image needs
-_OTHER_BYTES: Final = 1 << 20  # bytes allowed for chunks of notes, and for compression without effect
+_OTHER_BYTES: Final = 1 << 20  # bytes allowed for chunks of notes and for the overhead of failed compression
 
 FARTHEST_M: Final = 20.0
 """No indoor depth camera measures farther: such a value is an error code, or light from outside."""
@@ -33,7 +33,7 @@ FARTHEST_M: Final = 20.0
 SATURATED: Final = np.iinfo(np.uint16).max  # the largest value of the file is a code, not a distance
 ROWS: Final = 128  # rows that are examined, evenly spaced: surfaces are many rows high
 LEAST_READ: Final = 0.001  # share of the pixels; a distant person alone fills 0.03 of them
-ENOUGH: Final = 4000  # readings; in fewer, chance may look like anything, and a drawing like a clipped image
+ENOUGH: Final = 4000  # readings; with fewer, chance may fail an image, and a drawing looks like a clipped image
 MOST_ALIKE: Final = 0.98  # share of the readings with one value; a whole body on a coarse scale has 0.3
 LEAST_BESIDE: Final = 0.5  # share of the readings with a neighbour in the row; real images have 0.93 and more
 JUMP: Final = 0.1  # share of the distance: more than any surface not seen edge-on changes between pixels
@@ -49,9 +49,9 @@ class DepthImage:
 
 
 def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: Stamp | None = None) -> DepthImage:
-    """Read the depth image of a file, as ``image_of_grey``; a damaged one is a result with its ``problem``.
+    """Read the depth image of a file as ``image_of_grey`` does; for a damaged file the result has a ``problem``.
 
-    listed: the file's stamp when the recording was opened. Raises InputError where it was replaced since.
+    listed: the file's stamp when the recording was opened. Raises InputError where the file was replaced since then.
     """
     try:
         data = read_bounded(path, largest_png(camera.width, camera.height), listed)
@@ -72,8 +72,8 @@ def read_stream_image(recording: Recording, camera: int, position: int) -> Depth
 
 
 def image_of_grey(grey: np.ndarray, camera: Camera, judged: bool = True) -> DepthImage:
-    """Convert grey values (height, width) uint16 to a depth image, without readings beyond the lens's valid radius and
-    without values that are no measurement (``measured_m``).
+    """Convert grey values (height, width) uint16 to a depth image. Readings beyond the lens's valid radius and values
+    that are not measurements (``measured_m``) become 0.
 
     judged: whether an image whose content is not a measurement (``content_problem``) becomes a ``problem``.
     """
@@ -114,7 +114,7 @@ def grey_png_size(head: bytes) -> tuple[int, int] | None:
 
 
 def _png_header(head: bytes) -> tuple[int, int, int, int] | None:
-    """Return width, height, bits and colour type by a file's first 33 bytes; None where it is no PNG file."""
+    """Return width, height, bits and colour type by a file's first 33 bytes; None where it is not a PNG file."""
     if len(head) < _HEADER_BYTES or not head.startswith(_SIGNATURE) or head[12:16] != b"IHDR":
         return None
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
@@ -122,7 +122,7 @@ def _png_header(head: bytes) -> tuple[int, int, int, int] | None:
 
 
 def _header_problem(head: bytes, wide: int, high: int) -> str:
-    """Return the problem of the first 33 bytes; empty where they fit a camera's width and height."""
+    """Return the problem that a file's first 33 bytes show; empty where they fit a camera's width and height."""
     header = _png_header(head)
     if header is None:
         return "is not a PNG file"
@@ -133,7 +133,7 @@ def _header_problem(head: bytes, wide: int, high: int) -> str:
 
 
 def image_chunks(data: bytes) -> tuple[bytes, str]:
-    """Return a PNG file reduced to the chunks that its image needs, and its problem, empty without one.
+    """Return a PNG file reduced to the chunks that its image needs, and its problem (empty where it is sound).
 
     Every chunk is checked up to the end: decoders may return half an image for a truncated file. Optional chunks (PNG,
     Section 5.4: names that begin with a small letter) are left out; an unknown chunk that is not optional is a problem.
@@ -161,7 +161,7 @@ def image_chunks(data: bytes) -> tuple[bytes, str]:
 def measured_m(grey: np.ndarray, depth_scale: float) -> np.ndarray:
     """Convert grey values (height, width) uint16 to metres (height, width) float32; 0 where there is no measurement.
 
-    These are missing readings, the largest value of the file, and values beyond ``FARTHEST_M``.
+    The value 0, the largest 16-bit value, and values beyond ``FARTHEST_M`` are not measurements.
     """
     depth_m = grey.astype(np.float32) * np.float32(depth_scale)
     depth_m[(grey == SATURATED) | (depth_m > FARTHEST_M)] = 0.0
@@ -172,7 +172,7 @@ def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
     """Return why an image is not a measurement, as the end of a sentence that begins with its name; empty where it may
     be a measurement.
 
-    grey (height, width) uint16 as the file has it; depth_m (height, width) float32 metres of it, 0 = no reading.
+    grey (height, width) uint16 as the file has it; depth_m (height, width) float32: the same in metres, 0 = no reading.
     """
     step = max(1, len(depth_m) // ROWS)
     values, rows = grey[::step], depth_m[::step]
@@ -200,12 +200,12 @@ def _three_in_a_row(read: np.ndarray) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedFrames:
-    """The depth images of a recording folder; a duplicate shows another moment than its time states and becomes
-    None.
+    """The depth images of a recording folder. A duplicate becomes None: it shows another moment than its time
+    states.
     """
 
     recording: Recording
-    cameras: tuple[Camera, ...]  # cameras with the poses to use, which the recording may not have
+    cameras: tuple[Camera, ...]  # cameras with the poses to use, which the recording may lack
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:

@@ -1,6 +1,6 @@
-"""Read text files: JSON, as a declared document, and CSV; every refusal names the file, the place and the remedy.
+"""Read text files: JSON as a declared document, and CSV. Every error names the file, the place in it and the remedy.
 
-JSON text is parsed only here: size, depth and numbers have limits, so no file can stall a run.
+JSON text is parsed only here. Its size, its depth and its numbers have limits, so that no file can stall a run.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
 def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
     """Parse a JSON text in which every key of an object occurs once; the caller refuses NaN and infinities.
 
-    Bytes are text in UTF-8, UTF-16 or UTF-32. Raises Unfit, a ValueError, in time that grows with the size of the text:
-    where it is not JSON, larger than ``largest_bytes`` or not plain (``require_plain``).
+    Bytes are text in UTF-8, UTF-16 or UTF-32. Raises Unfit, a ValueError, where the text is not JSON, is larger than
+    ``largest_bytes`` or is not plain (``require_plain``). The time for that grows no faster than the size of the text.
     """
     if len(text) > largest_bytes:
         raise Unfit(f"is larger than {largest_bytes / 2**20:g} MB", "give the right file: this one describes no more")
@@ -78,7 +78,7 @@ def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
 
 def require_plain(value: Any, levels: int = DEEPEST) -> None:
     """Raise Unfit where values are nested too deeply, an integer is too large, or a text contains a null character or
-    half a surrogate pair, which cannot be printed or be in a file's name.
+    half a surrogate pair: such a text cannot be printed or be a file's name.
     """
     if levels < 0:
         raise _too_deep()
@@ -125,8 +125,8 @@ class Entry(BaseModel):
 
 
 def numbers(*shape: int, meaning: str) -> PlainValidator:
-    """Validate nested lists of finite numbers as a float64 array of exactly ``shape``; ``meaning`` explains what to
-    write.
+    """Return a validator that turns nested lists of finite numbers into a float64 array of exactly ``shape``. meaning:
+    the words of its error that explain what to write.
     """
 
     def check(value: Any) -> np.ndarray:
@@ -146,8 +146,8 @@ def is_rotation(matrix: np.ndarray) -> bool:
 
 
 def require_rigid(pose: np.ndarray, instead: str = "") -> np.ndarray:
-    """Return the pose (4, 4); raises Unfit unless it is a rigid motion: a scaled or mirrored world has no meaningful
-    lengths.
+    """Return the pose (4, 4); raises Unfit unless it is a rigid motion, since lengths in a scaled or mirrored world
+    mean nothing.
     """
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9 or not is_rotation(pose[:3, :3]):
         remedy = f"write a rotation and a translation in metres with the last row 0 0 0 1{instead}"
@@ -192,7 +192,7 @@ def read_document(path: Path, kind: type[Document]) -> Document:
 
 
 def validate(path: Path, kind: type[Document], values: Any) -> Document:
-    """Check ``values`` of the file ``path`` as ``kind``, without rounding or conversion from text; raises
+    """Check the ``values`` of the file ``path`` against ``kind``, without rounding or converting from text; raises
     InputError.
     """
     try:

@@ -1,6 +1,7 @@
-"""Read the model chi_0 of the equipment (paper, Section III): boxes, cylinders and meshes in its own frame Gamma_0.
+"""Read the model chi_0 of the equipment (paper, Section III): boxes, cylinders and meshes in the equipment's frame
+Gamma_0.
 
-Its files are equipment.json, the format ``equipment-model``, and the PLY meshes that it names.
+The model is stored in equipment.json (format ``equipment-model``) and in the PLY meshes that this file names.
 """
 
 from __future__ import annotations
@@ -125,20 +126,20 @@ class EquipmentModel:
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
         """Return (n,) float64 distance of points (n, 3) in Gamma_0 to the nearest part's surface, exact.
 
-        It is negative inside a box or a cylinder; a mesh is a sheet, whose distance is never negative. It is NaN where
-        a point is NaN.
+        It is negative inside a box or a cylinder, never negative for a mesh, which has no inside, and NaN where a point
+        is NaN.
         """
         points = np.asarray(points_m, dtype=np.float64)
         return np.min([part.distance_m(points) for part in self.parts], axis=0)
 
 
 def mesh_distance_m(points_m: np.ndarray, vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return (n,) float64 distance of each point (n, 3) to the nearest triangle; never negative: a mesh need not be
-    closed.
+    """Return (n,) float64 distance of each point (n, 3) to the nearest triangle; never negative, since a mesh need not
+    be closed.
 
     vertices_m (v, 3), faces (f, 3) indices. It is NaN where a point is NaN.
-    Source: closest point on a triangle, Ericson, Real-Time Collision Detection (2005), Section 5.1.5. A sphere around
-    each triangle skips those that cannot be nearest.
+    Source: closest point on a triangle, Ericson, Real-Time Collision Detection (2005), Section 5.1.5. A triangle that
+    cannot be nearest, judged by a sphere around it, is skipped.
     """
     corners = np.ascontiguousarray(vertices_m[faces], dtype=np.float64)
     centres = corners.mean(axis=1)
@@ -237,7 +238,7 @@ class MeshEntry(Entry):
 
 
 class EquipmentDocument(Entry):
-    """The content of equipment.json; the files of meshes are not read yet."""
+    """The content of equipment.json, before the files of its meshes are read."""
 
     format: Literal["equipment-model"]
     version: Version
@@ -269,7 +270,9 @@ def equipment_files(path: Path) -> tuple[Path, ...]:
 
 
 def write_equipment(path: Path, equipment: EquipmentModel) -> None:
-    """Write boxes and cylinders as an equipment.json; raises TypeError on a mesh, which is a file of its own."""
+    """Write boxes and cylinders as an equipment.json; raises TypeError for a mesh, which would need a file of its
+    own.
+    """
     document = {"format": "equipment-model", "version": 1, "parts": [_part_entry(part) for part in equipment.parts]}
     with whole_file(path) as partial:
         partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
@@ -314,7 +317,7 @@ _Element = tuple[str, int, list[_Property]]  # name, count, properties
 def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Read vertices (v, 3) float64 and faces (f, 3) int32 of a PLY file.
 
-    Raises InputError where the file cannot be read, is cut short, or a face names a vertex that is not there.
+    Raises InputError where the file cannot be read, is cut short, or a face refers to a vertex that does not exist.
     """
     data = read_whole(path, MOST_PLY_BYTES, "check the path of the mesh")
     try:
@@ -369,7 +372,9 @@ def _parse(data: bytes) -> tuple[np.ndarray, list[list[int]]]:
 
 
 def _value_reader(body: bytes, order: str) -> Callable[[str, int], list[float]]:
-    """Return a function that reads the next values of a type: words of text where ``order`` is empty, else binary."""
+    """Return a function that reads the next values of a type, from words of text where ``order`` is empty, else from
+    binary data.
+    """
     words, place = [] if order else body.split(), 0
 
     def take(kind: str, count: int) -> list[float]:

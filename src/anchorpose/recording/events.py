@@ -1,8 +1,8 @@
-"""Read events.tsv, the trials of a recording and their conditions, with the units of its columns in events.json.
+"""Read events.tsv, the trials of a recording and their conditions; events.json gives the units of its columns.
 
-The form is that of BIDS: onset and duration in seconds, trial_type, then the user's own columns. Onset 0 is the first
-frame of the first camera that measured, whatever its clock shows, and whether or not that frame is tracked. A trial is
-one row, numbered from 1 in the order of the file.
+The format is that of BIDS: onset and duration in seconds, trial_type, then the user's own columns. Onset 0 is the first
+frame of the first camera that measured anything. Neither the time on its clock nor whether that frame is tracked
+matters. A trial is one row, numbered from 1 in the order of the file.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ class TrialColumn:
 class Trial:
     """One row of events.tsv.
 
-    number: from 1, in the order of the file. condition: its trial_type. onset_s: since the recording's first frame.
-    start_s, end_s: on the clock of the first camera; a frame at start_s belongs to the trial, one at end_s does not.
-    cells: for each ``TrialColumn`` a number, a text, or None where empty.
+    number: from 1, in the order of the file. condition: the trial_type. onset_s: time since the recording's first
+    frame. start_s, end_s: on the clock of the first camera; a frame at start_s belongs to the trial, one at end_s does
+    not. cells: for each ``TrialColumn`` a number, a text, or None where empty.
     """
 
     number: int
@@ -95,7 +95,7 @@ class Trial:
 class Trials:
     """All trials of a recording in the order of the file, at least one.
 
-    reference: the condition that others are compared with; None for that of the first trial.
+    reference: the condition that others are compared with; None: the condition of the first trial.
     """
 
     columns: tuple[TrialColumn, ...]
@@ -116,7 +116,9 @@ class Trials:
 
 @dataclass(frozen=True, slots=True)
 class RecordedSpan:
-    """Start and end of a recording, seconds on the clock of its first camera. The last frame lasts a usual step."""
+    """Start and end of a recording, seconds on the clock of its first camera. The last frame counts as long as a usual
+    interval.
+    """
 
     first_s: float
     end_s: float
@@ -129,13 +131,13 @@ def recorded_span(time_s: np.ndarray) -> RecordedSpan:
 
 
 def events_files(folder: Path) -> list[Path]:
-    """Return events.tsv and events.json, as far as a recording folder has them."""
+    """Return the paths of events.tsv and events.json; a file that the recording folder lacks is left out."""
     path = folder / EVENTS_FILE
     return [file for file in (path, sidecar_of(path)) if is_there(file)] if is_there(path) else []
 
 
 def sidecar_of(path: Path) -> Path:
-    """Return the file of units beside an events file: events.json for events.tsv."""
+    """Return the path of the file with the units of an events file: events.json for events.tsv."""
     return path.with_suffix(".json")
 
 
@@ -202,7 +204,7 @@ def _require_rows(path: Path, head: Sequence[str], rows: Sequence[tuple[int, lis
 
 
 def _trial(path: Path, line: int, cells: dict[str, str], span: RecordedSpan) -> Trial:
-    """Return the trial of a line, without number and own columns so far."""
+    """Return the trial of a line; its number and the user's own columns are added later."""
     onset_s, duration_s = (_number(path, line, name, cells[name]) for name in ("onset", "duration"))
     if onset_s is None or duration_s is None or cells["trial_type"] in ("", MISSING):
         name = next(name for name in REQUIRED if cells[name] in ("", MISSING))
@@ -264,7 +266,7 @@ class ColumnEntry(Entry, extra="ignore"):
 
 
 def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
-    """Read the entries of the own columns from the file of units; empty where it is absent."""
+    """Read the entries of the user's own columns from the file of units; empty where there is no such file."""
     if not is_there(path):
         return {}
     document = read_json(path, LARGEST_EVENTS)
@@ -273,8 +275,8 @@ def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
 
 
 def _column(path: Path, name: str, texts: Sequence[str], entry: ColumnEntry | None) -> TrialColumn:
-    """Return a column of numbers if it has a unit, of texts if any cell is a text; raises InputError where a unit is
-    missing.
+    """Return a user's column: of numbers if it has a unit, of texts if any cell is a text. Raises InputError where a
+    unit is missing.
     """
     description = "" if entry is None else entry.description
     known = [text for text in texts if text not in ("", MISSING)]

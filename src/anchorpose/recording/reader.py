@@ -21,7 +21,7 @@ from anchorpose.recording.recording import UNKNOWN, DepthStream, FolderFiles, Fr
 from anchorpose.recording.recording_file import SHORTEST_STEP_S, RecordingDocument, find_duplicates, read_timestamps
 from anchorpose.recording.regular_file import STAMP, is_there, list_file, reason
 
-LOOKED_AT: Final = 40  # depth images of each camera, evenly spread: about as many as the empty room is learnt from
+LOOKED_AT: Final = 40  # depth images checked per camera, evenly spread: about as many as the empty room is learnt from
 
 
 def open_recording(folder: Path) -> Recording:
@@ -61,7 +61,7 @@ def open_recording(folder: Path) -> Recording:
 def _without_dead_cameras(recording: Recording) -> Recording:
     """Return the recording without the cameras that never measured anything, with a note on each.
 
-    Such a camera was blinded, covered or broken: its files are whole and hold no measurement (``content_problem``).
+    Such a camera was blinded, covered or broken: its files are complete but hold no measurement (``content_problem``).
     Raises InputError where no camera is left.
     """
     dead = {number: why for number in range(len(recording.cameras)) if (why := _why_dead(recording, number))}
@@ -86,7 +86,7 @@ def _without_dead_cameras(recording: Recording) -> Recording:
 
 
 def _why_dead(recording: Recording, camera: int) -> str:
-    """Return why no depth image of a camera can be used; empty where some can."""
+    """Return why no depth image of a camera can be used; empty where at least one can."""
     count = len(recording.streams[camera].files)
     problem = ""
     for position in np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int)).tolist():
@@ -184,7 +184,7 @@ def _number_files(folder: Path) -> dict[int, str]:
         raise InputError(folder, f"cannot be read ({reason(error)})", "check its permissions") from None
     for name in names:
         stem, dot, ending = name.rpartition(".")
-        if ending != "png" or not dot or name.startswith("."):  # left behind by a file browser
+        if ending != "png" or not dot or name.startswith("."):  # such files are left behind by file browsers
             continue
         if not re.fullmatch(r"[0-9]{1,9}", stem):
             remedy = "name the depth images 000000.png, 000001.png and so on"
@@ -208,7 +208,9 @@ def _check_same_frames(folder: Path, path: Path, files: dict[int, str], times: d
 
 
 def _require_usable(camera: Camera, stream: DepthStream) -> None:
-    """Raise InputError where no depth image can be used: then the camera's description is wrong, not a single image."""
+    """Raise InputError where no depth image can be used. Then the fault lies in the camera's description, not in an
+    image.
+    """
     first_problem = ""
     for file in stream.files:
         problem = read_depth_image(file, camera).problem

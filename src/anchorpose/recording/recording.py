@@ -83,15 +83,15 @@ class Subject:
 
     @property
     def unmeasured(self) -> Subject:
-        """Return the subject without values that the images can contradict: height, age and sex."""
+        """Return the subject without height, age and sex, which the images can contradict."""
         return Subject(missing=self.missing, covered=self.covered)
 
     @property
     def grown(self) -> bool | None:
-        """Return whether the patient is an adult, None where that is unknown.
+        """Return whether the patient is an adult; None where unknown.
 
-        With only a birth year, it is known for people who were grown when the first depth cameras appeared: the year of
-        the recording is unknown, and results do not depend on today's date.
+        A birth year alone decides only for people who were adults when the first depth cameras appeared, since the year
+        of the recording is unknown, and results must not depend on today's date.
         """
         if self.age_years is not None:
             return self.age_years >= GROWN_YEARS
@@ -105,7 +105,7 @@ UNKNOWN: Final = Subject()
 
 @dataclass(frozen=True, slots=True)
 class FolderFiles(Sequence[Path]):
-    """Files of one folder by name: as paths, the 324,000 of an hour would take a fifth of a gigabyte."""
+    """Files of one folder, kept as names: an hour has 324,000 files, whose paths would take 0.2 GB."""
 
     folder: Path
     names: tuple[str, ...]
@@ -130,7 +130,7 @@ class DepthStream:
     """The depth images of one camera, in the order of time."""
 
     files: Sequence[Path]
-    time_s: np.ndarray  # (n,) float64, strictly increasing; by the camera's clock, after alignment by the reference's
+    time_s: np.ndarray  # (n,) float64, increasing; on the camera's clock, after alignment on the reference clock
     frame: np.ndarray  # (n,) int64, the number in the file's name
     duplicate: np.ndarray | None = None  # (n,) bool, equal to the image before; None where not checked
     repeated: int = 0  # files left out because their time equals that of the file before
@@ -210,12 +210,13 @@ USUAL_PERIOD_S: Final = 1.0 / 30.0
 
 @lru_cache(maxsize=8)  # frames are read one by one, and each needs it
 def pair_frames(recording: Recording) -> np.ndarray:
-    """Pair frames: return (n, cameras) int64, read only, the index of each camera's frame for each frame of the first
-    camera; -1 = none.
+    """Return, for each frame of the first camera, the index of the paired frame of each camera, (n, cameras) int64,
+    read only; -1 = none.
 
     Paired frames are mutually nearest in time, within half a period of the first camera, so no depth image is used
-    twice. A duplicate shows another moment than its time states and is never paired; in the first camera it leaves a
-    frame without that camera's depth image. Raises InputError where a camera never overlaps with the first one.
+    twice. A duplicate is never paired, since it shows another moment than its time states; a duplicate of the first
+    camera leaves a frame set without that camera's depth image. Raises InputError where a camera never overlaps with
+    the first one.
     """
     reference, time_s = recording.streams[0], recording.streams[0].time_s
     within_s = half_period_s(time_s)
@@ -245,7 +246,9 @@ def _pair_camera(
 
 
 def half_period_s(time_s: np.ndarray) -> float:
-    """Return half of the median time between frames (n,), or of a usual depth camera's for a single frame."""
+    """Return half of the median interval between frames (n,); for a single frame, half of a usual depth camera's
+    interval.
+    """
     return float(np.median(np.diff(time_s)) if len(time_s) > 1 else USUAL_PERIOD_S) / 2.0
 
 
@@ -277,7 +280,8 @@ USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
 
 # share of the steps: if every third frame is lost, half of the steps are one period and half two
 LONGER_SHARE: Final = 0.6
-SHORTER: Final = 0.75  # of such a step: a period is at most 0.5 of it, and 25 and 30 Hz differ by a factor of 0.83
+# share of the step at LONGER_SHARE; a period is at most 0.5 of it, and 25 and 30 Hz differ by 0.83
+SHORTER: Final = 0.75
 LEAST_SHORT: Final = 0.1  # share of the steps that must be one period; fewer are time stamps that come too early
 OFF_BEAT: Final = 0.25  # share of a period, between a step and the nearest whole number of periods
 LEAST_ON_BEAT: Final = 0.8  # share of the steps that must be whole numbers of periods
@@ -318,11 +322,11 @@ PAUSE_S: Final = 1.0
 class CameraGaps:
     """The gaps of one camera's stream, on the reference clock.
 
-    usable: number of depth images; period_s: ``nominal_period_s``; dropped: images missing between its first and last
-    by this period, without pauses; duplicates, repeated: left out because the image or the time is that of the file
-    before; late_s, early_s: how much later it starts and earlier it ends than the first camera (0 where it does not);
-    pauses: (from, to) without depth images; paired_share: share of the first camera's frames that have a depth image of
-    this camera.
+    usable: number of depth images; period_s: ``nominal_period_s``; dropped: number of images missing between its first
+    and last, by this period, pauses not counted; duplicates, repeated: numbers of files left out because their image or
+    their time equals that of the file before; late_s, early_s: how much later than the first camera it starts and how
+    much earlier it ends (0 if it does not); pauses: (from, to) without depth images; paired_share: share of the first
+    camera's frames that have a depth image of this camera.
     """
 
     camera: str

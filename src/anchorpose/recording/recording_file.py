@@ -1,4 +1,5 @@
-"""Read recording.json (format ``rgbd-recording``), its replacements calibration.json and a height, and timestamps.csv.
+"""Read recording.json (format ``rgbd-recording``), calibration.json and a height, which replace parts of it, and
+timestamps.csv.
 
 Some recorders write an image twice under two times: the second copy shows an earlier moment than its time states.
 """
@@ -59,8 +60,8 @@ _UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 def read_timestamps(path: Path) -> dict[int, float]:
     """Read frame numbers and their times in seconds, in the order of the file.
 
-    Recorders sometimes give a frame the time of the one before; such a time is kept, and the caller leaves its depth
-    image out. Raises InputError where frame numbers do not increase, where time goes back, or where so many times
+    Recorders sometimes give a frame the time of the frame before; such a time is kept, and the caller leaves its depth
+    image out. Raises InputError where frame numbers do not increase, where times decrease, or where so many times
     repeat that the clock is too coarse.
     """
     times: dict[int, float] = {}
@@ -93,7 +94,7 @@ def read_timestamps(path: Path) -> dict[int, float]:
 
 
 def require_seconds(path: Path, time_s: np.ndarray) -> None:
-    """Raise InputError where the times (n,) can only be in another unit, or in none."""
+    """Raise InputError where the times (n,) cannot be seconds."""
     with np.errstate(over="ignore"):
         step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if step > LONGEST_STEP_S:
@@ -126,8 +127,8 @@ MOST_DUPLICATES: Final = 0.5
 def find_duplicates(files: Sequence[Path], sizes: Sequence[int], most_bytes: int) -> np.ndarray:
     """Return (n,) bool: files (regular, with these sizes) that are byte for byte equal to the file before.
 
-    The noise of a depth sensor makes two images of the same scene differ, so equal files are one image. Files of
-    different sizes are not opened, nor are files above ``most_bytes``, which no depth image has. The result is all
+    Two images of the same scene differ by the sensor's noise, so equal files are copies of the same image. Files of
+    different sizes are not opened, nor are files above ``most_bytes``, larger than any depth image. The result is all
     False where most files are equal: such images have no noise.
     """
     duplicate = np.zeros(len(files), dtype=bool)
@@ -164,11 +165,11 @@ MOST_PIXELS: Final = 1 << 23
 
 LARGEST_SIDE_PX: Final = 16384
 MOST_CAMERAS: Final = 16
-NARROWEST_LENS: Final = 0.01  # half a degree from the axis
-FINEST_DEPTH_SCALE_M: Final = 1e-6  # 65,535 of these are 6 cm
-SLOWEST_HZ: Final = 0.1  # lowest frame rate: at one image in ten seconds nobody is followed
+NARROWEST_LENS: Final = 0.01  # radius of rays, in units of z: half a degree from the axis
+FINEST_DEPTH_SCALE_M: Final = 1e-6  # m per grey value; the largest 16-bit value is then 6 cm
+SLOWEST_HZ: Final = 0.1  # lowest frame rate in Hz; nobody can be followed with fewer images
 
-SAME_HEIGHT_M: Final = 0.03  # shoes and the time of day; a larger difference is another person, or a mistake
+SAME_HEIGHT_M: Final = 0.03  # m, explained by shoes and the time of day; a larger one is another person or a mistake
 
 
 def _require_in_room(pose: np.ndarray) -> np.ndarray:
@@ -203,8 +204,8 @@ CameraPose = Annotated[
 
 
 class LensEntry(Entry):
-    """The intrinsics of a camera; without ``distortion`` the recorder has undistorted its depth images, without
-    ``model`` it is Brown's and Conrady's five coefficients.
+    """The intrinsics of a camera. Without ``distortion``, its depth images are undistorted already; without ``model``,
+    the distortion has the five coefficients of Brown and Conrady.
     """
 
     fx: Focal
@@ -232,8 +233,8 @@ class LensEntry(Entry):
 
 
 class CameraEntry(Entry):
-    """The description of a camera; ``camera_to_world`` is None where unknown, ``fps`` where timestamps.csv gives the
-    times, ``model`` and ``serial`` number of the device where not recorded.
+    """The description of a camera. ``camera_to_world`` is None where unknown, ``fps`` is None where timestamps.csv
+    gives the times, ``model`` and ``serial`` (number) of the device are None where not recorded.
     """
 
     name: Annotated[str, AfterValidator(_require_folder_name)]
@@ -279,7 +280,7 @@ def _require_utc(text: str) -> str:
 class StartEntry(Entry):
     """When the first depth image of the first camera was taken, on clocks shared with other devices.
 
-    utc: ISO 8601, in UTC. lsl_s: by the clock of the Lab Streaming Layer on the computer that recorded.
+    utc: time as ISO 8601 in UTC. lsl_s: time by the clock of the Lab Streaming Layer on the computer that recorded.
     """
 
     utc: Annotated[Text, AfterValidator(_require_utc)] | None = None
@@ -335,9 +336,9 @@ def camera_document(camera: Camera) -> dict[str, Any]:
 
 
 def with_height(recording: Recording, height_m: float | None) -> Recording:
-    """Return the recording with the given height or, if none is given, its own.
+    """Return the recording with the given height of the patient or, if None, with the recorded height.
 
-    Raises InputError where the two contradict each other, since it is unknown which is wrong.
+    Raises InputError where the two contradict each other, since either may be wrong.
     """
     own_m = recording.subject.height_m
     if height_m is None:
@@ -386,7 +387,8 @@ def read_calibration(path: Path) -> dict[str, np.ndarray]:
 def with_poses(recording: Recording, path: Path) -> Recording:
     """Return the recording with the poses of a calibration file instead of its own.
 
-    Raises InputError where the file has no pose for one of its cameras: old and new poses are in different worlds.
+    Raises InputError where the file lacks the pose of a camera: old and new poses, which are in different worlds,
+    cannot be mixed.
     """
     poses = read_calibration(path)
     missing = [camera.name for camera in recording.cameras if camera.name not in poses]

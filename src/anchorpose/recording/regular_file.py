@@ -1,9 +1,9 @@
 """Open files that come from users or other programs: regular files only, up to a limit of their size.
 
-A named pipe without a writer would stop the run for ever, and a device has no end. ``read_whole`` and ``read_bounded``
-read a whole file; ``open_regular`` opens a file that is read in pieces; ``require_regular`` checks a path for a library
-that opens it; ``read_arrays`` and ``read_image`` decode files other than depth frames. No module opens an input in
-another way (tests/test_structure.py).
+Reading a named pipe without a writer, or a device, would never end. ``read_whole`` and ``read_bounded`` read a whole
+file; ``open_regular`` opens a file that is read in pieces; ``require_regular`` checks a path for a library that opens
+it; ``read_arrays`` and ``read_image`` decode files other than depth frames. No module opens an input in another way
+(tests/test_structure.py).
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _REDIRECTED: Final = Lock()
 
 
 class Unreadable(Exception):
-    """The reason why a file is not read, as the end of a sentence that begins with its name."""
+    """The reason why a file is not read, in words that continue a sentence beginning with its name."""
 
 
 STAMP: Final = np.dtype([("size", np.int64), ("changed_ns", np.int64), ("inode", np.uint64)])
@@ -103,7 +103,7 @@ def _open(path: Path) -> BufferedReader:
 
 
 class _Ended(FileIO):
-    """A file whose content ends: reading some files, such as the system's log, would wait for more."""
+    """A file that ends where it has no more content; some files, such as the system's log, would wait for more."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
         self._path = path
@@ -124,7 +124,7 @@ class _Ended(FileIO):
 
 
 def is_there(path: Path) -> bool:
-    """Return whether the name exists, also as a broken link, which must not pass for an absent file."""
+    """Return whether the name exists. A broken link counts as existing, so that it is not taken for an absent file."""
     return os.path.lexists(path)
 
 
@@ -160,7 +160,7 @@ def read_whole(path: Path, most_bytes: int, remedy: str) -> bytes:
 
 
 def reason(error: OSError | ValueError) -> str:
-    """Return the system's reason of an error, in its own words; a name with a null byte is a ValueError."""
+    """Return the operating system's words for an error; for a name with a null byte the error is a ValueError."""
     return getattr(error, "strerror", None) or str(error)
 
 
@@ -173,7 +173,7 @@ def _too_large(size: int, most_bytes: int) -> str:
 
 
 def _not_a_file(mode: int) -> str:
-    """Return the kind of a path that is not a regular file; empty where it is one."""
+    """Return the kind of a path that is not a regular file; empty for a regular file."""
     kinds = (
         (stat.S_ISREG, ""),
         (stat.S_ISDIR, "is a folder, not a file"),
@@ -184,7 +184,7 @@ def _not_a_file(mode: int) -> str:
 
 
 def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]:
-    """Read the named arrays of an .npz file, as far as it has them; raises InputError where it is no such file."""
+    """Read those of the named arrays that an .npz file has; raises InputError where it is not an .npz file."""
     try:
         with open_regular(path) as stream, zipfile.ZipFile(stream) as packed:
             size = sum(packed.getinfo(f"{name}.npy").file_size for name in names if f"{name}.npy" in packed.namelist())
@@ -216,7 +216,7 @@ def read_image(path: Path, flags: int = AS_STORED) -> np.ndarray | None:
 def _silent_decoders() -> Iterator[None]:
     """Discard what libpng and libjpeg print about damaged files: no log level of OpenCV reaches them.
 
-    The error stream of the whole process is redirected, so this is not for images that are read while others work.
+    The error stream of the whole process is redirected, so do not use it while other threads work.
     """
     with _REDIRECTED, open(os.devnull, "wb") as nothing:
         kept = os.dup(_ERROR_STREAM)

@@ -1,4 +1,4 @@
-"""Check whether a path may be written, before any work begins, and write files whole or not at all.
+"""Check before any work begins whether a path may be written, and write each file completely or not at all.
 
 Recordings, inputs and the user's files are never changed.
 """
@@ -27,7 +27,7 @@ def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) ->
     """Raise InputError where the path may not be written: an address, the root, a link, a place in a recording, a place
     inside an input, or a place that contains an input.
 
-    of_recording: the output becomes a part of a recording, and may lie in it.
+    of_recording: the output is a part of a recording, so it may lie in a recording.
     """
     if ADDRESS.match(str(path)):
         problem, remedy = "is an address", "give a local path; only 'anchorpose track' writes to an address"
@@ -50,8 +50,8 @@ def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) ->
 
 
 def check_file(path: Path, mark: str, *inputs: Path | None, of_recording: bool = False) -> None:
-    """Raise InputError where the file may not be written: as ``check_place``, or if a file exists that does not begin
-    like this verb's output, with ``mark`` in its first 4,096 bytes.
+    """Raise InputError where the file may not be written: for the reasons of ``check_place``, or because an existing
+    file is not an earlier output, which has ``mark`` in its first 4,096 bytes.
     """
     check_place(path, *inputs, of_recording=of_recording)
     if os.path.lexists(path) and not _begins_with(path, mark):
@@ -72,9 +72,9 @@ def _begins_with(path: Path, mark: str) -> bool:
 
 @contextmanager
 def new_folder(folder: Path, path: Path) -> Iterator[None]:
-    """Make a folder and its absent parents; empty ones are removed when the block raises.
+    """Make a folder and its missing parents; those that are empty are removed again if the block raises.
 
-    Raises InputError about ``path``, which the user named, where they cannot be made.
+    Raises InputError about ``path``, which the user named, where a folder cannot be made.
     """
     made = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
     try:

@@ -1,7 +1,7 @@
-"""Build a chart: rows above one another over one time axis, the values a slider reads, and their numbers as CSV.
+"""Build a chart: rows above one another over one time axis, the values that a slider shows, and all numbers as CSV.
 
-Rows are stretched to the available width while lines and letters keep their size (see ``templates/parts.html``), so
-that the same markup serves a phone, a screen and paper, and needs no script.
+Rows are stretched to the available width while lines and letters keep their size (see ``templates/parts.html``). So the
+same markup serves a phone, a screen and paper, without a script.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Bins:
     """Groups of neighbouring frames. start (b,) first row of each group; time_s (n,), frame (n,) of all frames.
 
     after_pause (b,) bool: no line connects this group with the one before. clock: the name of the session, where a page
-    shows several.
+    shows several sessions.
     """
 
     frame: np.ndarray
@@ -78,7 +78,9 @@ class Envelope:
 
 
 def make_bins(frame: np.ndarray, time_s: np.ndarray, clock: str = "", most: int = MOST_BINS) -> Bins:
-    """Divide the frames into at most ``most`` groups of equal size; one frame each where that suffices."""
+    """Divide the frames into at most ``most`` groups of equal size, with one frame per group where there are few enough
+    frames.
+    """
     count = min(len(frame), most)
     start = np.arange(count) * len(frame) // count
     step = np.diff(time_s)
@@ -119,7 +121,9 @@ class Axis:
     ticks: tuple[float, ...]
 
     def down(self, value: np.ndarray) -> np.ndarray:
-        """Return whole units from the top; a value beyond the axis is beyond the picture, by at most its height."""
+        """Convert values to whole units from the top. A value beyond the axis lies outside the picture, by at most its
+        height.
+        """
         place = (self.high - np.asarray(value, dtype=np.float64)) / (self.high - self.low)
         return np.round(UNITS * np.clip(place, -1.0, 2.0))
 
@@ -131,10 +135,10 @@ class Axis:
 
 
 def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
-    """Make an axis that holds all values, and as much of the bands as leaves the values at least half of the height.
+    """Make an axis that holds all values.
 
-    values, bands: (lowest, highest) pairs of arrays, NaN where not known. least_span: least range, so that noise is not
-    magnified.
+    It holds the bands as well, as far as the values keep at least half of the height. values, bands: (lowest, highest)
+    pairs of arrays, NaN where unknown. least_span: least range, so that noise is not magnified.
     """
     low, high = _extremes(values)
     if low is None or high is None:
@@ -165,7 +169,7 @@ def _extremes(spans: Spans) -> tuple[float | None, float | None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mark:
-    """A sign over a row: its text, CSS class and place; link: its target; title: its name in words."""
+    """A sign over a row of a chart: its text, CSS class and place. link: target of a link; title: its name in words."""
 
     text: str
     kind: str
@@ -178,7 +182,8 @@ class Mark:
 class Row:
     """One picture of a chart: the label to its left, its height in pixels, and its shapes.
 
-    shapes: (CSS class, SVG path) of each, in units of a square of ``UNITS``, stretched to the row. kind: a CSS class.
+    shapes: (CSS class, SVG path) of each shape, drawn in a square of ``UNITS`` that is stretched to the row. kind: a
+    CSS class.
     """
 
     label: str
@@ -214,7 +219,9 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """The slider's reading of a series: the columns with its text, or with its lowest, highest, sigma and state."""
+    """The values of a series that the slider shows: the columns with its text, or with its lowest, highest, sigma and
+    state.
+    """
 
     label: str
     unit: str = ""
@@ -235,8 +242,8 @@ class Reading:
 class Chart:
     """Rows above one another over one time axis.
 
-    identity: its id on the page and the name of its CSV file; title: for people who cannot see it; caption: above it;
-    sources: the tables that it is drawn from.
+    identity: id of the chart on the page and name of its CSV file; title: description for people who cannot see it;
+    caption: text above it; sources: the tables that it is drawn from.
     """
 
     identity: str
@@ -273,7 +280,7 @@ class Chart:
 
     @property
     def csv(self) -> str:
-        """Return the numbers of all readings, as the rest of a data address."""
+        """Return the numbers of all readings as CSV, escaped for a data address."""
         columns = _leading_columns(self.bins) + [column for reading in self.readings for _, column in reading.columns]
         lines = [",".join(column.name for column in columns)]
         lines += map(",".join, zip(*(column.cells for column in columns), strict=True))
@@ -281,7 +288,7 @@ class Chart:
 
 
 def _leading_columns(bins: Bins) -> list[Column]:
-    """Return columns of each group's frames, their times, and their place on the time axis."""
+    """Return the leading columns: each group's frames, their times, and their place on the time axis."""
     return [
         Column("first_frame", [str(frame) for frame in bins.frame[bins.start].tolist()]),
         Column("last_frame", [str(frame) for frame in bins.frame[bins.last].tolist()]),
@@ -292,7 +299,9 @@ def _leading_columns(bins: Bins) -> list[Column]:
 
 
 def lowest_and_highest(name: str, values: np.ndarray, bins: Bins, decimals: int) -> dict[str, Column]:
-    """Return columns of the lowest and highest value of each group; name: with a placeholder for which."""
+    """Return two columns, the lowest and the highest value of each group. name: column name with a placeholder for
+    either word.
+    """
     line = envelope(values, bins)
     ends = {"low": ("lowest", line.low), "high": ("highest", line.high)}
     return {role: Column(name.format(which), cells(end, decimals)) for role, (which, end) in ends.items()}

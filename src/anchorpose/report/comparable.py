@@ -1,9 +1,9 @@
 """Decide which sessions may be compared, and what a reader must know where they were recorded or computed
 differently.
 
-Time upright, how often the patient stood up, the longest bout and the sway's path all grow when more was recorded, or
-when more of the recording is known. Between sessions of different lengths such a change has no meaning for the patient,
-so it is shown but not tested. Shares, means, speeds and percentiles do not grow.
+Some measures grow when more was recorded, or when more of the recording is known: time upright, how often the patient
+stood up, the longest bout, the path of the sway. Between sessions of different lengths a change of such a measure has
+no meaning for the patient, so it is shown but not tested. Shares, means, speeds and percentiles do not grow.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ ALIKE: Final = 0.05
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
 
-_LARGEST: Final = ("functional_reach", "single_leg_stance")  # the best of all tries
+_LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures that are the best of all tries
 
-_AVERAGED: Final = ("hands_on_at_once_mean",)  # the only count that is a mean
+_AVERAGED: Final = ("hands_on_at_once_mean",)  # the only count that is a mean, so it does not grow with time
 
 _EXTREMES: Final = (
     "_shortest",
@@ -37,11 +37,11 @@ _EXTREMES: Final = (
     "_most",
     "_largest",
     "_range",
-)  # the more there are, the more extreme one of them is
+)  # extreme values grow more extreme with more repetitions
 
 
 class Span(NamedTuple):
-    """A time over which measures are taken: its name in words, and its seconds, None where unknown."""
+    """A span of time over which measures are taken: its name in words, and its length in s, None where unknown."""
 
     words: str
     seconds: float | None
@@ -58,7 +58,8 @@ def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Meas
     """Return why a change of this measure between two sessions has no meaning for the patient; None where it may
     have.
 
-    first, later: all measures of the two sessions. A session of unknown length is not tested.
+    first, later: all measures of the two sessions. Such a measure is not tested where the length of a session is
+    unknown.
     """
     if not grows_with_time(measure):
         return None
@@ -67,7 +68,7 @@ def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Meas
 
 
 def span_sentences(first: Sequence[Measure], later: Sequence[Measure]) -> list[str]:
-    """Return one sentence for each time that differs between two sessions."""
+    """Return one sentence for each span whose length differs between two sessions."""
     return [
         f"{old.words}: {number(new.seconds, 1)} instead of {number(old.seconds, 1)} s, so that times, counts, extremes "
         "and paths taken over it are not tested"
@@ -104,7 +105,9 @@ MOST_NAMES: Final = 8  # largest number of differing settings that are named; mo
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:
-    """Raise InputError where two sessions are of the same recording, or their measures are defined differently."""
+    """Raise InputError where two sessions come from the same recording, or where their measures are defined
+    differently.
+    """
     first = sessions[0]
     for later in sessions[1:]:
         what = _other_definition(first, later)
@@ -155,7 +158,9 @@ def _other_definition(first: Session, later: Session) -> str | None:
 
 
 def _units(session: Session) -> dict[str, str]:
-    """Return the units of the measures that every session has; measures of a part or person depend on what happened."""
+    """Return the units of the measures that every session has, without measures of a body part or a person, which
+    depend on what happened.
+    """
     return {m.measure: m.unit for m in session.measures if m.part is None and m.person is None}
 
 

@@ -1,10 +1,10 @@
-"""Write comparison.html: several sessions of one patient side by side, and which changes are more than the errors.
+"""Write comparison.html: several sessions of one patient side by side, and which changes exceed the errors of
+measurement.
 
-A change is more than the errors where |b - a| > 1.96 sqrt(sigma_a^2 + sigma_b^2): the smallest change that errors of
-measurement alone, normal and independent between the sessions, would exceed only 5 times in 100 (the smallest
-detectable change; Weir 2005, doi:10.1519/15184.1). It does not cover how a patient differs from day to day, so that a
-larger change may still not be a change in the patient. A table of ``anchorpose reliability`` has thresholds that do
-cover it.
+A change exceeds the errors where |b - a| > 1.96 sqrt(sigma_a^2 + sigma_b^2), the smallest detectable change (Weir 2005,
+doi:10.1519/15184.1). Errors of measurement alone, normal and independent between the sessions, exceed it only 5 times
+in 100. It does not cover how a patient varies from day to day, so even a larger change may mean nothing. The thresholds
+in a table of ``anchorpose reliability`` do cover that variation.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ def write_comparison(
     reliability: Path | None = None,
     dates: Sequence[str] = (),
 ) -> Path:
-    """Write one page on two or more results folders, in the order given; the others are compared with the first.
+    """Write one page on two or more results folders, in the order given; all others are compared with the first.
 
-    labels: one per session; by default the name of its recording, or of its folder where two recordings share a name.
-    reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide. dates: one per
-    session, as 2025-03-28, for trends; by default the labels, where all of them are dates.
-    Raises InputError where a folder is unusable or they cannot be compared; nothing is written then.
+    labels: one per session; by default the name of its recording, or the name of its folder where two recordings share
+    a name. reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide. dates: one
+    per session, as 2025-03-28, for trends; by default the labels, where all of them are dates.
+    Raises InputError where a folder is unusable or the sessions cannot be compared; nothing is written then.
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
@@ -123,8 +123,8 @@ class Change:
 
 
 def change_between(first: Measure, later: Measure, repeated: float | None = None) -> Change | None:
-    """Return the change of a measure; None where one of them has no value; repeated: the measure's MDC95, in its unit,
-    if known.
+    """Return the change of a measure between two sessions; None where either has no value. repeated: the measure's
+    MDC95, in its unit, if known.
 
     Raises ValueError for different measures or units.
     """
@@ -135,7 +135,7 @@ def change_between(first: Measure, later: Measure, repeated: float | None = None
     difference = later.value - first.value
     if repeated is not None:
         return Change(difference, repeated, repeated=True)
-    if not first.sigma or not later.sigma:  # without an error nothing follows, and an error of 0 was not measured
+    if not first.sigma or not later.sigma:  # without an error nothing can be concluded; an error of 0 was not measured
         return Change(difference, None)
     return Change(difference, NORMAL_95 * math.hypot(first.sigma, later.sigma))
 
@@ -198,8 +198,8 @@ def _value(measure: Measure | None) -> Markup:
 
 
 def _change(first: Measure | None, later: Measure | None, unlike: str | None, repeated: float | None) -> Markup:
-    """Return the cell of a change; unlike: why it is shown but not tested, None where tested. repeated: as in
-    ``change_between``.
+    """Return the table cell of a change. unlike: why the change is shown but not tested; None where it is tested.
+    repeated: as in ``change_between``.
     """
     limit = repeated if later is not None and later.part is None else None
     change = None if first is None or later is None else change_between(first, later, limit)

@@ -1,4 +1,6 @@
-"""The conditions of a session's trials: every main measure under each, the differences, and curves over parameters."""
+"""Write the section on the conditions of a session's trials: main measures under each condition, differences, and
+curves over parameters.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,9 @@ DESIGNS: Final = {
 
 
 class ConditionRow(NamedTuple):
-    """A condition: its name, how many of its trials have a value, the mean, the difference and what it shows."""
+    """A row for one condition: its name, how many of its trials have a value, the mean, the difference and what the
+    difference shows.
+    """
 
     condition: str
     trials: str
@@ -56,7 +60,7 @@ class ConditionRow(NamedTuple):
 
 
 class ConditionGroup(NamedTuple):
-    """A measure under all conditions."""
+    """A measure with its rows, one per condition."""
 
     title: str
     meaning: str
@@ -64,8 +68,9 @@ class ConditionGroup(NamedTuple):
 
 
 class ConditionSection(NamedTuple):
-    """about: sentences on the trials; designs: how they are compared; tested: how many differences are tested; groups;
-    charts."""
+    """The section's content. about: sentences on the trials; designs: how they are compared; tested: how many
+    differences are tested; groups: one per measure; charts: curves over parameters.
+    """
 
     about: list[str]
     designs: list[str]
@@ -75,8 +80,8 @@ class ConditionSection(NamedTuple):
 
 
 def with_reference(session: Session, trials: Trials, reference: str) -> Session:
-    """Return the session whose trials are compared with those of this condition; raises InputError where there is
-    none.
+    """Return the session whose trials are compared with those of this condition; raises InputError where no trial has
+    this condition.
     """
     if reference not in trials.conditions:
         named = ", ".join(f"'{name}'" for name in trials.conditions)
@@ -89,8 +94,8 @@ def condition_section(
 ) -> ConditionSection | None:
     """Return the section on the conditions; None where the session has no trials.
 
-    detectable: minimal detectable changes of repeated sessions. chosen: names of measures; empty for the main measures.
-    Raises InputError for a measure that the session does not have.
+    detectable: minimal detectable changes from repeated sessions. chosen: names of measures; empty for the main
+    measures. Raises InputError for a measure that the session does not have.
     """
     trials = session.trials
     if trials is None:
@@ -111,7 +116,9 @@ def condition_section(
 
 
 def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Measure]]:
-    """Return the rows of all trials of each measure that is shown, in the order of reading; without any value, none."""
+    """Return, per measure that is shown, the rows of all trials, in the order of reading; a measure without any value
+    is left out.
+    """
     names = list(chosen) or [name for name in PRINTED if name not in LEFT_OUT]
     found: dict[MeasureKey, list[Measure]] = {}
     for name in names:
@@ -131,7 +138,7 @@ def _effects(rows: Sequence[Measure], trials: Trials, detectable: Detectable) ->
 
 
 def _unlike_times(rows: Sequence[Measure], trials: Trials) -> str | None:
-    """Return why a measure that grows with time is not tested: the trials that have a value do not last alike."""
+    """Return why a measure that grows with time is not tested: the trials that have a value differ in duration."""
     known = {row.trial for row in rows if row.value is not None}
     lasting = [trial.duration_s for trial in trials.rows if trial.number in known]
     if not lasting or not grows_with_time(rows[0]) or max(lasting) - min(lasting) <= ALIKE * max(lasting):
@@ -172,7 +179,7 @@ def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | Non
 
 
 def _difference(effect: Effect, like: Measure) -> Markup:
-    """Return the difference with its interval; the digits are those that the interval justifies."""
+    """Return the difference with its interval, with as many digits as the interval justifies."""
     if effect.difference is None:
         return Markup('<span class="unknown">not known</span>')
     form = _form(effect, like)

@@ -1,9 +1,9 @@
 """Draw curves of a quantity over time, left and right in one picture, as SVG paths in whole units.
 
-A thick line means seen, a thin line inferred; left is solid and right is dashed, and both are named at their ends; the
-band contains the truth 95 times in 100. Where a group of frames is drawn as one point, the line runs midway between its
-lowest and highest value, and a darker band spans both. The rows below have, for each curve, columns of half height
-where it was inferred and of full height where it is lost. Colour only repeats this, so no information depends on it.
+A thick line means seen, a thin line inferred. Left is solid, right is dashed, and each curve is named at its end. The
+band contains the true value 95 times in 100. Where a group of frames is drawn as one point, the line runs midway
+between its lowest and highest value, and a darker band spans both. Below, each curve has a row with columns of half
+height where it was inferred and of full height where it is lost. No information depends on colour alone.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from anchorpose.report.words import STATE_WORDS
 from anchorpose.results.frame_time import runs_of
 from anchorpose.results.uncertainty import NORMAL_95
 
-LETTER_PX: Final = 13  # the height of a curve's initial
+LETTER_PX: Final = 13  # height of the letter that marks a curve at its end
 
 _STATES: Final = tuple(STATE_WORDS[state] for state in JointState)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curve:
-    """One quantity. value, sigma (n,) float64, NaN where lost; state_code (n,). side: left, right or empty.
+    """A curve of one quantity. value, sigma (n,) float64, NaN where lost; state_code (n,). side: left, right or empty.
 
-    key: the beginning of its columns' names in the CSV.
+    key: the beginning of the names of its columns in the CSV.
     """
 
     key: str
@@ -76,7 +76,9 @@ def curve_row(curves: Sequence[Curve], quantity: Quantity, bins: Bins, height: i
 
 
 def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
-    """Return one low row per curve, which shows where it was inferred or lost; none where all was seen."""
+    """Return one low row per curve, which shows where the curve was inferred or lost; no rows where everything was
+    seen.
+    """
     rows = []
     for curve in curves:
         state = worst(curve.state_code, bins)
@@ -90,7 +92,7 @@ def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
 
 
 def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_state: bool = True) -> Reading:
-    """Return the slider's reading of a curve; one state serves several curves of a joint."""
+    """Return what the slider shows of a curve; several curves of a joint share one state."""
     name = f"{curve.key}_{{}}_{quantity.unit_name}"
     columns = lowest_and_highest(name, curve.value, bins, quantity.decimals)
     if with_state:
@@ -108,7 +110,7 @@ def _band(curve: Curve, bins: Bins) -> tuple[np.ndarray, np.ndarray]:
 def _shapes(
     curve: Curve, line: Envelope, band: tuple[np.ndarray, np.ndarray], bins: Bins, axis: Axis
 ) -> list[tuple[str, str]]:
-    """Return the band, the spread of the groups and the line, the lower first."""
+    """Return the shapes from the lowest to the topmost: the band, the spread within the groups, and the line."""
     middle = (line.low + line.high) / 2.0
     seen, inferred = line_paths(Envelope(middle, middle, line.rising), worst(curve.state_code, bins) == 0, bins, axis)
     side = curve.side or "both"
@@ -133,7 +135,9 @@ Points = list[tuple[int, int]]
 
 
 def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tuple[str, str]:
-    """Return SVG paths: where both ends of a link are ``seen`` (b,), and the others; nothing is drawn across a gap."""
+    """Return two SVG paths: the links of which both ends are ``seen`` (b,), and all other links. Nothing is drawn
+    across a gap.
+    """
     finite, across = np.isfinite(curve.low), _across(bins.place)
     low, high = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (curve.low, curve.high))
     ends = [(a, b) if rises else (b, a) for a, b, rises in zip(low, high, curve.rising.tolist(), strict=True)]
@@ -146,7 +150,7 @@ def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tup
 
 
 def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
-    """Return a filled outline between two curves (b,), one for each run without a gap."""
+    """Return the SVG path of the area between two curves (b,), with one outline for each run without a gap."""
     across, finite = _across(bins.place), np.isfinite(low) & np.isfinite(high)
     top, bottom = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (high, low))
     outlines = []
@@ -158,9 +162,11 @@ def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
 
 
 def step_path(level: np.ndarray, bins: Bins) -> str:
-    """Return columns from the bottom up, each as wide as its group, ``level`` (b,) of the height; 0 draws nothing."""
+    """Return the SVG path of columns, each as wide as its group; ``level`` (b,): share of the height, where 0 draws
+    nothing.
+    """
     place, height = bins.place, np.array(_across(np.nan_to_num(level)))  # a group without a value draws nothing
-    middle = (place[1:] + place[:-1]) / 2.0  # neighbours meet there, but at their own places beside a pause
+    middle = (place[1:] + place[:-1]) / 2.0  # neighbours meet midway, except beside a pause
     left = _across(np.append(0.0, np.where(bins.after_pause[1:], place[1:], middle)))
     right = _across(np.append(np.where(bins.after_pause[1:], place[:-1], middle), 1.0))
     parts = []
@@ -185,7 +191,9 @@ def _runs(known: np.ndarray, bins: Bins) -> list[slice]:
 
 
 def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
-    """Split a run so that neighbouring pieces share a group; a link is seen where both of its ends are."""
+    """Split a run into pieces of links that are all seen or all unseen; neighbouring pieces share a group. A link is
+    seen where both of its ends are.
+    """
     if run.stop - run.start == 1:
         return [(run, bool(seen[run.start]))]
     link = seen[run.start : run.stop - 1] & seen[run.start + 1 : run.stop]
@@ -194,7 +202,9 @@ def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
 
 
 def _trace(points: Points) -> str:
-    """Return relative steps, which are shorter than places. A single point is a step of no length: a dot."""
+    """Return an SVG path of relative steps, which are shorter to write than places. A single point becomes a step of
+    length zero: a dot.
+    """
     x, y = points[0]
     steps = [f"M{x} {y}l"]
     for next_x, next_y in points[1:] or points:

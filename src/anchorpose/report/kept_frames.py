@@ -1,4 +1,4 @@
-"""The frames of a report with pictures: every camera's picture of them, and how many joints were seen."""
+"""Collect the frames that the report shows as pictures: each camera's picture, and how many joints were seen."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ class Figure:
 
 
 class KeptFrame(NamedTuple):
-    """A frame with pictures: why it was chosen, how many joints were seen in it, and each camera's picture."""
+    """A frame that is shown as pictures: why it was chosen, how many joints were seen in it, and each camera's
+    picture.
+    """
 
     frame: int
     title: str

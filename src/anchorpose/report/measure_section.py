@@ -1,6 +1,7 @@
-"""The measures of stand training as tables: value, uncertainty, how much of it is inferred, or why there is none.
+"""Write the measures of stand training as tables: value, uncertainty, and how much is inferred; or why there is no
+value.
 
-The words of each measure, in measures.csv, are short forms of docs/measures.md, which has thresholds and sources.
+The words for each measure are in measures.csv; they shorten docs/measures.md, which has thresholds and sources.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from anchorpose.results.uncertainty import NORMAL_95
 
 
 class Words(NamedTuple):
-    """What people call a measure, and what it is in one sentence."""
+    """The usual name of a measure, and one sentence on what it is."""
 
     title: str
     meaning: str
@@ -58,7 +59,7 @@ def grouped_measures(measures: Sequence[Measure]) -> dict[str, list[Measure]]:
 
 
 def words_of(name: str) -> Words:
-    """Return what people call a measure; one that this version does not know keeps its own name."""
+    """Return the words for a measure; a measure that this version does not know keeps the name in its table."""
     return _WORDS.get(name, Words(spaced(name), "See docs/measures.md."))
 
 
@@ -69,9 +70,9 @@ def unit_of(unit: str) -> tuple[float, str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasureRow:
-    """The left and the right of a measure, or all measures without a value for one and the same reason.
+    """A table row: the left and right value of a measure, or all measures that lack a value for the same reason.
 
-    why: there is no value, empty where there is one; values: one, or left and right.
+    why: that reason, empty where there is a value; values: one, or left and right.
     """
 
     title: str
@@ -83,14 +84,16 @@ class MeasureRow:
 
 
 class MeasureGroup(NamedTuple):
-    """Measures that stand together."""
+    """Measures under one heading."""
 
     heading: str
     rows: list[MeasureRow]
 
 
 class MeasureSection(NamedTuple):
-    """whole: measures of the session and of parts of the body; detail: of single persons; words: what they mean."""
+    """The section's content. whole: measures of the session and of parts of the body; detail: measures of single
+    persons; words: what the measures mean.
+    """
 
     whole: list[MeasureGroup]
     detail: list[MeasureGroup]
@@ -167,7 +170,7 @@ def _row(entry: Sequence[Measure]) -> MeasureRow:
 
 
 def value_and_error(measure: Measure) -> Markup:
-    """Return a measure that has a value, and 1.96 times its sigma; a sigma of 0 is left out: nothing is that
+    """Return the text of a measure's value with 1.96 times its sigma; a sigma of 0 is left out, since no value is that
     certain.
     """
     form = value_form(measure)
@@ -179,13 +182,13 @@ def value_and_error(measure: Measure) -> Markup:
 
 
 def inferred_share(measure: Measure, after: str = " %") -> Markup:
-    """Return how much of a measure is inferred; empty where that is not known."""
+    """Return how much of a measure is inferred; empty where unknown."""
     if measure.inferred_share is None:
         return Markup()
     return figure(measure.inferred_share, Form(times=100.0, after=after, share=True))
 
 
-ROUNDING_S: Final = 0.001  # less unknown time than this is rounding
+ROUNDING_S: Final = 0.001  # s; a shorter unknown time is a rounding error
 
 
 def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:

@@ -24,7 +24,7 @@ GROUPS: Final = {
     "Arms": ("shoulder", "elbow", "wrist", "forearm"),
     "Head and neck": ("neck", "head"),
 }
-"""Headings, and the first words of the names of their angles; others come last."""
+"""Headings, and the first words of the names of their angles; angles without a heading come last."""
 
 OTHERS: Final = "Other angles"
 
@@ -39,7 +39,9 @@ AXES: Final = {"x": "forward (X), m", "y": "up (Y), m", "z": "to the right (Z), 
 
 
 class AngleGroup(NamedTuple):
-    """The angles of a part of the body; rows: (name, cells) of its table; charts: a sentence replaces a missing one."""
+    """The angles of a part of the body; rows: (name, cells) of its table; charts: a sentence replaces a missing
+    chart.
+    """
 
     heading: str
     rows: list[tuple[str, list[Markup]]]
@@ -117,7 +119,7 @@ def _range(session: Session, name: str) -> list[Markup]:
 
 
 def known_median(values: np.ndarray) -> float | None:
-    """Return the median of the values that are not NaN; None where there are none."""
+    """Return the median of the values that are not NaN; None without such values."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 
@@ -175,12 +177,11 @@ def _path_curve(session: Session, name: str, axis: str) -> Curve:
 
 
 def on_shortest_arc(degrees: np.ndarray) -> np.ndarray:
-    """Shift degrees (n,) from -180 to 180, NaN where unknown, by whole turns to the shortest arc that holds all of
-    them.
+    """Shift angles (n,) in degrees from -180 to 180, NaN where unknown, by whole turns to the shortest arc that holds
+    all of them.
 
     A patient who faces against X has a pelvis at 179 in one frame and at -179 in the next: two degrees apart, not 358.
-    Some values are shifted by a whole turn, such that the median is from -180 to 180. Angles within half a turn stay
-    unchanged.
+    The shift is chosen such that the median is from -180 to 180. Angles that span less than half a turn stay unchanged.
     """
     known = np.sort(degrees[np.isfinite(degrees)])
     if len(known) < 2:

@@ -1,4 +1,4 @@
-"""report.html: one page that a clinician opens anywhere, made from the tables, run.json and the kept pictures."""
+"""Write report.html, a single page that opens anywhere, from the tables, run.json and the kept pictures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ MOST_LINES: Final = 60
 """More are counted and left to run.json: a page full of them is of no use to a reader."""
 
 
-ALIKE_PX: Final = 1.5  # pixels across: less is hardly more than each its own
+# px over which neighbouring readings share their error; below this, each reading's error is almost independent
+ALIKE_PX: Final = 1.5
 
 
 def problems(session: Session) -> list[str]:
@@ -54,7 +55,7 @@ def _frames(entry: dict[str, Any]) -> str:
 
 
 def _stretches(dropped: Sequence[dict[str, Any]]) -> list[list[dict[str, Any]]]:
-    """Return neighbouring frames with the same reason, apart from the number of the frame in a file's name."""
+    """Join neighbouring frames with the same reason, where frame numbers in file names do not count as a difference."""
     stretches: list[list[dict[str, Any]]] = []
     for drop in sorted(dropped, key=lambda drop: (_reason(drop), drop["frame"])):
         last = stretches[-1][-1] if stretches else None
@@ -77,7 +78,9 @@ def _stretch(drops: Sequence[dict[str, Any]]) -> str:
 
 
 def corrections(session: Session) -> list[str]:
-    """Return each entry of the reviewer's file that tracking used, signed; see ``CorrectionsRecord``."""
+    """Return each entry of the reviewer's file that tracking used, with the reviewer's name; see
+    ``CorrectionsRecord``.
+    """
     record = session.run.get("corrections")
     if record is None:
         return []
@@ -91,7 +94,7 @@ def corrections(session: Session) -> list[str]:
         f"{_signed(entry)}"
         for entry in record["joints"]
     ]
-    patient = record.get("patient")  # older results have none
+    patient = record.get("patient")  # older results lack this entry
     named = [] if patient is None else [_named(patient)]
     return [*named, *unusable, *joints, f"These are from {record['file']}, SHA-256 {record['sha256']}."]
 
@@ -107,7 +110,7 @@ def _signed(entry: dict[str, Any]) -> str:
 
 
 class Facts(NamedTuple):
-    """A folded table: rows of (name, cells); none where run.json has no entry."""
+    """A table that is folded at first: rows of (name, cells); no rows where run.json has no entry."""
 
     title: str
     head: Sequence[str]
@@ -150,7 +153,7 @@ def _position(camera: dict[str, Any]) -> str:
 
 
 def _depth(camera: dict[str, Any]) -> str:
-    """Return noise, step and width of edges at 2.5 m, where patients stand; older results do not have them."""
+    """Return noise, step and width of edges at 2.5 m, where patients stand; older results lack these values."""
     depth = camera.get("depth")
     if depth is None:
         return "not known"
@@ -191,14 +194,14 @@ REPORT_FILE: Final = "report.html"
 def write_report(
     results: Path, reliability: Path | None = None, measures: Sequence[str] = (), reference: str = ""
 ) -> Path:
-    """Write report.html into a results folder and returns its path; the same folder, with the same scores of raters
-    beside it, gives the same bytes.
+    """Write report.html into a results folder and return its path. The same folder with the same raters' scores gives
+    the same bytes.
 
     reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide about differences
     between conditions; measures: names of the measures that are compared between conditions, empty for the main
     measures; reference: the condition that the others are compared with, empty for that of the first trial. Raises
-    InputError where a table or run.json is missing or cannot be used, where there is no such condition, and where any
-    of the three is given and there are no trials; nothing is written then.
+    InputError where a table or run.json is missing or unusable, where the reference condition does not exist, and where
+    one of the three arguments is given but there are no trials. Nothing is written then.
     """
     session = read_session(results)
     if session.trials is None and (reliability is not None or measures or reference):

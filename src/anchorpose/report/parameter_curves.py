@@ -21,8 +21,8 @@ MOST_TICKS: Final = 9
 
 
 class Level(NamedTuple):
-    """All trials with the same number: the number, their count, their mean, and half of its 95 % interval (NaN:
-    unknown).
+    """All trials with the same value of a parameter: that value, the number of trials, their mean, and half of its 95 %
+    interval (NaN: unknown).
     """
 
     at: float
@@ -34,8 +34,9 @@ class Level(NamedTuple):
 def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray) -> list[Level]:
     """Return, for each distinct value of the parameter in ascending order, the mean of the trials with this value.
 
-    at, value, sigma (n,); sigma NaN where unknown. The interval covers the scatter of the trials, at least their random
-    errors; for a single trial only these. The systematic error, which would shift all levels alike, is left out.
+    at, value, sigma (n,); sigma NaN where unknown. The interval covers the scatter of the trials, which counts as at
+    least their random errors; for a single trial it covers only the random error. The systematic error, which would
+    shift all levels alike, is left out.
     """
     return [_level(float(place), value[at == place], sigma[at == place]) for place in np.unique(at)]
 
@@ -52,7 +53,9 @@ def _level(at: float, value: np.ndarray, sigma: np.ndarray) -> Level:
 
 
 def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure]]) -> list[StillChart]:
-    """Return a chart for each measure and numeric column with two numbers or more; left and right in one chart."""
+    """Return a chart for each measure and each numeric column with at least two different numbers; left and right share
+    a chart.
+    """
     names = dict.fromkeys(key[0] for key in found)
     numeric = [column for column in trials.columns if column.unit is not None]
     charts = (
@@ -110,7 +113,7 @@ def _cells(side: str, level: Level, column: TrialColumn, unit: str) -> tuple[str
 
 
 def _ticks(levels: np.ndarray, span: tuple[float, float]) -> list[tuple[float, str]]:
-    """Return every level, or the first, the last and some between them."""
+    """Return the ticks: every level or, if there are many, the first, the last and some between them."""
     if len(levels) > MOST_TICKS:
         levels = levels[np.unique(np.linspace(0, len(levels) - 1, MOST_TICKS).astype(int))]
     return [(float(share), f"{level:g}") for share, level in zip(across(levels, span), levels.tolist(), strict=True)]

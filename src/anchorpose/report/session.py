@@ -1,4 +1,4 @@
-"""One results folder as the report reads it: all its tables, or one sentence on what is missing."""
+"""Read all tables of a results folder for the report, or state in one sentence what is missing."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
 class Session:
     """All tables of a results folder.
 
-    name: of the session, where a page shows several. run: the content of run.json without the hashes of the inputs, of
-    which ``inputs`` has one for all images of a camera: (file, (hash,)). definition: how the measures were computed,
-    None where their file does not say. posture_seen (n,) bool: whether all joints that determine posture were seen; the
-    state in posture.parquet is that of the centre of mass. contacts: None where the folder has no table of them, so
-    that touch is not known. explained: how well each pose explains its frame, None without that table. bins: how its
-    frames are grouped in every chart of its page. trials: None without any; trial_measures: of all trials, then of all
-    conditions.
+    name: name of the session, where a page shows several. run: the content of run.json without the hashes of the
+    inputs. inputs: these hashes, as (file, (hash,)), with one hash for all images of a camera. definition: how the
+    measures were computed, None where their file does not state it. posture_seen (n,) bool: whether all joints that
+    determine posture were seen (the state in posture.parquet is about the centre of mass). contacts: None where the
+    folder has no table of contacts, so that touch is unknown. explained: how well each pose explains its frame, None
+    without that table. bins: how frames are grouped in all charts. trials: None where there are no trials.
+    trial_measures: measures of all trials, then of all conditions.
     """
 
     folder: Path
@@ -90,7 +90,7 @@ class Session:
 def read_session(folder: Path, name: str = "") -> Session:
     """Read all tables of a results folder.
 
-    Raises InputError where one (but contacts and explained) is missing, damaged, or does not fit the joints.
+    Raises InputError where a table is missing (except contacts and explained), is damaged, or does not fit the joints.
     """
     run = read_run(folder / RUN_FILE)
     for file in MEASURED:
@@ -128,7 +128,7 @@ def read_session(folder: Path, name: str = "") -> Session:
 
 
 def input_hashes(hashes: dict[str, str]) -> tuple[tuple[str, tuple[str]], ...]:
-    """Return the hash of every file but the numbered pictures; one hash covers all pictures of a camera."""
+    """Return one hash per input file, except depth images: these share one hash per camera."""
     pictures: dict[str, list[str]] = {}
     named = list[tuple[str, tuple[str]]]()
     for file, digest in sorted(hashes.items()):

@@ -1,7 +1,7 @@
 """Build a static chart: measured points with their errors, and a line with its band, over any horizontal axis.
 
-As in the curves over time, left is solid and right dashed, their points are round and square, and colour only repeats
-this. Every number of a chart is in the table below it.
+As in the curves over time, left is solid and right dashed. Points of the left are round, of the right square. Colour
+adds no information. Every number of a chart is in the table below it.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StillChart:
-    """A static chart. identity: its id on the page; title: for people who cannot see it; caption: above it; row: the
-    picture; ticks: (share of the width, text) along the bottom; head, rows: the numbers as a table, cells of texts.
+    """A static chart. identity: id of the chart on the page; title: description for people who cannot see it; caption:
+    text above it; row: the picture; ticks: (share of the width, text) along the bottom; head, rows: the numbers as a
+    table, cells of texts.
     """
 
     identity: str
@@ -67,7 +68,7 @@ def across(values: np.ndarray, span: tuple[float, float]) -> np.ndarray:
 
 
 def still_row(label: str, points: Sequence[Points], lines: Sequence[Line], span: tuple[float, float]) -> Row:
-    """Return the picture; span: the least and the greatest x."""
+    """Return the chart's picture; span: the least and the greatest x."""
     values = [(each.y, each.y) for each in points] + [(each.y, each.y) for each in lines]
     bands = [(np.where(np.isnan(p.reach), p.y, p.y - p.reach), p.y + np.nan_to_num(p.reach)) for p in points]
     bands += [(np.fmin(each.low, each.y), np.fmax(each.high, each.y)) for each in lines]

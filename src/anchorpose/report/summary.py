@@ -42,7 +42,7 @@ MUCH_LOST, MOSTLY_LOST = 0.1, 0.5
 
 def summary(session: Session) -> list[Markup]:
     """Return paragraphs: what was recorded, what the patient did, how much of it can be used."""
-    if session.joints.lost.all():  # nothing is known of what the patient did
+    if session.joints.lost.all():  # then it is unknown what the patient did
         return [_recorded(session), NEVER_FOUND]
     return [_recorded(session), Markup(" ").join([_posture(session), _touch(session)]), _quality(session)]
 
@@ -65,7 +65,7 @@ def _recorded(session: Session) -> Markup:
 
 
 def _duration_s(session: Session) -> float:
-    """Return the duration as the measures have it: the last frame lasts as long as the others."""
+    """Return the duration as the measures define it: the last frame lasts as long as all others."""
     measured = _measure(session, "recorded_time")
     if measured is None or measured.value is None:
         return float(np.ptp(session.joints.time_s))
@@ -77,7 +77,9 @@ def _measure(session: Session, name: str) -> Measure | None:
 
 
 def _posture(session: Session) -> Markup:
-    """Return a sentence on the upright share, as in the table of measures, and on the time of unknown posture."""
+    """Return a sentence on the share of time upright, as in the table of measures, and on the time of unknown
+    posture.
+    """
     share, unknown = _measure(session, "upright_share"), _measure(session, "unknown_time")
     if share is None or share.value is None:
         why = "measures.parquet does not say" if share is None else str(share.why)
@@ -138,7 +140,7 @@ def _rested(contacts: Sequence[Contact]) -> Markup:
 
 
 def _touched_by(contacts: Sequence[Contact], everywhere: bool) -> Markup:
-    """Return who touched the patient; everywhere: the patient was found in all frames."""
+    """Return who touched the patient. everywhere: whether the patient was found in all frames."""
     people, parts = len({c.person for c in contacts}), len({c.part for c in contacts})
     again = "" if everywhere else ", and so is everybody after the patient was lost"
     return Markup(
@@ -170,7 +172,7 @@ def _quality(session: Session) -> Markup:
 
 
 def _verdict(session: Session) -> Markup:
-    """Return how much is lost, and how much of the rest was seen: one does not make up for the other."""
+    """Return how much of the joint positions is lost, and how much of the rest was seen: two separate verdicts."""
     lost = float(session.joints.lost.mean())
     seen = float(seen_shares(session).mean()) / (1.0 - lost)
     sentences = [_lost_verdict(lost), _seen_verdict(seen, whole=lost <= MUCH_LOST)]
@@ -184,7 +186,7 @@ def _lost_verdict(lost: float) -> str:
 
 
 def _seen_verdict(seen: float, whole: bool) -> str:
-    """Return a verdict on seen joints; whole: hardly anything is lost, so that the known part stands for the
+    """Return a verdict on the seen joints. whole: whether so little is lost that the known part represents the
     session.
     """
     if seen < SELDOM_SEEN:
@@ -207,7 +209,9 @@ def _weak(session: Session) -> str:
 
 
 def _problems(session: Session) -> Markup:
-    """Return a sentence on problems with a link to their list, which only the page of one session has."""
+    """Return a sentence on problems, with a link to their list if the page has one: only pages of a single session
+    do.
+    """
     count = len({drop["frame"] for drop in session.run.get("dropped", [])})
     if not count:
         return Markup()
@@ -233,7 +237,9 @@ class MomentSection(NamedTuple):
 
 
 def moment_section(session: Session) -> MomentSection | None:
-    """Return the moments that the body explains worst; None where it explains all frames, or this is unknown."""
+    """Return the moments that the fitted body explains worst; None where it explains all frames, or where this is
+    unknown.
+    """
     table = session.explained
     moments = () if table is None else worst_moments(table)
     if table is None or not moments:

@@ -1,7 +1,7 @@
 """Draw the session over time: posture, contacts, visibility, certainty of the joints, omitted frames.
 
-A contact is light from its beginning to its end, and dark up to the share of the touching skin that was seen. That
-share is one number for the whole contact: the tables do not state which of its moments were seen.
+A contact is drawn light from its beginning to its end, and dark up to the share of the touching skin that was seen.
+This share is one number per contact, since the tables do not state which moments were seen.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def _trial_files(session: Session) -> tuple[str, ...]:
 
 
 def _event_files(session: Session) -> tuple[str, ...]:
-    """Return the tables that posture and contacts come from, of those that there are."""
+    """Return the existing tables that posture and contacts come from."""
     return (POSTURE_FILE, EPISODES_FILE, *(() if session.contacts is None else (CONTACTS_FILE,)))
 
 
@@ -150,7 +150,9 @@ def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
 
 
 def matched_percent(session: Session) -> np.ndarray | None:
-    """Return (n,) of run.json's ``association.matched_share``, NaN where no point was followed, or None."""
+    """Return (n,) run.json's ``association.matched_share`` in per cent, NaN where no point was followed; None without
+    that entry.
+    """
     shares = session.run.get("association", {}).get("matched_share", [])
     if len(shares) != len(session.joints.frame):
         return None
@@ -162,7 +164,9 @@ def _share(session: Session, state: JointState) -> np.ndarray:
 
 
 def _share_row(label: str, percent: np.ndarray, bins: Bins, name: str) -> Row:
-    """Return a row that is dark up to the lowest share of each group of frames, lighter up to the highest."""
+    """Return a row with a column per group of frames: dark up to the group's lowest share, lighter up to its
+    highest.
+    """
     shape, ground = envelope(percent, bins), np.zeros(bins.count)
     high, low = (band_path(ground, edge, bins, SHARES) for edge in (shape.high, shape.low))
     shapes = ((f"area {name} light", high), (f"area {name}", low))
@@ -234,7 +238,7 @@ def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
 
 
 def _state_row(label: str, bins: Bins, height: int, **levels: np.ndarray) -> Row:
-    """Return a low row of columns; levels: their heights (b,) by CSS classes, with ``_`` for a space."""
+    """Return a low row of columns. levels: by CSS class, with ``_`` for a space, the heights (b,) of its columns."""
     shapes = tuple((kind.replace("_", " "), step_path(level, bins)) for kind, level in levels.items())
     return Row(label=label, height=height, shapes=shapes, kind="state")
 
@@ -258,10 +262,10 @@ POSTURE_WORDS: Final = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN:
 
 
 def posture_rows(session: Session) -> list[Row]:
-    """Return the posture rows: a full column is upright, none is not upright, half a column is unknown; light is
-    inferred.
+    """Return the posture rows.
 
-    The worst of a group of frames is drawn: dark only where all its upright frames were seen.
+    A full column means upright, no column not upright, half a column unknown, a light column inferred. The worst state
+    of a group of frames is drawn: dark only where all its upright frames were seen.
     """
     bins, upright = session.bins, session.posture.upright
     unknown, standing, inferred = (
@@ -298,7 +302,7 @@ def event_rows(session: Session) -> list[Row]:
 
 
 def _depth(episode: Episode) -> str:
-    """Return how far an event went, with 1.96 of its sigma."""
+    """Return the depth of an event, with 1.96 times its sigma."""
     times, after = unit_of(episode.unit or "1")
     depth, reach = times * (episode.depth or 0.0), times * NORMAL_95 * (episode.sigma or 0.0)
     decimals = decimals_for(reach, depth)
@@ -359,7 +363,9 @@ def touch_rows(session: Session) -> list[Row]:
 
 
 def touch_reading(session: Session) -> Reading:
-    """Return for each group of frames every touched part, by whom or what, and how much of that was seen."""
+    """Return, for each group of frames, every touched part of the body, by whom or what, and how much of the contact
+    was seen.
+    """
     first, last = session.bins.frame[session.bins.start], session.bins.frame[session.bins.last]
     texts: list[list[str]] = [["not known: patient lost"] if lost else [] for lost in _lost(session)]
     for contact in sorted(session.contacts or (), key=lambda c: (REGIONS.index(c.part), c.toucher, c.start_s)):
@@ -375,7 +381,9 @@ def _lost(session: Session) -> np.ndarray:
 
 
 def _held_and_seen(contacts: Sequence[Contact], bins: Bins) -> tuple[np.ndarray, np.ndarray]:
-    """Return (b,) 1.0 for groups of frames in which one of the contacts goes on; and the least share seen of those."""
+    """Return (b,) 1.0 for groups of frames in which any of the contacts lasts, and (b,) the least seen share of these
+    contacts.
+    """
     held, seen = np.zeros(bins.count), np.ones(bins.count)
     for contact in contacts:
         there = (contact.first_frame <= bins.frame[bins.last]) & (contact.last_frame >= bins.frame[bins.start])

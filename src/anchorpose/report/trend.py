@@ -1,9 +1,9 @@
-"""Compute the trend of each measure over the dates of several sessions: a straight line with its 95 % band, or why it
-has none.
+"""Compute the trend of each measure over the dates of several sessions: a straight line with its 95 % band, or why
+there is no line.
 
-Ordinary least squares over time. A session is the unit, and sessions are taken to scatter independently about the line.
-The scatter counts at least as much as the stated errors of measurement, so that three sessions that happen to lie on a
-line have no band narrower than their errors.
+The line is fitted by ordinary least squares over time. Each session is one observation, and sessions are assumed to
+scatter independently about the line. The scatter counts at least as much as the stated errors of measurement: three
+sessions that happen to lie on a line get no band narrower than their errors.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ NOT_MEASURED: Final = ("recorded_time", "found_time", "unknown_time", "sway_time
 
 
 def parse_dates(texts: Sequence[str], count: int, page: Path) -> list[date] | None:
-    """Parse the dates of the sessions in their order; None for none. Raises InputError for others."""
+    """Parse the dates of the sessions; None without dates. Raises InputError unless there is one valid date per
+    session, in the order of time.
+    """
     if not texts:
         return None
     if len(texts) != count:
@@ -84,7 +86,7 @@ class Fit:
     count: int
 
     def band(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the line at x (k,), and half of its 95 % interval there."""
+        """Return the line's values at x (k,), and half of its 95 % interval there."""
         half = self.quantile * self.scatter * np.sqrt(1.0 / self.count + (x - self.middle) ** 2 / self.squares)
         return self.intercept + self.slope * x, half
 
@@ -114,7 +116,7 @@ class TrendRow(NamedTuple):
 
 
 class TrendSection(NamedTuple):
-    """The trends. why: why there is no trend at all; else rows and charts."""
+    """All trends. why: why there is no trend at all; empty where rows and charts exist."""
 
     why: str
     rows: list[TrendRow]
@@ -122,7 +124,9 @@ class TrendSection(NamedTuple):
 
 
 def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, detectable: Detectable) -> TrendSection:
-    """Return the trends of the main measures, in the order of reading; detectable: as for changes between sessions."""
+    """Return the trends of the main measures, in the order of reading. detectable: minimal detectable changes, as for
+    changes between sessions.
+    """
     if dates is None:
         return TrendSection(NO_DATES, [], [])
     days = len(set(dates))
@@ -144,8 +148,8 @@ def _keys(sessions: Sequence[Session]) -> list[MeasureKey]:
 
 
 class _Followed(NamedTuple):
-    """A measure over all sessions. like: one of its rows; x, value, sigma (n,), NaN where missing; why: why it is not
-    fitted.
+    """A measure over all sessions. like: one of its table rows; x, value, sigma (n,), NaN where missing; why: why no
+    line is fitted.
     """
 
     like: Measure
@@ -212,7 +216,7 @@ def _interval(value: float, half: float, like: Measure) -> Markup:
 
 
 def _chart(name: str, sides: Sequence[_Followed], dates: Sequence[date]) -> StillChart:
-    """Return all sessions of a measure, left and right in one chart, with the lines and their bands."""
+    """Return a chart of a measure over all sessions, left and right together, with the lines and their bands."""
     points, lines, table = list[Points](), list[Line](), list[tuple[str, Sequence[str]]]()
     times, unit = unit_of(sides[0].like.unit)
     span = (float(sides[0].x[0]), float(sides[0].x[-1]))
@@ -264,7 +268,7 @@ APART: Final = 0.12
 
 
 def _spread(shares: np.ndarray, dates: Sequence[date]) -> list[tuple[float, date]]:
-    """Return the dates that have enough space beside each other."""
+    """Return the dates that can be written with enough space between them."""
     kept = list[tuple[float, date]]()
     for share, day in zip(shares.tolist(), dates, strict=True):
         if not kept or share - kept[-1][0] >= APART:

@@ -1,4 +1,6 @@
-"""Format the pages' words: templates, tables of words, names, and numbers with no more digits than they justify."""
+"""Format the texts of pages: fill templates, read tables of words, and write names and numbers, with no more digits
+than the errors justify.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ def spaced(name: str) -> str:
 
 
 def split_side(name: str) -> tuple[str, str | None]:
-    """Split ``knee_flexion_left`` into (``knee_flexion``, ``left``); without a side, None. ``KneeLeft`` likewise."""
+    """Split ``knee_flexion_left`` into (``knee_flexion``, ``left``); without a side, None. ``KneeLeft`` is split in the
+    same way.
+    """
     match = _SIDED.match(name) or re.match(r"(.*)(Left|Right)$", name)
     return (match.group(1), match.group(2).lower()) if match else (name, None)
 
@@ -49,8 +53,8 @@ def named_part(part: str) -> str:
 
 
 def decimals_for(uncertainty: float | None, value: float) -> int:
-    """Return the digits after the point: as many as the uncertainty justifies, or three significant ones without
-    one.
+    """Return the digits after the point: as many as the uncertainty justifies, or three significant digits without an
+    uncertainty.
 
     An uncertainty that begins with 100 to 354 keeps two digits, a larger one a single digit (the rule of the
     Particle Data Group, doi:10.1103/PhysRevD.110.030001, section 5.3 of its introduction).
@@ -70,7 +74,7 @@ def number(value: float, decimals: int) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Join names as one, two and three."""
+    """Join names as in "one, two and three"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -81,9 +85,9 @@ def counted(count: int, one: str, many: str | None = None) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """The form of a number: times a factor, with this many decimals, and words before and after it.
+    """The form of a number: the factor to multiply it by, the decimals, and words before and after it.
 
-    share: whether it is a share of a whole; a small share is not written as 0, nor a large one as all.
+    share: whether it is a share of a whole; then a small share is not written as 0, nor a large share as all.
     """
 
     decimals: int = 0
@@ -93,7 +97,7 @@ class Form:
     share: bool = False
 
     def write(self, value: float) -> str:
-        """Return the text people read."""
+        """Return the number as text for readers."""
         text = number(self.times * value, self.decimals)
         if self.share and 0 < value < 1 and text in ("0", "100"):
             text = "under 1" if text == "0" else "over 99"

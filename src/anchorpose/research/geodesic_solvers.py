@@ -42,7 +42,7 @@ def solve_distance(
 ) -> np.ndarray:
     """Return (s, n) float32 metres from each source, as ``geodesic_distance``, by any solver.
 
-    HEAT and EXACT know triangles only: they give NaN at nodes that are connected by other edges only, and raise
+    HEAT and EXACT use only triangles: they give NaN at nodes that are connected by other edges only, and raise
     ValueError where the surface has links or a source has no triangle; MissingPackage where their package is not
     installed.
     """
@@ -149,13 +149,13 @@ def triangle_mesh(surface: Surface) -> TriangleMesh:
 
 
 def _components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return (count,) int32: the connected component of each, under the pairs."""
+    """Return (count,) int32: the connected component of each node when the pairs are joined."""
     graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
     return connected_components(graph, directed=False)[1].astype(np.int32)
 
 
 def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: float, solve: Solve) -> np.ndarray:
-    """Return (s, n) float32, one field per source; a patch is prepared once for all of them."""
+    """Return distance fields (s, n) float32, one per source; a patch is prepared once for all sources."""
     if len(surface.link_node):
         raise ValueError(
             "a surface with links between cameras or across gaps is more than its triangles;"
@@ -172,7 +172,9 @@ def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: 
 
 
 def _field(surface: Surface, mesh: TriangleMesh, node: int, solve: Solve, prepared: dict[int, Prepared]) -> np.ndarray:
-    """Return (n,) float64; NaN on the node's piece of surface where no triangle leads, inf beyond it."""
+    """Return the distances (n,) float64 from one node; NaN on its piece of surface where no triangles lead, inf beyond
+    this piece.
+    """
     field = np.full(len(surface), np.inf)
     field[node] = 0.0
     sources = np.flatnonzero(mesh.node == node)

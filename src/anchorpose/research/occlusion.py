@@ -41,7 +41,7 @@ class Occlusion:
 
     whole: the surface without an occlusion; hidden (n,) bool; seen: the rest of it, and node (m,) int32: the whole
     surface's number of each seen node. Node numbers outside this class are those of the whole surface. boundary: the
-    seen nodes and edges where the surface ends because of the occlusion, not where the whole one ends.
+    seen nodes and edges where the surface ends because of the occlusion, without those where the whole surface ends.
     """
 
     whole: Surface
@@ -107,7 +107,7 @@ def occlude(
 
 
 def light_from(occlusion: Occlusion, node: int) -> Light:
-    """Return the effect of the occlusion on distances from one seen node; ValueError for a hidden one."""
+    """Return the effect of the occlusion on distances from one seen node; raises ValueError for a hidden node."""
     if not 0 <= node < len(occlusion.whole) or occlusion.hidden[node]:
         raise ValueError(f"node {node} is not on the seen surface")
     place = int(np.searchsorted(occlusion.node, node))

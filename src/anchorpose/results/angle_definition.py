@@ -1,7 +1,7 @@
 """Define angles: names, the joints they are computed from, formulas, and the axes of the body's segments.
 
-Vectors have their components first, (3, ...): numpy then works on whole rows of frames, several times as fast. Axes are
-x forward, y up, z to the patient's right (ISB).
+Arrays of vectors have the components on the first axis, (3, ...): numpy then works on whole rows of frames, several
+times as fast. Axes are x forward, y up, z to the patient's right (ISB).
 
 Sources: Wu et al. 2002 (doi:10.1016/S0021-9290(01)00222-6) for pelvis and spine, Wu et al. 2005
 (doi:10.1016/j.jbiomech.2004.05.042) for thorax and arm. Depth does not show their bony landmarks; docs/angles.md states
@@ -36,7 +36,7 @@ def length(vector: np.ndarray) -> np.ndarray:
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
-    """Return vectors (3, ...) of length one; NaN where the vector has no length."""
+    """Return vectors (3, ...) of length one; NaN where the vector has length zero."""
     return rotations.unit(vector, axis=0)
 
 
@@ -48,13 +48,13 @@ def square_to(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the angle (...) between vectors, exact for small ones too; NaN where one has no length."""
+    """Return the angle (...) between vectors, exact also for small angles; NaN where a vector has length zero."""
     across, along = length(cross(a, b)), dot(a, b)
     return np.where((across == 0) & (along == 0), np.nan, np.arctan2(across, along))
 
 
 def arcsin(sine: np.ndarray) -> np.ndarray:
-    """Return the arcsine (...) of numbers that rounding may have moved beyond one."""
+    """Return the arcsine (...) of numbers, some of which rounding may have moved beyond 1."""
     angle: np.ndarray = np.arcsin(np.clip(sine, -1.0, 1.0))
     return angle
 
@@ -79,7 +79,7 @@ Reading = tuple[np.ndarray, "np.ndarray | float"]
 class AngleGroup:
     """Angles that one formula computes from the same joints, in the order of ``names``.
 
-    own_sigma: (n,) radians, standard deviation of the formula's own error, even with exact joints.
+    own_sigma: (n,) radians, standard deviation of the error that the formula has even with exact joints.
     """
 
     names: tuple[str, ...]
@@ -91,8 +91,8 @@ class AngleGroup:
 def hinge_sigma(points: Points, limb: tuple[str, str, str], aside_rad: float) -> np.ndarray:
     """Return (n,) radians: standard deviation of the angle between the plane of a bent limb and that of its hinge.
 
-    limb: the joints at its root, hinge and end. aside_rad: standard deviation of how far limbs are bowed sideways; the
-    less the limb is bent, the more this rotates its plane.
+    limb: the joints at its root, hinge and end. aside_rad: standard deviation of how far limbs are bowed sideways. The
+    less the limb is bent, the more a sideways bow rotates its plane.
     """
     root, hinge, end = (points[name] for name in limb)
     bent = np.sin(between(hinge - root, end - hinge))

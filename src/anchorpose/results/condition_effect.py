@@ -1,4 +1,6 @@
-"""State how a measure differs between a condition and the reference: difference, interval, p, or why it has none."""
+"""State how a measure differs between a condition and the reference: difference, interval and p, or why there is no
+test.
+"""
 
 from __future__ import annotations
 
@@ -36,11 +38,12 @@ all trials.
 class Effect:
     """The difference of a condition to the reference.
 
-    reference, condition: their names; counts: how many of their trials were compared. difference: condition minus
+    reference, condition: their names; counts: how many trials of each were compared. difference: condition minus
     reference; low, high: its 95 % interval, None where there are too few trials. p: of the permutation test, adjusted
-    for the other conditions; exact: whether all assignments were looked at. detectable: the least difference that the
-    errors of measurement alone exceed 5 times in 100, None where no error is stated. repeated: detectable is an MDC95
-    of repeated sessions. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: why it is not tested; then p is None.
+    for the other conditions; exact: whether p comes from all assignments and not from a sample of them. detectable: the
+    least difference that the errors of measurement alone exceed 5 times in 100, None where no error is stated.
+    repeated: whether detectable is an MDC95 from repeated sessions. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: why
+    the difference is not tested; then p is None.
     """
 
     reference: str
@@ -67,11 +70,10 @@ class Effect:
 def effects(
     rows: Sequence[Measure], trials: Trials, repeated: float | None = None, why: str | None = None
 ) -> list[Effect]:
-    """Return the effect of every condition but the reference on one measure; rows: of its trials, in the order of the
-    file.
+    """Return the effect of every condition but the reference on one measure.
 
-    The reference is the first of ``trials.conditions``. repeated: the measure's MDC95 where it is known. why:
-    why the measure is not tested at all, None where it is.
+    rows: the measure of each trial, in the order of the file. The reference is the first of ``trials.conditions``.
+    repeated: the measure's MDC95 where it is known. why: why the measure is not tested at all, None where it is.
     """
     by_number = {row.trial: row for row in rows}
     reference, *others = trials.conditions
@@ -114,10 +116,10 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
 
 
 def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np.ndarray]:
-    """Return how the order was drawn, the places of the trials of two conditions in the order of time, and their
+    """Return how the order was drawn, the indices of the trials of two conditions in the order of time, and their
     blocks.
 
-    A trial without the name of its block is a block of its own, which has nothing to be compared with.
+    A trial without the name of a block is a block of its own, so it is compared with nothing.
     """
     order = np.array(sorted(range(len(trials.rows)), key=lambda place: trials.rows[place].onset_s))
     order = np.array([place for place in order.tolist() if trials.rows[place].condition in names])
@@ -131,7 +133,7 @@ def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np
 
 
 def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
-    """Return why a test cannot show anything, and what it would need."""
+    """Return why there are too few trials for any test to show a difference, and how many it would need."""
     reference, treated = int((~blocks.treated).sum()), int(blocks.treated.sum())
     several = "" if comparisons == 1 else f" of {comparisons} comparisons"
     if design == PAIRS:
@@ -149,17 +151,19 @@ def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """half: of the 95 % interval of a difference; detectable: see ``Effect``; None where they are not known."""
+    """The uncertainty of a difference. half: half of its 95 % interval; detectable: see ``Effect``; None where
+    unknown.
+    """
 
     half: float | None
     detectable: float | None
 
 
 def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
-    """Return how uncertain the weighted difference of values (n,) with errors sigma (n,), NaN where unknown, is.
+    """Return the uncertainty of a weighted difference of values (n,) that have errors sigma (n,), NaN where unknown.
 
-    The scatter of the trials holds their random errors already; it counts at least as much as these. Of the systematic
-    error, which all trials of a session share, that part is added by which the conditions differ.
+    The scatter of the trials includes their random errors, so it counts at least as much as these. All trials of a
+    session share their systematic error; only the part by which it differs between the conditions is added.
     """
     weights = blocks.weights
     random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum((weights * sigma) ** 2))
@@ -177,8 +181,9 @@ def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:
     """Return the variance of the weighted difference as the trials scatter, and its degrees of freedom; NaN for too few
     trials.
 
-    In one block as Welch 1947 (doi:10.1093/biomet/34.1-2.28), who lets the conditions scatter differently. In several,
-    from the scatter within conditions where each block repeats them, and else from that of the blocks' differences.
+    In one block, this is by Welch 1947 (doi:10.1093/biomet/34.1-2.28), who lets the conditions scatter differently. In
+    several blocks, it is from the scatter within conditions if every block repeats them, else from the scatter of the
+    blocks' differences.
     """
     cells = [(value[p][~blocks.treated[p]], value[p][blocks.treated[p]]) for p in blocks.members]
     if len(cells) == 1:

@@ -34,7 +34,7 @@ class ContactConfig:
     # Metres between the skins of two people: 3 cm, plus the thickness of a holding hand whose back the cameras see (2
     # cm at the fingers), plus half the spacing of other people's points.
     reach_m: Positive = 0.06
-    begin_m2: Positive = 0.0025  # m2 touched to begin a contact: a few finger tips; less is noise between two people
+    begin_m2: Positive = 0.0025  # m2 touched to begin a contact: a few finger tips; less may be noise
     keep_m2: Positive = 0.0007  # m2 touched to continue a contact: one skin point
     begin_s: NotNegative = 0.1  # s, shortest contact; a sleeve that brushes past touches for less
     release_s: NotNegative = 0.3  # s, longest gap that is bridged; isolation may lose a hand for a few frames
@@ -58,7 +58,8 @@ class _Key(NamedTuple):
 
 class _Touch(NamedTuple):
     """Evidence of one frame for a contact: the touched skin points (none for equipment), whether they suffice to begin
-    a contact, the touched area, the share of it that is seen, and the gap."""
+    a contact, the touched area, the seen share of this area, and the gap.
+    """
 
     skin: np.ndarray
     begins: bool
@@ -69,10 +70,11 @@ class _Touch(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Open:
-    """A contact that has not ended, or a touch too small to be one yet (not ``begun``).
+    """A contact that has not ended, or a touch that is still too small for a contact (not ``begun``).
 
-    first, last: frame and time. skin: points last touched. frames, area_m2, seen_frames: sums over frames with skin in
-    reach. hidden: frames in which it continued unseen, up to ``last``. seen: in the last frame.
+    first, last: frame number and time. skin: points that were touched last. frames, area_m2, seen_frames: sums over
+    frames with skin in reach. hidden: number of frames in which it continued unseen, up to ``last``. seen: whether it
+    was seen in the last frame.
     """
 
     first: tuple[int, float]
@@ -87,7 +89,7 @@ class _Open:
     gap_m: float = np.inf
 
     def add(self, now: tuple[int, float], touch: _Touch) -> None:
-        """Add the contacts of the frame ``now``."""
+        """Add a touch in the frame ``now``."""
         self.begun |= touch.begins
         self.last, self.skin = now, touch.skin
         self.frames += 1
@@ -98,10 +100,10 @@ class _Open:
 
 
 class ContactIntervals:
-    """Takes frames in the order of time and holds only the contacts that have not ended.
+    """A collector of contacts that takes frames in the order of time and holds only contacts that have not ended.
 
-    region (p,): index into ``REGIONS`` of each skin point; area_m2: the skin that one point represents; equipment: the
-    names of the parts that gaps are measured to.
+    region (p,): index into ``REGIONS`` of each skin point; area_m2: area of skin that one point represents; equipment:
+    names of the parts to which gaps are measured.
     """
 
     def __init__(
@@ -110,7 +112,7 @@ class ContactIntervals:
         self._region, self._area_m2, self._config, self._equipment = region, area_m2, config, equipment
         self._keep_sigmas = float(-ndtri(config.equipment_keep))
         self._open: dict[_Key, _Open] = {}
-        self._names: dict[int, str] = {}  # of the labels since the patient was last found
+        self._names: dict[int, str] = {}  # names by label, since the patient was last found
         self._named = 0
 
     def push(
@@ -118,8 +120,8 @@ class ContactIntervals:
     ) -> Iterator[Contact]:
         """Add one more frame; yield the contacts that ended before it.
 
-        near: None where the patient is lost. After that everybody has a new name: nobody was followed in between. gaps:
-        None also where the equipment is not known.
+        near: None where the patient is lost; all people get new names after that, since nobody was followed in between.
+        gaps: None also where the equipment is unknown.
         """
         if near is None:
             yield from self.finish()
@@ -138,7 +140,7 @@ class ContactIntervals:
 
     def touched_now(self, by_equipment: bool) -> dict[str, bool]:
         """Return the parts of the patient (``REGIONS``) that people, or equipment, touch in the last frame, and whether
-        that is seen.
+        each touch is seen.
         """
         parts: dict[str, bool] = {}
         for key, kept in self._open.items():
@@ -163,10 +165,11 @@ class ContactIntervals:
                 yield _Key(False, *divmod(key, len(REGIONS))), touch
 
     def _by_equipment(self, gaps: EquipmentGaps) -> Iterator[tuple[_Key, _Touch]]:
-        """Yield the contacts of regions whose skin is as likely on a part of the equipment as not, or was and may still
-        be.
+        """Yield the contacts of regions whose skin probably touches a part of the equipment, or touched it and may
+        still do so.
 
-        A gap that no camera shows begins a contact only if its sigma tells touching from being beside.
+        A gap that no camera shows begins a contact only if its sigma is small enough to distinguish touching from being
+        near.
         """
         config, none = self._config, np.zeros(0, dtype=np.int32)
         shown = gaps.shown >= SHOWN_SHARE

@@ -1,4 +1,6 @@
-"""Compare the contacts of a result with the truth, by frame and part of the body: with people, and with equipment."""
+"""Compare contacts of a result, with people and with equipment, with the true contacts, by frame and part of the
+body.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +25,11 @@ from anchorpose.results.truth import TrueTouch, read_true_support, read_true_tou
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactScore:
-    """How well contacts were found; None where there is nothing to take the share of.
+    """The scores of how well contacts were found; a share is None where it has no base.
 
-    precision: of the reported parts times frames, the share in which a bone of that part is touched. recall: of the
-    touched parts times frames, the share in which the part, or one that shares a bone with it, is reported: the truth
-    names bones, so that a knee held from both sides is a touched thigh and a touched shank.
+    precision: share of the reported pairs of part and frame in which a bone of the part is truly touched. recall: share
+    of the truly touched pairs of part and frame in which the part, or a part that shares a bone with it, is reported.
+    The truth names bones, so a knee held from both sides counts as a touched thigh and a touched shank.
     """
 
     reported: int  # parts times frames
@@ -38,7 +40,9 @@ class ContactScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactEvaluation:
-    """All parts together, each part that was touched or reported, and all parts by the contacts of each state alone."""
+    """Scores of all parts together, of each part that was touched or reported, and of all parts by the contacts of each
+    state alone.
+    """
 
     overall: ContactScore
     per_part: tuple[tuple[str, ContactScore], ...]
@@ -48,8 +52,8 @@ class ContactEvaluation:
 def score_contacts(
     table: Path, truth: Path, frame: np.ndarray, rows: np.ndarray
 ) -> tuple[ContactEvaluation | None, ContactEvaluation | None]:
-    """Return the contacts with people and with equipment of a contacts.parquet; None where the truth does not state
-    them, and where contacts with equipment were not looked for.
+    """Evaluate the contacts of a contacts.parquet, with people and with equipment. Each is None where the truth does
+    not state such contacts, and for equipment where the result was made without searching them.
 
     rows (t,): the frames of the truth that are compared; frame (t,): number of the result's frame at each of them.
     """
@@ -64,10 +68,12 @@ def score_contacts(
 
 
 def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: TrueTouch) -> ContactEvaluation:
-    """Return the contacts of a result; frame (t,): number of the result's frame at each frame of the truth."""
+    """Evaluate the contacts of a result against the truth. frame (t,): number of the result's frame at each frame of
+    the truth.
+    """
     holds = np.array([[name in bones for name in truth.names] for bones in REGION_BONES.values()])  # (regions, bones)
     own = np.array([not name.startswith("knee") for name in REGIONS])  # parts that the truth's bones distinguish
-    touched = truth.bones @ holds.T  # of bool: any bone that the part holds
+    touched = truth.bones @ holds.T  # product of bool: whether any bone of the part is touched
     due, shared = touched & own, holds @ holds.T
     reported = reported_parts(contacts, frame)
     found = reported @ shared
@@ -84,7 +90,7 @@ def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: Tru
 
 
 def reported_parts(contacts: Sequence[Contact], frame: np.ndarray) -> np.ndarray:
-    """Return (t, regions) bool: parts with any of the contacts at each frame of the truth; frame (t,) as in
+    """Return (t, regions) bool: whether a part has any of the contacts at each frame of the truth; frame (t,) as in
     ``evaluate_contacts``.
     """
     reported = np.zeros((len(frame), len(REGIONS)), dtype=bool)

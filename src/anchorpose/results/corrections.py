@@ -1,8 +1,8 @@
-"""Corrections of results by a reviewer, and their file.
+"""Hold a reviewer's corrections of results, and read and write their file.
 
 corrections.json, the format ``anchorpose-corrections``, is read by ``track --corrections`` and written by the viewer.
-Frames and times are those of the results' tables, positions are in their world frame. Nothing is ever lost: a
-correction that a reviewer takes back or replaces moves to ``withdrawn``; it returns from there when the correction that
+Frames and times are those of the results' tables, positions are in their world frame. No entry is ever deleted: a
+correction that a reviewer takes back or replaces moves to ``withdrawn``. It returns from there when the correction that
 replaced it is taken back.
 """
 
@@ -104,7 +104,7 @@ class JointCorrection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedPatient:
-    """The named patient: a point on the person's surface in one frame, world frame."""
+    """The person whom a reviewer named as the patient: a point on this person's surface in one frame, world frame."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     frame: Frame
@@ -116,7 +116,7 @@ class NamedPatient:
 
     @property
     def xz_m(self) -> tuple[float, float]:
-        """Return the place on the floor."""
+        """Return the patient's place on the floor."""
         return self.position_m[0], self.position_m[2]
 
 
@@ -124,8 +124,8 @@ Correction = UnusableInterval | JointCorrection | NamedPatient
 
 
 def _subject(entry: Correction) -> tuple[int, str] | str | None:
-    """Return the subject of an entry, of which only one entry is valid: a joint in a frame, or the patient; None for an
-    interval, of which any number is valid.
+    """Return what an entry is about: a joint in a frame, or the patient. Only one entry about the same subject is
+    valid. It is None for an interval, of which any number is valid.
     """
     if isinstance(entry, JointCorrection):
         return entry.frame, entry.joint
@@ -133,7 +133,7 @@ def _subject(entry: Correction) -> tuple[int, str] | str | None:
 
 
 def _kind_of(value: Any) -> str:
-    """Return the kind of a correction: of a joint if it has the key ``joint``, else of the patient if it has a
+    """Return the kind of a correction: about a joint if it has the key ``joint``, else about the patient if it has a
     place.
     """
     if not isinstance(value, dict):
@@ -171,8 +171,8 @@ EachJointOnce = Annotated[tuple[JointCorrection, ...], AfterValidator(_require_e
 
 @dataclass(frozen=True, slots=True)
 class CorrectionsRecord:
-    """The corrections file as in run.json: name, hash and entries, and a sentence for each entry that could not be
-    followed.
+    """The corrections as recorded in run.json: name, hash and entries of their file, and a sentence for each entry that
+    could not be followed.
     """
 
     file: str
@@ -185,7 +185,7 @@ class CorrectionsRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """The valid corrections, and the ones that were taken back. patient: None where nobody was named."""
+    """The valid corrections, and those taken back or replaced. patient: None where no patient was named."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     recording: ReviewedRecording
@@ -200,21 +200,23 @@ class Corrections:
         return (*self.unusable, *self.joints, *(() if self.patient is None else (self.patient,)))
 
     def added(self, entry: Correction) -> Corrections:
-        """Return these with one more entry, which withdraws an earlier one about the same joint in the same frame, or
-        about who the patient is."""
+        """Return the corrections with one more entry. It withdraws an earlier entry about the same joint in the same
+        frame, or about who the patient is.
+        """
         about = _subject(entry)
         same = [old for old in self.valid if about is not None and _subject(old) == about]
         replaced = (Withdrawal(old, entry.who, entry.when) for old in same)
         return self._holding((*(old for old in self.valid if old not in same), entry), (*self.withdrawn, *replaced))
 
     def taken_back(self, withdrawal: Withdrawal) -> Corrections:
-        """Return these without an entry, which moves to ``withdrawn``; what it had replaced holds again. Raises
-        ValueError where it does not hold."""
+        """Return the corrections without an entry, which moves to ``withdrawn``; the entry that it had replaced is
+        valid again. Raises ValueError where the entry is not valid.
+        """
         entry = withdrawal.entry
         if entry not in self.valid:
             raise ValueError("this correction does not exist, or was withdrawn")
         about = _subject(entry)
-        replaced = [  # the withdrawal, one at most, that ``added`` made for the entry: signed as it is
+        replaced = [  # the withdrawal that ``added`` made for the entry, if any, has the same author and time
             old
             for old in self.withdrawn
             if about is not None and (_subject(old.entry), old.who, old.when) == (about, entry.who, entry.when)
@@ -274,8 +276,9 @@ def read_corrections(path: Path) -> Corrections:
 
 
 def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
-    """Return the corrections that the results of the run.json at ``path`` were tracked with, none where without: the
-    next review begins with them. Raises InputError where they cannot be used."""
+    """Return the corrections with which the results of the run.json at ``path`` were tracked, possibly none: the next
+    review begins with them. Raises InputError where they cannot be used.
+    """
     recording, part = recording_of_run(run), {"corrections": run.get("corrections")}
     held = validate(path, dict[str, CorrectionsRecord | None], part)["corrections"]
     return Corrections(recording) if held is None else Corrections(recording, held.unusable, held.joints, held.patient)
@@ -290,11 +293,11 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
 
 
 def parse_correction(path: Path, values: dict[str, Any]) -> Correction:
-    """Parse a correction as in the file; raises InputError with the name ``path``."""
+    """Parse one correction in the form of the file; raises InputError with the name ``path``."""
     found: Correction = validate(path, cast("Any", AnyCorrection), values)
     return found
 
 
 def parse_withdrawal(path: Path, values: dict[str, Any]) -> Withdrawal:
-    """Parse a withdrawal as in the file; raises InputError with the name ``path``."""
+    """Parse one withdrawal in the form of the file; raises InputError with the name ``path``."""
     return validate(path, Withdrawal, values)

@@ -1,4 +1,6 @@
-"""Compare a result with the truth: errors, calibration of its uncertainties, contacts, and errors that it hides."""
+"""Compare a result with the truth: errors, calibration of the uncertainties, contacts, and errors that the
+uncertainties do not show.
+"""
 
 from __future__ import annotations
 
@@ -54,14 +56,16 @@ SEEN_SHARE: Final = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrongInView:
-    """The longest time without a break in which a limb was wrong in plain view; start_s is None if it never was."""
+    """The longest unbroken time in which a limb was wrong in plain view; start_s is None if it was never wrong."""
 
     start_s: float | None
     seconds: float
 
 
 def distance_m(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
-    """Return (n, 21) from each joint to its true place, truth_m (n, 21, 3); NaN where either is."""
+    """Return the distances (n, 21) of the joints from their true places truth_m (n, 21, 3); NaN where either place is
+    NaN.
+    """
     distance: np.ndarray = np.linalg.norm(joints.position_m - truth_m, axis=2)
     return distance
 
@@ -69,7 +73,7 @@ def distance_m(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
 def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
     """Return (n, 21) bool: joints over ``FAR_M`` off and outside ``CONFIDENT_SIGMAS`` of their own sigma on some axis.
 
-    truth_m (n, 21, 3) metres, NaN where unknown. A lost joint, or one without a known truth, is not among them.
+    truth_m (n, 21, 3) metres, NaN where unknown. A lost joint, and a joint without a known truth, is False.
     """
     wrong = distance_m(joints, truth_m) > FAR_M  # False where either is NaN
     farthest = np.abs(joints.position_m - truth_m).max(axis=2)
@@ -77,15 +81,18 @@ def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
 
 
 def seen_joints(truth: Truth) -> np.ndarray | None:
-    """Return (t, 21) bool: some camera sees enough of the skin around the joint; None where the truth does not say."""
+    """Return (t, 21) bool: whether some camera sees enough of the skin around the joint; None where the truth does not
+    state it.
+    """
     return None if truth.seen_share is None else np.asarray((truth.seen_share >= SEEN_SHARE).any(axis=2))
 
 
 def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
-    """Return, per limb, (t,) bool: some camera sees most of the limb.
+    """Return, per limb, (t,) bool: whether some camera sees most of the limb, by the mean of its ``seen_share`` over
+    the limb's joints.
 
-    By the mean of ``seen_share`` over the limb's joints, per camera. A truth without it only knows the frames that it
-    calls occluded: in all others everything then counts as in plain view.
+    A truth without ``seen_share`` only states which frames are occluded; in all other frames every limb then counts as
+    in plain view.
     """
     if truth.seen_share is None:
         return dict.fromkeys(LIMBS_JUDGED, ~truth.occluded)
@@ -96,7 +103,8 @@ def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
 def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInView], ...]:
     """Return, per limb, the longest time in which one of its joints was over ``WRONG_M`` off in plain view.
 
-    joints, truth: frames matched row by row. A lost joint is not off; a frame counts for one period of the recording.
+    joints, truth: frames matched row by row. A lost joint does not count as wrong. Each frame counts as one period of
+    the recording.
     """
     off = distance_m(joints, truth.position_m) > WRONG_M
     visible = in_plain_view(truth)
@@ -108,8 +116,8 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInV
 
 
 def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, float]:
-    """Return when the longest unbroken run of True begins, None without one, and how long it lasts; flags, time_s
-    (n,).
+    """Return when the longest unbroken run of True in ``flags`` (n,) begins, None where all are False, and how long it
+    lasts; time_s (n,).
     """
     period_s = 2.0 * half_period_s(time_s)
     found = [(float(time_s[run.start]), float(np.ptp(time_s[run]) + period_s)) for run in runs_of(flags)]
@@ -123,7 +131,7 @@ in another unit; a truth of every thirtieth frame matches completely."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongestError:
-    """The longest time without a break in which a joint was over ``WRONG_M`` off; joint is None if there is none."""
+    """The longest unbroken time in which a joint was over ``WRONG_M`` off; joint is None if no joint ever was."""
 
     joint: str | None
     start_s: float | None
@@ -133,7 +141,7 @@ class LongestError:
 def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
     """Return the longest error of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
 
-    A frame in which the joint is lost ends it. A frame counts for one period of the recording.
+    A frame in which the joint is lost ends the error. Each frame counts as one period of the recording.
     """
     off = distance_m(joints, truth_m) > WRONG_M  # False where either is NaN
     longest = LongestError(joint=None, start_s=None, seconds=0.0)
@@ -167,7 +175,7 @@ def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, An
 
 
 def axis_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
-    """Return the angle between the axis of each knee and elbow and the true joints' axis; truth_m as of
+    """Return the angle between the axis of each knee and elbow and the true joints' axis; truth_m as in
     ``angle_errors``.
     """
     found = revolute_axes(joints)
@@ -200,11 +208,11 @@ HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
-    """Errors of some joints in some frames; None where there are none."""
+    """Errors of some joints in some frames; each is None where there are no such joints."""
 
     joint_frames: int  # joints times frames with a known truth
     lost_share: float | None  # share of ``joint_frames`` that are lost
-    mean_mm: float | None  # the errors leave lost joints out
+    mean_mm: float | None  # mean error; lost joints are left out of all errors
     median_mm: float | None
     p95_mm: float | None
     coverage_95: float | None  # share of axes on which the truth lies within 1.96 sigma; calibrated is 0.95
@@ -212,7 +220,7 @@ class ErrorSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evaluation:
-    """A result against the truth."""
+    """A comparison of a result with the truth."""
 
     matched_frames: int
     truth_frames: int  # number of frames of the truth after the skipped start
@@ -223,29 +231,29 @@ class Evaluation:
     per_state: tuple[tuple[str, ErrorSummary], ...]
     observed: ErrorSummary  # joints that the result calls observed
     hidden: ErrorSummary  # joints that the result calls hidden, for any reason
-    truly_seen: ErrorSummary | None  # joints that some camera sees by the truth; None where it does not say
+    truly_seen: ErrorSummary | None  # joints that some camera truly sees; None where the truth does not state it
     truly_hidden: ErrorSummary | None
-    confident_errors: float | None  # share of overall.joint_frames that are far off and do not show it
+    confident_errors: float | None  # share of overall.joint_frames that are far off although their sigma is small
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
     wrong_in_view: tuple[tuple[str, WrongInView], ...]  # each limb
     # whether views are known by joint and camera; if not, a limb counts as in plain view unless called occluded
     view_known: bool
-    longest_off: LongestError  # a joint on another limb, on another person, or nowhere near
+    longest_off: LongestError  # such a joint was on another limb, on another person, or in empty space
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error of the second half of the frames over that of the first
     contacts: ContactEvaluation | None = None  # contacts with people; None where the truth or the result has none
-    # contacts with equipment; None also where no contacts with it were looked for
+    # contacts with equipment; None also where such contacts were not searched
     supports: ContactEvaluation | None = None
     session: SessionEvaluation | None = None  # None where the truth is not that of a simulated session
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
-    """Compare a results folder with a truth.npz, frames matched to the nearest time within half a period.
+    """Compare a results folder with a truth.npz; frames are matched to the nearest time within half a period.
 
     The first ``skip_s`` seconds of the truth are left out. Raises InputError where a file cannot be used or the two
-    share no time.
+    have no time in common.
     """
     require_own(results, (JOINTS_FILE, CONTACTS_FILE, TRIALS_FILE))
     joints, known = read_joints(results / JOINTS_FILE), read_truth(truth)
@@ -301,8 +309,8 @@ def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frame
 
 
 def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames: int) -> Evaluation:
-    """Return the evaluation of frames (n) that are matched row by row, out of so many of the truth and of the
-    results.
+    """Return the evaluation of n frames that are matched row by row, given how many frames truth and results have in
+    all.
     """
     errors, seen, codes = _errors(joints, truth.position_m), seen_joints(truth), joints.state_code
     occluded, frames = truth.occluded[:, None], np.arange(len(joints.frame))[:, None]
@@ -334,8 +342,9 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames:
 
 
 class _Errors(NamedTuple):
-    """error_mm (n, 21); within (n, 21, 3) bool: axes with the truth in 1.96 sigma; known, found (n, 21) bool: joints
-    with a true place, and those that are not lost as well."""
+    """The errors of all joints. error_mm (n, 21); within (n, 21, 3) bool: axes with the truth in 1.96 sigma; known,
+    found (n, 21) bool: joints with a true place, and joints that in addition are not lost.
+    """
 
     error_mm: np.ndarray
     within: np.ndarray
@@ -350,7 +359,7 @@ def _errors(joints: JointTable, truth_m: np.ndarray) -> _Errors:
 
 
 def _summary(errors: _Errors, chosen: np.ndarray) -> ErrorSummary:
-    """Return the errors of the joint-frames where ``chosen``, which is broadcast to (n, 21)."""
+    """Summarise the errors of the joints and frames that are ``chosen``, a mask that is broadcast to (n, 21)."""
     chosen, found = chosen & errors.known, chosen & errors.found
     error_mm, within = errors.error_mm[found], errors.within[found]
     some = len(error_mm) > 0

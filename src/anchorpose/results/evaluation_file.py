@@ -1,4 +1,4 @@
-"""An evaluation as JSON for programs and as text for people."""
+"""Write an evaluation as JSON for programs, and format it as text for people."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MARK: Final = '"matched_frames"'
 
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:
-    """Write the evaluation: the overall figures at the top, then per joint, per state and the rest."""
+    """Write the evaluation: first the overall figures, then figures per joint and per state, then all others."""
     contacts, supports, session = evaluation.contacts, evaluation.supports, evaluation.session
     document = {
         **as_json(evaluation.overall),
@@ -49,8 +49,9 @@ def _named(evaluation: Evaluation, *names: str) -> dict[str, Any]:
 
 
 def contact_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text (with, part, frames touched, precision, recall): contacts with people, then with equipment;
-    of each all parts, then each part that was touched or reported. None without contacts.
+    """Return rows of text (with, part, frames touched, precision, recall): contacts with people, then with equipment.
+    For each, a row for all parts is followed by a row for each part that was touched or reported. There are no rows
+    without contacts.
     """
     return [
         (toucher, name.replace("_", " "), str(score.touched), *_cells((score.precision, score.recall), 100, 0))
@@ -92,8 +93,8 @@ def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text (event, true, found, with the onset in time, false, onset late s); none without a true
-    session.
+    """Return rows of text (event, true, found, with the onset in time, false, onset late s); no rows where the truth is
+    not that of a session.
     """
     return [
         (
@@ -106,7 +107,9 @@ def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def independence_sentence(evaluation: Evaluation) -> str | None:
-    """Return how many times of independence agree with the truth; None where they cannot be compared."""
+    """Return a sentence on how many measured times of independence agree with the truth; None where they cannot be
+    compared.
+    """
     times = evaluation.session and evaluation.session.times
     if not times:
         return None
@@ -131,7 +134,7 @@ def longest_error_sentence(evaluation: Evaluation) -> str:
 
 
 def compared_sentence(evaluation: Evaluation) -> str:
-    """Return how much was compared: frames of the truth and of the results, and joints."""
+    """Return a sentence on how much was compared: frames of the truth and of the results, and joints."""
     both, summary = evaluation.matched_frames, evaluation.overall
     joints = both * JOINT_COUNT
     found = round(summary.joint_frames * (1.0 - (summary.lost_share or 0.0)))
@@ -148,8 +151,8 @@ def _percent(part: int, whole: int) -> str:
 
 
 def confidence_sentences(evaluation: Evaluation) -> list[str]:
-    """Return how often the result is wrong and does not show it: confident errors, limbs wrong in plain view,
-    coverage.
+    """Return sentences on how often the result is wrong without showing it: confident errors, limbs wrong in plain
+    view, coverage.
     """
     sentences = []
     if evaluation.confident_errors is not None:

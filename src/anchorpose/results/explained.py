@@ -1,4 +1,6 @@
-"""Write explained.parquet: how well each reported pose explains the depth images, and its worst moments."""
+"""Write explained.parquet, which states how well each reported pose explains the depth images, and find the worst
+moments.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from anchorpose.results.frame_table import FrameTable, Numbers
 from anchorpose.results.frame_time import worst_rows
 from anchorpose.results.parquet import TRACK_AGAIN
 
-if TYPE_CHECKING:  # what reads results needs no kernels
+if TYPE_CHECKING:  # modules that read results must not import kernels
     from anchorpose.body.explanation import Explanation
 
 PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
@@ -21,18 +23,18 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 
 CM2_PER_M2: Final = 1e4
 UNCOVERED_CM2: Final = 80.0  # area of a hand; clothes and grips leave up to half of it uncovered
-SEEN_PAST: Final = 0.3  # share of a part's skin: a rightly placed limb has less, at its edges and in loose clothes
+SEEN_PAST: Final = 0.3  # share of a part's skin; a limb in its true place has less, at its edges and in loose clothes
 APART_S: Final = 0.5  # two moments closer than this show the same situation
 MOST_MOMENTS: Final = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedFrame:
-    """How well the pose of one frame explains it (``Explanation``).
+    """The measures of how well the pose of one frame explains the frame (``Explanation``).
 
     uncovered_cm2: seen surface of the patient that no part of the body covers, NaN where the patient is lost or nothing
-    of the patient is seen. seen_past (5,): share of each part's skin, order of ``PART_NAMES``, that a camera sees past;
-    NaN where lost, or too little of the part is in view.
+    of the patient is seen. seen_past (5,): share of each part's skin that a camera sees past, in the order of
+    ``PART_NAMES``; NaN where the patient is lost or too little of the part is in view.
     """
 
     frame: int
@@ -43,8 +45,9 @@ class ExplainedFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedTable:
-    """All frames: frame (n,) int32, time_s (n,) float64, uncovered_cm2 (n,) and seen_past (n, 5) float32, each as in
-    ``ExplainedFrame``."""
+    """The measures of all frames: frame (n,) int32, time_s (n,) float64, uncovered_cm2 (n,) and seen_past (n, 5)
+    float32, each as in ``ExplainedFrame``.
+    """
 
     frame: np.ndarray
     time_s: np.ndarray
@@ -77,8 +80,8 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
-    """Return how many times (n,) the limit is reached by the uncovered area or by a part's share seen past, whichever
-    is more: from 1 on a limb is probably elsewhere. It is NaN where neither is known.
+    """Return (n,) the uncovered area, or the largest share seen past of a part, divided by its limit, whichever ratio
+    is larger. From 1 on a limb is probably elsewhere. It is NaN where neither is known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)
@@ -96,9 +99,9 @@ class Moment:
 @dataclass(frozen=True, slots=True)
 class ExplainedSummary:
     """The summary in run.json: the share of frames in which more than ``uncovered_limit_cm2`` is uncovered, and the
-    worst.
+    worst moments.
 
-    uncovered_share: of the ``known_frames``, in which the area is known; None if there are none.
+    uncovered_share: share of the ``known_frames``, in which the area is known; None where there are no such frames.
     """
 
     uncovered_limit_cm2: float
@@ -115,7 +118,7 @@ def summarise(table: ExplainedTable) -> ExplainedSummary:
 
 
 def worst_moments(table: ExplainedTable) -> tuple[Moment, ...]:
-    """Return at most ``MOST_MOMENTS`` frames, ``APART_S`` apart, the least explained first."""
+    """Return at most ``MOST_MOMENTS`` moments, at least ``APART_S`` apart, the least explained frame first."""
     badness = unexplained(table)
     rows = worst_rows(np.where(badness >= 1.0, badness, np.nan), table.time_s, APART_S, MOST_MOMENTS)
     return tuple(Moment(int(table.frame[row]), float(table.time_s[row]), _reason(table, row)) for row in rows)
@@ -132,5 +135,5 @@ def _reason(table: ExplainedTable, row: int) -> str:
 
 
 def _words(part: str) -> str:
-    """Write ``arm_left`` as left arm."""
+    """Return a limb in words, such as "left arm" for ``arm_left``."""
     return " ".join(reversed(part.split("_")))

@@ -28,10 +28,11 @@ from anchorpose.recording.writable import check_place, new_folder, whole_file
 
 @dataclass(frozen=True, slots=True)
 class FolderKind:
-    """How a verb's folder is recognised, and which files in it are the verb's own.
+    """A kind of folder that a command writes: how it is recognised, and which files in it the command may replace.
 
-    name: for messages. marks: files that identify the folder, so that it may be replaced; own: patterns of paths in it,
-    as for ``fnmatch``. Files that match none of them are the user's: they are kept when the folder is replaced.
+    name: for messages. marks: files that identify the folder, so that it may be replaced; own: patterns, as for
+    ``fnmatch``, of the paths of the command's own files. All other files are the user's and are kept when the folder is
+    replaced.
     """
 
     name: str
@@ -43,7 +44,7 @@ class FolderKind:
         return all((folder / mark).is_file() for mark in self.marks)
 
     def owns(self, file: str) -> bool:
-        """Return whether a file, by its path in the folder, is the verb's own."""
+        """Return whether a file, given by its path in the folder, is one of the command's own."""
         return _is_own_file(file, self.own)
 
 
@@ -64,8 +65,8 @@ def new_results_folder(
 ) -> Iterator[Path]:
     """Yield a folder for results of ``recording`` that becomes ``path`` at the end; see ``whole_or_nothing``.
 
-    An existing result, known by its kind's marks, is replaced only with ``overwrite``; any other folder that is not
-    empty is never touched. Raises InputError before anything is written where results may not go to ``path``.
+    An existing result, recognised by the marks of its kind, is replaced only with ``overwrite``; any other folder that
+    is not empty is never touched. Raises InputError before anything is written where results may not go to ``path``.
     """
     check_results_path(path, recording, overwrite, kind)
     with whole_or_nothing(path, kind.own if overwrite else ()) as partial:
@@ -96,7 +97,7 @@ def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
 
 @contextmanager
 def naming_place(place: Path) -> Iterator[None]:
-    """Add the written place to a disk error that lacks it: a failed write, as on a full disk, has only an error
+    """Add the written path to a disk error that lacks it: a failed write, as on a full disk, has only an error
     number.
     """
     try:
@@ -110,14 +111,15 @@ def naming_place(place: Path) -> Iterator[None]:
 def publish(made: Path, path: Path, own: Sequence[str] = ()) -> None:
     """Put the finished folder ``made`` in place of ``path``, whose own files are replaced.
 
-    own: patterns of the files that may be deleted, as of ``fnmatch``; none: only an empty folder is replaced. Files of
-    ``path`` that match none stay, in a folder ``NAME.kept`` beside it. Raises InputError, with all of ``made`` in a
-    folder of another name, where something has appeared at ``path`` that may not be replaced.
+    own: patterns, as for ``fnmatch``, of the files that may be deleted; without patterns only an empty folder is
+    replaced. Files of ``path`` that match no pattern are kept in a folder ``NAME.kept`` beside it. Raises InputError
+    where something has appeared at ``path`` that may not be replaced; all of ``made`` is then in a folder of another
+    name.
     """
     target = path.resolve()
     if not own or not target.exists():
         try:
-            os.rename(made, target)  # atomic; replaces an empty folder, and no other
+            os.rename(made, target)  # atomic; replaces an empty folder, never a filled one
         except OSError:
             other = free_name(target)
             os.rename(made, other)
@@ -135,7 +137,9 @@ def _replaced(target: Path) -> Path:
 
 
 def _restore_replaced(target: Path, kind: FolderKind) -> None:
-    """Undo a replacement that was killed half-way: the old folder was moved away, the new one is not in place yet."""
+    """Undo a replacement that was killed half-way, when the old folder was moved away and the new folder is not in
+    place yet.
+    """
     old = _replaced(target)
     if not os.path.lexists(target) and not old.is_symlink() and kind.is_at(old):
         old.rename(target)
@@ -152,7 +156,7 @@ def _is_own_file(file: str, own: Sequence[str]) -> bool:
 
 
 def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
-    """Delete the own files of ``old`` and move the folder to ``kept`` if others remain."""
+    """Delete the command's own files in ``old``, and move the folder to ``kept`` if other files remain."""
     for file in [file for file in old.rglob("*") if not file.is_dir() or file.is_symlink()]:
         if _is_own_file(file.relative_to(old).as_posix(), own):
             file.unlink()
@@ -164,7 +168,7 @@ def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
 
 
 def write_text_whole(path: Path, text: str) -> None:
-    """Write a text file in UTF-8 so that ``path`` holds all of it, or its earlier content."""
+    """Write a text file in UTF-8 so that ``path`` holds either all of the text or its earlier content."""
     with whole_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
@@ -214,11 +218,11 @@ def unfinished_results(
     """Yield the folder ``.NAME.unfinished`` beside ``path``, which becomes ``path`` when the block ends without an
     error.
 
-    Otherwise it stays, if the run has stored anything in it, and ``resume`` continues it. A run that ``overwrite`` will
-    replace stays until the new one has stored something. The folder is locked: a second run into ``path`` at the same
-    time is refused. recording: None where the images come from cameras. go_on: how the user resumes a stopped run.
-    Raises InputError before anything is written where results may not go to ``path``, another folder has that name, or
-    an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
+    Otherwise the folder stays, if the run has stored anything in it, and ``resume`` continues the run. An unfinished
+    run that ``overwrite`` replaces is kept until the new run has stored something. The folder is locked: a second run
+    into ``path`` at the same time is refused. recording: None where the images come from cameras. go_on: how the user
+    resumes a stopped run. Raises InputError before anything is written where results may not go to ``path``, another
+    folder has that name, or an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)
@@ -243,7 +247,9 @@ def unfinished_results(
 
 
 def begun_identity(path: Path) -> str | None:
-    """Return the identity of the unfinished run into ``path``; None where there is none, or it cannot be read."""
+    """Return the identity of the unfinished run into ``path``; None where there is no such run, or it cannot be
+    read.
+    """
     work = _work_of(path)
     try:
         begun = read_json(_journal_of(work) / BEGUN_FILE, LARGEST_WITH_HASHES) if _is_own(work) else {}
@@ -268,8 +274,8 @@ def _work_of(path: Path) -> Path:
 
 @contextmanager
 def _claimed(work: Path, path: Path) -> Iterator[None]:
-    """Yield the folder, made if absent, marked and locked; raises InputError where it is not this program's, or another
-    run has it.
+    """Yield the unfinished folder, made if absent, marked and locked; raises InputError where this program did not make
+    it, or another run uses it.
     """
     if os.path.lexists(work) and (work.is_symlink() or not work.is_dir()):
         raise InputError(work, "is in the way, and is not an unfinished run", "rename it")
@@ -297,7 +303,7 @@ def _is_own(work: Path) -> bool:
 
 
 def _require_own(work: Path) -> None:
-    """Raise InputError unless this program has made the folder, and nothing in it leads out of it."""
+    """Raise InputError unless this program has made the folder and no link in it leads out of it."""
     marked = False
     with suppress(InputError):
         marked = not work.is_symlink() and read_text(work / MARK_FILE) == MARK
@@ -308,13 +314,13 @@ def _require_own(work: Path) -> None:
 
 
 def _journal_of(work: Path) -> Path:
-    """Return the valid journal: that of the overwritten run until the new run has stored something."""
+    """Return the valid journal: the overwritten run's until the new run has stored something."""
     new, earlier = work / JOURNAL, work / EARLIER
     return earlier if os.path.lexists(earlier) and not _has_stored(new) else new
 
 
 def _keep_one_journal(work: Path) -> bool:
-    """Remove the journal that is not valid; return whether that of the overwritten run was restored."""
+    """Remove the journal that is not valid; return whether the overwritten run's journal was restored."""
     restored = _journal_of(work) == work / EARLIER
     if restored:
         _remove(work / JOURNAL)
@@ -349,7 +355,7 @@ def _remedy(path: Path, go_on: str) -> str:
 
 
 def _going_on(path: Path, go_on: str) -> str:
-    """Return how the run that is stored is continued, as a clause."""
+    """Return a clause on how to continue the stored run."""
     return f"'anchorpose live --finish -o {path}' finishes it" if is_live_session(path) else f"{go_on} goes on"
 
 
@@ -368,13 +374,13 @@ def _remove(entry: Path) -> None:
 
 def clear_beside_journal(work: Path) -> None:
     """Remove what a resumed run does not need: tables and pictures of a stopped run, which are written again, and the
-    journal of an overwritten one. All inputs that can be refused were read before.
+    journal of an overwritten run. Call it after reading all inputs that can be refused.
     """
     _clear(work, (LOCK_FILE, MARK_FILE, JOURNAL))
 
 
 def _leave(work: Path, error: BaseException, go_on: str, path: Path) -> None:
-    """Remove what is no longer useful, else note how to resume; a refusal has its own remedy."""
+    """Remove the folder where it holds nothing useful, else note how to resume; an InputError has its own remedy."""
     restored = _keep_one_journal(work)
     if _has_stored(work / JOURNAL):
         what = "The unfinished run that was there" if restored else "What was done"
@@ -385,10 +391,12 @@ def _leave(work: Path, error: BaseException, go_on: str, path: Path) -> None:
 
 
 def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
-    """Return the journal's folder in a results folder that is being made, new or of a run with the same identity.
+    """Return the journal's folder in an unfinished results folder: a new journal, or that of a run with the same
+    identity.
 
-    identity: of inputs, settings and code; inputs: the hash of each file by its path in the recording. Raises
-    InputError where the run that was begun had others, or its journal cannot be read; nothing was changed then.
+    identity: hash of inputs, settings and code; inputs: the hash of each file by its path in the recording. Raises
+    InputError where the unfinished run had other inputs, settings or code, or its journal cannot be read; nothing was
+    changed then.
     """
     journal = results / JOURNAL
     if os.path.lexists(journal):

@@ -26,9 +26,9 @@ UNKNOWN: Final = -1
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns of one array (..., names), or (...) where there is one name; NaN is null in the file.
+    """Columns that are one array (..., names) in memory, or (...) where there is one name; NaN is null in the file.
 
-    least, most: limits of a number, both allowed.
+    least, most: limits of each number, both allowed.
     """
 
     names: tuple[str, ...]
@@ -46,8 +46,8 @@ class Numbers:
         return [pa.array(column, self.type, from_pandas=True) for column in flat.T]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
-        """Return (rows, names), or (rows,) where there is one name; raises InputError for a number outside of its
-        limits.
+        """Return the numbers (rows, names), or (rows,) where there is a single name; raises InputError for a number
+        outside its limits.
         """
         columns = [table[name].to_numpy(zero_copy_only=False) for name in self.names]
         for name, values in zip(self.names, columns, strict=True):
@@ -63,7 +63,7 @@ class Codes:
     texts: tuple[str, ...]
 
     def schema(self) -> list[pa.Field]:
-        """Return a text in every row."""
+        """Return one column of texts, which is never null."""
         return [pa.field(self.name, pa.string(), nullable=False)]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
@@ -71,7 +71,7 @@ class Codes:
         return [pa.array(np.array(self.texts, dtype=object)[values.ravel()], pa.string())]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
-        """Return (rows,) int8; raises InputError for a text that is not one of ``texts``."""
+        """Return the codes (rows,) int8; raises InputError for a text that is not one of ``texts``."""
         return _codes(path, table[self.name], self.name, self.texts, remedy).astype(np.int8)
 
 
@@ -90,7 +90,7 @@ class Flags:
         return [pa.array(values == 1, mask=values == UNKNOWN)]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
-        """Return (rows,) int8."""
+        """Return the flags (rows,) int8."""
         column = table[self.name].cast(pa.int8()).fill_null(UNKNOWN)
         flags: np.ndarray = column.to_numpy(zero_copy_only=False).astype(np.int8)
         return flags
@@ -105,9 +105,9 @@ class FrameTable(Generic[Frames]):
 
     arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and the arrays of
     ``columns`` by their names, (n, ...) or (n, things, ...). thing: the column that names the subject of a row, such as
-    "joint"; None where there is one row per frame. names: the things in their order; None where each file has its own,
-    which are then the field ``names``. text: a field stored in the file's metadata, and its key there. agree: function
-    that tests whether numbers and texts of the table are consistent.
+    "joint"; None where there is one row per frame. names: the subjects in their order; None where each file has its
+    own, which are then in the field ``names``. text: a field stored in the file's metadata, and its key there. agree:
+    function that tests whether numbers and texts of the table are consistent.
     """
 
     file: str
@@ -157,7 +157,8 @@ class FrameTable(Generic[Frames]):
     def read(self, path: Path) -> Frames:
         """Read the table; its rows may be in any order.
 
-        Raises InputError unless every frame has each thing once, times increase, and every number is one that can be.
+        Raises InputError unless every frame has each subject once, times increase, and every number is within its
+        limits.
         """
         table = read_parquet(path, self.schema())
         names = self.names or (tuple(table[self.thing].unique().to_pylist()) if self.thing else ())
@@ -185,7 +186,7 @@ class FrameTable(Generic[Frames]):
         require_seconds(path, time_s)
 
     def _require_complete(self, path: Path, frame: np.ndarray, thing: np.ndarray, names: Sequence[str]) -> None:
-        """Raise InputError unless the sorted rows (r,) have each thing once in every frame."""
+        """Raise InputError unless the sorted rows (r,) have each subject once in every frame."""
         count = max(len(names), 1)
         if not len(frame):
             raise InputError(path, "has no rows", self.remedy)

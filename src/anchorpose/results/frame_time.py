@@ -21,8 +21,8 @@ FRAMES_AT_ONCE: Final = 4096
 
 
 def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
-    """Yield all rows from 0 to ``frames``, ``at_once`` at a time (None: ``FRAMES_AT_ONCE``), for what needs much more
-    memory than its result.
+    """Yield slices that cover the rows from 0 to ``frames``, ``at_once`` rows each (None: ``FRAMES_AT_ONCE``). They
+    serve computations that need much more memory than their result.
     """
     at_once = FRAMES_AT_ONCE if at_once is None else at_once
     for first in range(0, frames, at_once):
@@ -30,7 +30,7 @@ def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
 
 
 def usual_step_s(time_s: np.ndarray) -> float:
-    """Return the median step between frames; NaN for fewer than two."""
+    """Return the median step between frames; NaN for fewer than two frames."""
     return float(np.median(np.diff(time_s))) if len(time_s) > 1 else float("nan")
 
 
@@ -40,22 +40,24 @@ def longest_even_step_s(time_s: np.ndarray) -> float:
 
 
 def longest_known_gap_s(time_s: np.ndarray) -> float:
-    """Return the step above which events are unknown; slow cameras may take ``LONGEST_STEP`` of their own steps."""
+    """Return the step between frames above which events are unknown. For slow cameras it is ``LONGEST_STEP`` of their
+    own steps.
+    """
     return max(LONGEST_GAP_S, longest_even_step_s(time_s))
 
 
 def recorded_seconds(time_s: np.ndarray) -> float:
-    """Return the time from the first frame to the last, which lasts a usual step; 0 for a single frame, which has no
-    duration.
+    """Return the time from the first frame to the end of the last, which lasts a usual step; 0 for a single frame,
+    which has no duration.
     """
     return float(time_s[-1] - time_s[0]) + usual_step_s(time_s) if len(time_s) > 1 else 0.0
 
 
 def frame_seconds(time_s: np.ndarray) -> np.ndarray:
-    """Return the seconds (n,) of each frame: half the way to both neighbours, half a usual step at either end and at a
-    gap of unknown time.
+    """Return the seconds (n,) that each frame represents: half of the time to both neighbours, or half a usual step
+    towards either end of the recording and towards a gap of unknown time.
 
-    All zeros for a single frame, which has no duration. The sum is that of ``recorded_seconds`` less the unknown time.
+    All zeros for a single frame, which has no duration. The sum is ``recorded_seconds`` less the unknown time.
     """
     if len(time_s) < 2:
         return np.zeros(len(time_s))
@@ -65,10 +67,10 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
 
 
 def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
-    """Return ``unbroken_runs`` of the frames that are ``known`` (n,) bool; unknown ones count as dropped.
+    """Return ``unbroken_runs`` of the frames that are ``known`` (n,) bool; unknown frames count as dropped.
 
     A joint that is lost for a moment therefore ends no run. A run may contain unknown frames, but neither begins nor
-    ends with one.
+    ends with an unknown frame.
     """
     rows = np.flatnonzero(known)
     runs = unbroken_runs(chosen[rows], time_s[rows], longest_known_gap_s(time_s))
@@ -76,7 +78,7 @@ def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> 
 
 
 def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float | None = None) -> list[slice]:
-    """Run of frames that are all ``chosen`` (n,) bool; a step longer than longest_step_s ends them, too.
+    """Return runs of frames that are all ``chosen`` (n,) bool; a step longer than longest_step_s also ends a run.
 
     longest_step_s: ``longest_known_gap_s`` where None, so that a dropped frame does not end a run.
     """
@@ -87,7 +89,7 @@ def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float 
 def runs_of(chosen: np.ndarray, joined: np.ndarray | None = None) -> list[slice]:
     """Return runs of True in ``chosen`` (n,) bool.
 
-    joined (n - 1,) bool: whether a row and the next one belong together; None where all do.
+    joined (n - 1,) bool: whether a row and the next row may be in the same run; None where all may.
     """
     together = chosen[:-1] & chosen[1:] & (True if joined is None else joined)
     starts = np.flatnonzero(chosen & ~np.append(False, together)[: len(chosen)])
@@ -96,8 +98,8 @@ def runs_of(chosen: np.ndarray, joined: np.ndarray | None = None) -> list[slice]
 
 
 def worst_rows(badness: np.ndarray, time_s: np.ndarray, apart_s: float, most: int) -> list[int]:
-    """Return at most ``most`` rows by falling badness (n,), none within ``apart_s`` of a worse one; NaN is no
-    candidate.
+    """Return at most ``most`` rows in the order of decreasing badness (n,). A row within ``apart_s`` of a worse row is
+    left out, and so is NaN.
     """
     chosen: list[int] = []
     for row in np.argsort(-badness, kind="stable"):

@@ -1,8 +1,8 @@
 """Compute the body's angles from joint centres, for all frames, with state and uncertainty.
 
-The pelvis is rotated, then raised on one side, then tilted (Baker 2001, doi:10.1016/S0966-6362(00)00083-7). In this
-order, the reverse of that for joints, each of the three is what clinicians call by its name, also for a patient who has
-turned.
+The pelvis is rotated, then raised on one side, then tilted (Baker 2001, doi:10.1016/S0966-6362(00)00083-7). This order
+is the reverse of that for joints. It makes each of the three angles agree with its clinical name even if the patient
+has turned.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def trunk_heading(points: Points) -> tuple[Reading, ...]:
 
 
 def trunk_on_pelvis(points: Points) -> tuple[Reading, ...]:
-    """Return thorax against pelvis, Cardan angles in the order z, x, y: flexion, bend to the right, turn to the
-    left.
+    """Return the angles of the thorax against the pelvis, Cardan angles in the order z, x, y: flexion, bend to the
+    right, turn to the left.
     """
     pelvis, thorax = pelvis_axes(points), thorax_axes(points)
     aside = dot(pelvis.z, thorax.y)
@@ -74,7 +74,7 @@ def trunk_on_pelvis(points: Points) -> tuple[Reading, ...]:
 
 
 def neck_lean(points: Points) -> tuple[Reading, ...]:
-    """Return the line from Neck to Head against the thorax: flexion, then bend to the right."""
+    """Return the angles of the line from Neck to Head against the thorax: flexion, then bend to the right."""
     thorax, line = thorax_axes(points), unit(points["Head"] - points["Neck"])
     aside = dot(thorax.z, line)
     return (_flexion(thorax, line), np.sqrt(np.clip(1.0 - aside**2, 0.0, 1.0))), (arcsin(aside), 1.0)
@@ -91,7 +91,7 @@ def pelvis_angles(points: Points) -> tuple[Reading, ...]:
     pelvis = pelvis_axes(points)
     z = pelvis.z
     level = np.hypot(z[0], z[2])
-    forward = unit(np.stack([z[2], np.zeros_like(level), -z[0]]))  # the world's vertical, crossed with z
+    forward = unit(np.stack([z[2], np.zeros_like(level), -z[0]]))  # cross product of the world's vertical and z
     tilt = np.arctan2(dot(pelvis.y, forward), dot(pelvis.y, cross(z, forward)))
     return (tilt, level), (arcsin(z[1]), 1.0), (np.arctan2(z[0], z[2]), level)
 
@@ -107,8 +107,8 @@ VARUS_VALGUS_RAD: Final = np.radians(3.0)
 
 
 def hip_to_trunk(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the thigh against the whole trunk in the patient's sagittal plane: 0 = in line, positive = knee
-    forward.
+    """Return the angle of the thigh against the whole trunk in the patient's sagittal plane: 0 = in line, positive =
+    knee forward.
     """
     right = unit(points["HipRight"] - points["HipLeft"])
     up = square_to(points["SpineShoulder"] - points["SpineBase"], right)
@@ -116,8 +116,8 @@ def hip_to_trunk(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def hip_to_pelvis(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the thigh against the pelvis in the joint coordinate system of ISB: flexion about the pelvis' z, then
-    adduction.
+    """Return the angles of the thigh against the pelvis in ISB's joint coordinate system: flexion about the pelvis' z,
+    then adduction.
     """
     pelvis, thigh = pelvis_axes(points), unit(points[f"Knee{side}"] - points[f"Hip{side}"])
     inwards = 1.0 if side == "Left" else -1.0
@@ -128,8 +128,9 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     """Return the rotation of the thigh about its long axis, by the plane in which the leg is bent: 0 = the shank points
     straight back from the knee, perpendicular to the hip joints; positive = inwards, the foot to the outside.
 
-    It is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. A leg that is bent by less
-    than ``PLANE_KNOWN_RAD`` has no such plane, and one that is bent backwards has it reversed: no value.
+    It is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. There is no value for a leg
+    that is bent by less than ``PLANE_KNOWN_RAD``, whose plane is undetermined, or that is bent backwards, whose normal
+    is reversed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
@@ -137,18 +138,18 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     bent, z = length(normal), unit(-normal)
     aside, along = dot(across, cross(y, z)), dot(across, z)
     inwards = -1.0 if side == "Left" else 1.0
-    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # bent the other way it is not the hinge that bends
+    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # a leg bent backwards does not bend at its hinge
     return ((inwards * np.arctan2(-aside, along), np.where(hinged, bent * np.hypot(aside, along), 0.0)),)
 
 
 def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
     """Return how far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
 
-    The plane in which a nearly straight leg bends is determined by noise and bow legs, so only the rotation about the
-    line of the hips counts, with either sign, so that noise about a straight knee has the mean zero. A clearly bent leg
-    is bent in the plane of its hinge, and the whole angle between thigh and shank counts. Between ``PLANE_UNKNOWN_RAD``
-    and ``PLANE_KNOWN_RAD`` one passes into the other. No knee bends backwards further than that, so beyond it the angle
-    is positive and does not need the line of the hips.
+    The plane in which a nearly straight leg bends is determined by noise and bow legs. Below ``PLANE_UNKNOWN_RAD`` only
+    the rotation about the line of the hips counts, with its sign, so that noise about a straight knee has the mean
+    zero. A clearly bent leg is bent in the plane of its hinge: above ``PLANE_KNOWN_RAD`` the whole angle between thigh
+    and shank counts. Between the two limits, the first angle passes into the second. No knee bends backwards beyond
+    ``PLANE_KNOWN_RAD``, so there the angle is positive and does not need the line of the hips.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     thigh, shank = unit(knee - hip), unit(ankle - knee)
@@ -162,8 +163,8 @@ def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def ankle_dorsiflexion(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return foot against shank: 0 = the sole of a mean foot perpendicular to the shank, positive = toes up
-    (dorsiflexion).
+    """Return the angle of the foot against the shank: 0 = the sole of a mean foot is perpendicular to the shank,
+    positive = toes up (dorsiflexion).
     """
     knee, ankle, foot = (points[f"{name}{side}"] for name in ("Knee", "Ankle", "Foot"))
     return ((0.5 * np.pi + np.radians(SOLE_SLOPE_DEG) - between(knee - ankle, foot - ankle), 1.0),)
@@ -179,7 +180,9 @@ CARRYING_RAD: Final = np.radians(5.0)
 
 
 def shoulder_elevation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return upper arm against trunk, in any direction in which it is raised: 0 = along the trunk, pi = overhead."""
+    """Return the angle of the upper arm against the trunk, whatever direction it is raised in: 0 = along the trunk, pi
+    = overhead.
+    """
     trunk = points["SpineBase"] - points["SpineShoulder"]
     return ((between(trunk, points[f"Elbow{side}"] - points[f"Shoulder{side}"]), 1.0),)
 
@@ -198,9 +201,9 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     """Return the rotation of the upper arm about its long axis, by the plane in which the arm is bent: 0 = the forearm
     of the hanging arm points forward; positive = inwards, the hand towards the other side.
 
-    It is the arm's rotation relative to the trunk without the shortest swing from hanging. ISB's third angle is
-    undetermined for a hanging arm, which is where patients hold theirs. An arm that is bent by less than
-    ``PLANE_KNOWN_RAD`` has no such plane.
+    It is what remains of the arm's rotation relative to the trunk after taking away the shortest swing from hanging.
+    ISB's third angle is not used, since it is undetermined for a hanging arm, the usual posture of patients. An arm
+    that is bent by less than ``PLANE_KNOWN_RAD`` has no such plane, and so no value.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)
@@ -228,7 +231,9 @@ _HINGES: Final = {
 
 
 def _sided(*rows: tuple[str, str, Callable[..., tuple[Reading, ...]]]) -> tuple[AngleGroup, ...]:
-    """Return the left groups, then the right ones, from rows of names, joints (with ``*`` for the side) and formula."""
+    """Return the angle groups of the left side, then of the right side, from rows of names, joints (with ``*`` for the
+    side) and formula.
+    """
     return tuple(
         AngleGroup(
             tuple(f"{name}_{side.lower()}" for name in names.split()),
@@ -285,21 +290,21 @@ def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.nda
     lever is short.
 
     position_m (21, 3, n), sigma_m (21, n): errors are assumed independent between joints and axes. Each coordinate is
-    moved by its own sigma, both ways, instead of using a derivative: at a straight knee the derivative of the angle is
-    not defined and would give no error at all. The formula's own error is added as squares.
+    moved by its sigma, both ways. A derivative is not used: it is undefined at a straight knee and would give no error
+    there. The formula's own error is added in quadrature.
     """
     angle, sigma = np.empty((2, len(group.names), position_m.shape[-1]))
     for rows in blocks(angle.shape[1], AT_ONCE):
         points = {name: position_m[JOINT_INDEX[name]][:, rows] for name in group.joints}
         angle[:, rows], sigma[:, rows] = _angles_of_some(group, points, sigma_m[:, rows])
     lost = np.isnan(position_m[[JOINT_INDEX[name] for name in group.joints]]).any(axis=(0, 1))
-    angle[:, lost] = sigma[:, lost] = np.nan  # a formula that can do without the joint cannot know its error
+    angle[:, lost] = sigma[:, lost] = np.nan  # also if the formula works without it: sigma is unknown
     return angle, sigma
 
 
 def _angles_of_some(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     readings = group.formula(_moved_too(group, points, sigma_m))
-    values = np.stack([value for value, _ in readings])  # (k, moves, n), nothing moved first
+    values = np.stack([value for value, _ in readings])  # (k, moves, n), the first reading is of unmoved joints
     levers = np.stack([np.broadcast_to(lever, values.shape[1:])[0] for _, lever in readings])
     angle = np.where(levers >= LEAST_LEVER, values[:, 0], np.nan)
     variance = 0.5 * (_shorter_way(values[:, 1:] - angle[:, None]) ** 2).sum(axis=1)
@@ -312,7 +317,8 @@ def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points
     """Return each joint (3, 1 + 6 joints, n): unchanged, then with each coordinate of each joint moved by its sigma,
     down and up.
 
-    All at once, because a live frame, n = 1, would take longer to call the formula for each than to track.
+    All moves are evaluated at once: for a live frame, n = 1, calling the formula for each move would take longer than
+    tracking.
     """
     count = len(group.joints)
     rows = np.repeat(np.stack([points[name] for name in group.joints])[:, :, None], 1 + 6 * count, axis=2)
@@ -323,7 +329,7 @@ def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points
 
 
 def _shorter_way(angle: np.ndarray) -> np.ndarray:
-    """Return the same angle between minus pi and pi."""
+    """Shift an angle by whole turns to between minus pi and pi."""
     turn: np.ndarray = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
     return turn
 

@@ -1,4 +1,4 @@
-"""Compute angles, axes, posture, episodes and measures, assistance among them, from the joints of a results folder."""
+"""Compute angles, axes, posture, episodes and measures (including assistance) from the joints of a results folder."""
 
 from __future__ import annotations
 
@@ -138,7 +138,9 @@ def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, p
 
 
 def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measure]:
-    """Return the shares of the upright time, with hands on and without, and how many contacts there were at once."""
+    """Return the shares of the upright time with and without hands on the patient, and how many contacts there were at
+    once.
+    """
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
     if not upright_s:
@@ -148,7 +150,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = inferred_touch_share(helped)
-    of_help = (shared, None, None, shared, shared)  # time without any contact rests on none that was inferred
+    of_help = (shared, None, None, shared, shared)  # time without any contact depends on no inferred contact
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)
@@ -181,9 +183,9 @@ def measure_session(
 ) -> tuple[Session, list[Measure]]:
     """Return the session with its posture and episodes, and every measure of docs/measures.md.
 
-    contacts: with people and equipment, None where they are unknown, which is not the same as no contact. equipment:
-    the parts that contacts were looked for with; where there are none, whether the patient held on is unknown. With
-    trials, the measures of the whole recording are followed by the measures of every trial and of every condition.
+    contacts: with people and equipment; None where unknown, which is not the same as no contact. equipment: the parts
+    with which contacts were searched; without any part it is unknown whether the patient held on. With trials, the
+    measures of the whole recording are followed by the measures of every trial and of every condition.
     """
     body = centre_of_mass(joints)
     found = stance(joints, body.position_m)
@@ -220,7 +222,9 @@ def measure_session(
 
 
 def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> list[Event]:
-    """Return what went wrong in a session whose transitions and steps are known, in the order of kinds and time."""
+    """Return the events in which something went wrong, of a session whose transitions and steps are known, in the order
+    of kinds and time.
+    """
     return [
         *find_buckles(session, config.events),
         *find_failed_stands(session, config.transitions, config.events),
@@ -263,8 +267,9 @@ WRITTEN: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureResult:
-    """measures: of the whole recording; policy: that of ``ProcessedAngles``, None without processing; trials: of
-    which there are measures as well, None without any."""
+    """The result of measuring a folder. measures: measures of the whole recording; policy: the policy of
+    ``ProcessedAngles``, None without processing; trials: the trials that were measured as well, None without trials.
+    """
 
     measures: tuple[Measure, ...]
     policy: str | None
@@ -313,7 +318,9 @@ def write_measured(
 
 
 def processing_sentence(policy: str) -> str:
-    """Return how many joint positions were smoothed, filled and left alone; policy: of ``ProcessedAngles``."""
+    """Return a sentence on how many joint positions were smoothed, filled and left alone. policy: the policy of
+    ``ProcessedAngles``.
+    """
     counted = json.loads(policy)
     counts = [f"{counted[f'joint_frames_{name}']} {name}" for name in (*PROCESSING, "lost")]
     return f"Of the joint positions of all frames, {', '.join(counts)}."

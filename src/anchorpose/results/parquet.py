@@ -1,6 +1,6 @@
 """Read and write the results' Parquet files, and declare tables of records. Equal values always give equal bytes.
 
-No other module opens a parquet file, since every page is written with a checksum that is verified on reading.
+Only this module opens parquet files: it writes every page with a checksum, and verifies the checksums on reading.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class RowGroups(Generic[Row]):
 
 
 def open_parquet(path: Path, schema: pa.Schema) -> Any:
-    """Open a parquet writer with everything fixed that decides the bytes."""
+    """Open a parquet writer with fixed values of all options that affect the bytes."""
     return pq.ParquetWriter(
         path, schema, version="2.6", compression="zstd", compression_level=3, write_page_checksum=True
     )
@@ -79,9 +79,10 @@ def _with_columns(table: pa.Table, schema: pa.Schema, later: Mapping[str, Any]) 
 
 
 def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = None) -> pa.Table:
-    """Read a table with any columns, or the named ones; raises InputError where it is damaged or lacks one of them.
+    """Read a table with all of its columns, or only the named columns; raises InputError where it is damaged or lacks a
+    named column.
 
-    rows: as of ``read_parquet``.
+    rows: as in ``read_parquet``.
     """
     with refuse_unreadable(path):
         table = pq.read_table(path, filters=rows, columns=columns, page_checksum_verification=True)
@@ -106,7 +107,9 @@ def _require_names(schema: pa.Schema) -> list[str]:
 
 @contextmanager
 def opened_parquet(path: Path) -> Iterator[Any]:
-    """Open a file, of which ``pieces`` can be read; raises InputError where it proves in the block to be damaged."""
+    """Open a file for reading it by ``pieces``; raises InputError where reading in the block shows that it is
+    damaged.
+    """
     with refuse_unreadable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
         _require_names(file.schema_arrow)
         yield file
@@ -114,7 +117,7 @@ def opened_parquet(path: Path) -> Iterator[Any]:
 
 def pieces(file: Any) -> Iterator[pa.Table]:
     """Yield the rows of an open file in their order, at most ``ROWS_AT_ONCE`` at a time."""
-    for group in range(file.num_row_groups):  # one by one: pyarrow would hold several
+    for group in range(file.num_row_groups):  # one at a time: pyarrow would hold several row groups in memory
         for batch in file.iter_batches(ROWS_AT_ONCE, row_groups=[group], use_threads=False):
             yield pa.Table.from_batches([batch])
 
@@ -125,8 +128,8 @@ _TYPES: Final = {int: pa.int32(), float: pa.float64(), bytes: pa.binary()}
 def schema_of(record: type, *names: str) -> pa.Schema:
     """Return the columns of a record's attributes and properties, by default of all attributes in their order.
 
-    A column may be null where its type allows None; a type that is no number and no bytes is a text. A column whose
-    name is a keyword of Python is the attribute with an underscore after it.
+    A column may be null where its type allows None. Types other than numbers and bytes are stored as text. A column
+    whose name is a Python keyword belongs to the attribute with an underscore after it.
     """
     hints = get_type_hints(record)
     hints |= {
@@ -147,7 +150,7 @@ def _attribute(column: str) -> str:
 
 @contextmanager
 def refuse_unreadable(path: Path) -> Iterator[None]:
-    """Raise InputError where the file at ``path`` proves, in the block, to be missing or unreadable."""
+    """Raise InputError where reading the file at ``path`` in the block shows that it is missing or unreadable."""
     try:
         require_regular(path, LARGEST_ARRAYS)
         yield
@@ -167,7 +170,9 @@ def require_columns(path: Path, found: pa.Schema, schema: pa.Schema) -> None:
 
 
 def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[float, float], remedy: str) -> None:
-    """Raise InputError where a value (n,) of a column is missing, or outside of the limits, which are allowed."""
+    """Raise InputError where a value (n,) of a column is missing, or outside the limits, which are themselves
+    allowed.
+    """
     wrong = values[~((values >= limits[0]) & (values <= limits[1]))]
     if len(wrong):
         raise InputError(path, f"has the {name} {wrong[0]:.6g}, not {limits[0]:g} to {limits[1]:g}", remedy)
@@ -219,7 +224,7 @@ class RecordTable(Generic[Row]):
         return self.records(path, table)
 
     def records(self, path: Path, table: pa.Table) -> tuple[Row, ...]:
-        """Return the rows of a table as records; path: of its file, for messages."""
+        """Return the rows of a table as records. path: the table's file, for messages."""
         for column, known in self.known.items():
             for text in table[column].unique().to_pylist():
                 if text not in known:

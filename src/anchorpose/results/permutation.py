@@ -1,11 +1,12 @@
-"""Test whether two conditions differ, with trials as the unit, over every order in which they could have been done.
+"""Test whether two conditions differ by a permutation test: each trial is a unit, and all orders in which the trials
+could have been done are compared.
 
-Frames of a recording are not independent, trials are exchangeable if their condition was drawn: under the hypothesis
-that conditions make no difference every assignment of the conditions to the trials of a block is as probable as the
-assignment that was used. p is the share of assignments with a difference at least as large, in either direction
-(Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena 2007, Randomization Tests,
+Frames of a recording are not independent, but trials are exchangeable if their condition was drawn at random. If
+conditions make no difference, every assignment of the conditions to the trials of a block is as probable as the
+assignment that was used. p is the share of assignments with a difference at least as large, in either direction (Fisher
+1935, The Design of Experiments, section 21; Edgington and Onghena 2007, Randomization Tests,
 doi:10.1201/9781420011814).
-Several conditions: Holm 1979 (Scandinavian Journal of Statistics 6:65-70).
+For several conditions, p is adjusted as in Holm 1979 (Scandinavian Journal of Statistics 6:65-70).
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ TIE: Final = 1e-9
 class Blocks:
     """Trials of a reference (False) and of another condition (True), and the blocks within which the order was drawn.
 
-    treated (n,) bool; block (n,) int: the same number for the trials of a block. Every block has trials of both.
-    weights (n,): the difference is their sum with the values; positive for the condition, negative for the reference.
-    A block counts n_t n_r / (n_t + n_r), as is best where all trials scatter alike.
+    treated (n,) bool; block (n,) int: the same number for the trials of a block. Every block has trials of both
+    conditions. weights (n,): the difference is the sum of weights times values; they are positive for the condition,
+    negative for the reference. A block counts n_t n_r / (n_t + n_r), which is best where all trials scatter alike.
     """
 
     treated: np.ndarray
@@ -46,12 +47,12 @@ class Blocks:
 
     @property
     def members(self) -> list[np.ndarray]:
-        """Return the places of each block's trials."""
+        """Return the indices of each block's trials."""
         return [np.flatnonzero(self.block == number) for number in dict.fromkeys(self.block.tolist())]
 
     @property
     def weights(self) -> np.ndarray:
-        """Return the weights (n,), see above."""
+        """Return the weights (n,) of the trials in the difference; see ``Blocks``."""
         found = np.zeros(len(self.treated))
         for places in self.members:
             treated = self.treated[places]
@@ -81,11 +82,11 @@ def usable(treated: np.ndarray, block: np.ndarray) -> np.ndarray:
 
 
 def neighbours(treated: np.ndarray) -> np.ndarray | None:
-    """Return the block (n,) of each trial where trials in the order of time form pairs with both conditions; else
-    None.
+    """Return the block (n,) of each trial, if successive trials in the order of time form pairs with both conditions;
+    else None.
 
-    Of ABAB or ABBA the pairs are the first two and the last two; of ABABA the last trial has no partner: its block is
-    its own.
+    In ABAB or ABBA the pairs are the first two and the last two trials. In ABABA the last trial has no partner, and is
+    a block of its own.
     """
     pairs = len(treated) // 2
     firsts, seconds = treated[0 : 2 * pairs : 2], treated[1 : 2 * pairs : 2]
@@ -116,7 +117,7 @@ def _all_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 @lru_cache(8)
 def _choices(trials: int, treated: int) -> np.ndarray:
-    """Return (assignments, trials) bool: each choice of this many treated trials."""
+    """Return (assignments, trials) bool: one row for each possible choice of this many treated trials."""
     places = np.array(list(combinations(range(trials), treated)))
     chosen = np.zeros((len(places), trials), dtype=bool)
     np.put_along_axis(chosen, places, True, axis=1)
@@ -134,8 +135,8 @@ def _drawn_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """Adjust p for this many comparisons, in the order given: calling values below 0.05 significant errs at most 5
-    times in 100.
+    """Adjust the p values of several comparisons, in the order given. Then calling values below 0.05 significant is
+    wrong in at most 5 of 100 cases.
     """
     adjusted, largest = [0.0] * len(p), 0.0
     for rank, place in enumerate(sorted(range(len(p)), key=lambda k: p[k])):
@@ -145,19 +146,23 @@ def holm(p: Sequence[float]) -> list[float]:
 
 
 def pairs_needed(comparisons: int = 1) -> int:
-    """Return the least number of pairs with which p can fall below 0.05 over the number of comparisons: 2 of 2^n
-    assignments.
+    """Return the least number of pairs with which p can fall below 0.05 divided by the number of comparisons; n pairs
+    have 2^n assignments, of which 2 are extreme.
     """
     return next(n for n in count(1) if 2.0 / 2**n < ALPHA / comparisons)
 
 
 def trials_needed(comparisons: int = 1) -> int:
-    """Return the same for trials of each condition in one block: 2 of (2n choose n) assignments."""
+    """Return the least number of trials of each condition in one block, as in ``pairs_needed``: 2 of (2n choose n)
+    assignments are extreme.
+    """
     return next(n for n in count(1) if 2.0 / math.comb(2 * n, n) < ALPHA / comparisons)
 
 
 def blocks_needed(blocks: Blocks, comparisons: int = 1) -> int:
-    """Return the same for blocks like the first of these."""
+    """Return the least number of blocks, as in ``pairs_needed``, if all blocks are like the first of the given
+    blocks.
+    """
     first = blocks.members[0]
     treated = int(blocks.treated[first].sum())
     each, sides = math.comb(len(first), treated), 2.0 if 2 * treated == len(first) else 1.0

@@ -1,6 +1,7 @@
 """Smooth joints and fill gaps, only on request, by a policy that is stored with its outcome.
 
-Both smoothers have no delay: Kalman with Rauch, Tung and Striebel (1965, doi:10.2514/3.3166), and Butterworth.
+Neither smoother has a delay: the Kalman smoother of Rauch, Tung and Striebel (1965, doi:10.2514/3.3166), and
+Butterworth.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.results.uncertainty import random_sigma, systematic_sigma
 from anchorpose.settings import Positive, settings
 
-FIRST_SPEED_M_S: Final = 1.0  # standard deviations before the first frame
+FIRST_SPEED_M_S: Final = 1.0  # standard deviations of speed and acceleration before the first frame
 FIRST_ACCELERATION_M_S2: Final = 10.0
 
 
 def smooth_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, jerk: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return smoothed position (n, 3) and sigma (n,) of one joint that is known in all frames; time_s (n,) rises in any
-    steps.
+    """Return smoothed position (n, 3) and sigma (n,) of one joint that is known in all frames; time_s (n,) increases,
+    in steps of any size.
 
     The acceleration is a random walk: it changes by ``jerk`` times the square root of the time. Smoothing reduces only
     the random part of sigma; the systematic part is added again, so sigma never falls below it.
@@ -82,7 +83,9 @@ def _random_walk(step_s: float) -> np.ndarray:
 
 @njit(cache=True)
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the product of two (3, 3); written out, since numba takes half a minute to compile a general one."""
+    """Return the product of two matrices (3, 3), written out: numba takes half a minute to compile a general
+    product.
+    """
     product = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -92,7 +95,7 @@ def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _inverse(a: np.ndarray) -> np.ndarray:
-    """Return the inverse of a (3, 3), by its cofactors."""
+    """Return the inverse of a matrix (3, 3), by its cofactors."""
     inverse = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -102,7 +105,7 @@ def _inverse(a: np.ndarray) -> np.ndarray:
     return inverse / determinant
 
 
-_ORDER: Final = 2  # order of one pass; forwards and backwards make it four
+_ORDER: Final = 2  # order of one pass; the forward and backward passes together have order four
 _TWICE: Final = (np.sqrt(2.0) - 1.0) ** 0.25
 """Share of the cutoff of one pass at which both passes together are 3 dB down, both as tangents, which is how digital
 filters see frequencies (Winter, Biomechanics and Motor Control of Human Movement, on digital filtering).
@@ -110,7 +113,7 @@ filters see frequencies (Winter, Biomechanics and Motor Control of Human Movemen
 
 
 def highest_cutoff_hz(rate_hz: float) -> float:
-    """Return the upper limit of the cutoff: nine tenths of half the rate."""
+    """Return the upper limit of the cutoff frequency: 0.9 times half the rate."""
     return 0.45 * rate_hz
 
 
@@ -124,8 +127,8 @@ def shortest_frames(rate_hz: float, cutoff_hz: float) -> int:
 def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray:
     """Filter values (n, ...) along the first axis by a Butterworth of effective order four, zero lag.
 
-    rate_hz: of the evenly spaced, finite values. cutoff_hz: where the two passes together are 3 dB down. Raises
-    ValueError for a cutoff that is not below ``highest_cutoff_hz`` and for fewer than ``shortest_frames``.
+    rate_hz: rate of the values, which are evenly spaced and finite. cutoff_hz: where the two passes together are 3 dB
+    down. Raises ValueError for a cutoff that is not below ``highest_cutoff_hz`` and for fewer than ``shortest_frames``.
     """
     if not 0.0 < cutoff_hz < highest_cutoff_hz(rate_hz):
         raise ValueError(f"a cutoff of {cutoff_hz:g} Hz does not fit {rate_hz:g} frames a second")
@@ -144,7 +147,7 @@ resampled.
 
 
 def evenness(time_s: np.ndarray) -> float:
-    """Return the greatest deviation of a step between these frames (n,) from the usual one, in usual steps."""
+    """Return the greatest deviation of a step between frames (n,) from the usual step, in usual steps."""
     step = np.diff(time_s)
     return float(np.abs(step / np.median(step) - 1.0).max()) if len(step) else 0.0
 
@@ -152,11 +155,11 @@ def evenness(time_s: np.ndarray) -> float:
 def filter_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, cutoff_hz: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return filtered position (n, 3) and sigma (n,) of one joint that is known in all frames; None for too short a
-    stretch.
+    """Return filtered position (n, 3) and sigma (n,) of one joint that is known in all frames; None for a stretch that
+    is too short.
 
-    Sigma stays as it was, or becomes the rms of the neighbours within half a period of the cutoff where that is larger:
-    systematic errors are not filtered away, and a poorly known frame moves its neighbours.
+    Sigma stays as it was, or becomes the root mean square of its neighbours within half a period of the cutoff if that
+    is larger: filtering does not remove systematic errors, and a poorly known frame moves its neighbours.
     """
     rate_hz = 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if not rate_hz or len(time_s) < shortest_frames(rate_hz, cutoff_hz):
@@ -188,10 +191,10 @@ def fill_gaps(
 ) -> Filled:
     """Fill the gaps up to longest_s of one joint, position_m (n, 3), NaN where it is lost.
 
-    A gap stays where it is longer (from the last frame before to the first after), where it begins or ends the
-    recording, where frames are missing around it, and where the joint was not seen for long enough elsewhere to measure
-    the error of a filling. That error is measured by cutting the same gap into every stretch in which the joint is
-    known, and filling it; it grows towards the middle of the gap.
+    A gap is not filled if it is longer (from the last frame before it to the first after it), if it begins or ends the
+    recording, if frames are missing around it, or if the joint was not known for long enough elsewhere to measure the
+    error of filling. That error is measured by cutting the same gap into every stretch in which the joint is known, and
+    filling it. It grows towards the middle of the gap.
     """
     known = np.isfinite(position_m).all(axis=1)
     reach = 1 if fill == "linear" else 2
@@ -210,7 +213,7 @@ def fill_gaps(
 
 
 def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -> list[tuple[int, int]]:
-    """Return first frame and one past the last of the gaps that may be filled."""
+    """Return the gaps that may be filled: each with its first frame, and the frame after its last."""
     found = []
     longest_step = longest_even_step_s(time_s)
     for start, stop in ((run.start, run.stop) for run in runs_of(~known)):
@@ -223,10 +226,10 @@ def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -
 
 
 def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
-    """Return the weights (m, 2 or 4) of the known positions in each missing one.
+    """Return the weights (m, 2 or 4) of the known positions in each of m missing positions.
 
-    Two known ones give the straight line between them; four give the cubic that passes the inner two with the speed
-    from the outer to the inner ones (Hermite).
+    Two known positions give the straight line between them. Four give a cubic (Hermite) through the inner two, with the
+    speed from each outer to its inner position.
     """
     inner = around_s[len(around_s) // 2 - 1 : len(around_s) // 2 + 1]
     gap_s = inner[1] - inner[0]
@@ -242,8 +245,8 @@ def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
 def _trial_error(
     time_s: np.ndarray, position_m: np.ndarray, known: np.ndarray, reach: int, missing: int
 ) -> np.ndarray | None:
-    """Return the rms error (missing,) along each axis of the same filling where the joint is known; None with too few
-    places.
+    """Return the root-mean-square error (missing,) along each axis of filling the same gap where the joint is known;
+    None with too few places.
     """
     span = missing + 2 * reach
     if len(time_s) < span:
@@ -274,7 +277,7 @@ class ProcessingConfig:
 
     smooth: "butterworth" (zero lag, effective order four, ``cutoff_hz``) or "kalman" (Rauch, Tung and Striebel with the
     joints' sigma; ``jerk`` says how freely the acceleration changes). fill: "linear" or "spline" for gaps up to
-    ``longest_gap_s``; longer ones stay.
+    ``longest_gap_s``; longer gaps stay.
     """
 
     smooth: Smoothing = "none"
@@ -285,12 +288,14 @@ class ProcessingConfig:
 
     @property
     def active(self) -> bool:
-        """Return whether anything is to be done."""
+        """Return whether any smoothing or filling is chosen."""
         return self.smooth != "none" or self.fill != "none"
 
 
 def policy_text(config: ProcessingConfig, counts: dict[str, int]) -> str:
-    """Return the settings as JSON, without unused ones; counts: joint positions smoothed, filled and so on."""
+    """Return the settings as JSON, without unused settings. counts: numbers of joint positions smoothed, filled and so
+    on.
+    """
     used = asdict(config)
     if config.smooth != "butterworth":
         del used["cutoff_hz"]
@@ -306,7 +311,9 @@ MEASURED, SMOOTHED, FILLED = range(len(PROCESSING))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessedJoints:
-    """joints: after smoothing and filling; a filled one has the state ``hidden``. processing (n, 21) int8."""
+    """Joints after processing. joints: smoothed and filled; a filled joint has the state ``hidden``. processing (n, 21)
+    int8: how each was processed.
+    """
 
     joints: JointTable
     processing: np.ndarray
@@ -338,7 +345,9 @@ def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoi
 
 
 def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAngles:
-    """Return the angles of the processed joints; an angle is as processed as the most processed of its joints."""
+    """Return the angles of the processed joints. How an angle was processed is taken from the most processed of its
+    joints.
+    """
     done = process_joints(joints, config)
     counts = {f"joint_frames_{name}": int((done.processing == code).sum()) for code, name in enumerate(PROCESSING)}
     counts["joint_frames_measured"] -= int(done.joints.lost.sum())
@@ -359,7 +368,7 @@ def _smooth(
     """Return position (n, 3) and sigma (n,) of an unbroken stretch; None where it stays as measured."""
     if config.smooth == "butterworth":
         if len(time_s) > 1 and len(time_s) >= shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
-            _require_cutoff(time_s, config.cutoff_hz)  # of its own rate, which may be lower than that of the recording
+            _require_cutoff(time_s, config.cutoff_hz)  # the stretch's own rate may be lower
         return filter_stretch(time_s, position_m, sigma_m, config.cutoff_hz)
     if config.smooth == "kalman" and len(time_s) > 1:
         return smooth_stretch(time_s, position_m, sigma_m, config.jerk)

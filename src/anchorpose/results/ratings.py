@@ -1,7 +1,8 @@
-"""Scores of blinded raters: a table per rater beside the results, a row per trial in the order in which it was shown.
+"""Store the scores of blinded raters: beside the results, one table per rater, with a row per trial in the order in
+which trials are shown.
 
-The table is there, with its order, before the first score: a rater who stops, or whose computer fails, goes on in the
-same order. It has no conditions, so that a rater who opens it stays blinded.
+The table, with its order, is written before the first score: a rater who stops, or whose computer fails, continues in
+the same order. The table does not name the conditions, so a rater who opens it stays blinded.
 """
 
 from __future__ import annotations
@@ -38,8 +39,9 @@ REMEDY: Final = "give the file that 'anchorpose view --rate' wrote, as it was"
 
 @dataclass(frozen=True, slots=True)
 class Rating:
-    """A row. shown: the trial's place in the order, from 1. score: 0 to 10, and time: when it was given, in UTC; both
-    None where the trial has no score yet."""
+    """The score of a trial. shown: the trial's place in the order, from 1. score: 0 to 10; time: when it was given, in
+    UTC. Both are None where the trial has no score yet.
+    """
 
     shown: int
     trial: int
@@ -49,7 +51,7 @@ class Rating:
 
 @dataclass(frozen=True, slots=True)
 class Ratings:
-    """The scores of one rater of one session. seed: of the order; session: see ``rated_session``."""
+    """The scores of one rater of one session. seed: random seed of the order; session: see ``rated_session``."""
 
     rater: str
     seed: int
@@ -62,7 +64,7 @@ class Ratings:
         return {row.trial: row.score for row in self.rows}
 
     def with_score(self, shown: int, score: int, time: str) -> Ratings:
-        """Return the same with a score for the trial at a place in the order; an earlier score is replaced."""
+        """Return the ratings with a score for the trial at a place in the order; an earlier score is replaced."""
         rows = [replace(row, score=score, time=time) if row.shown == shown else row for row in self.rows]
         return replace(self, rows=tuple(rows))
 
@@ -82,9 +84,10 @@ def ratings_beside(results: Path, rater: str) -> Path:
 
 
 def rated_session(run: dict[str, Any], trials: Trials) -> str:
-    """Return what scores are about: a hash of the recording's depth images and times, and of when each trial was.
+    """Return the identity of the rated session: a hash of the recording's depth images and times, and of the times of
+    its trials.
 
-    Settings of tracking and the names of conditions are not part of it.
+    Settings of tracking and names of conditions do not affect it.
     """
     times = [f"{trial.onset_s!r} {trial.duration_s!r}\n" for trial in trials.rows]
     return hashlib.sha256("".join([recording_of_run(run).sha256, "\n", *times]).encode()).hexdigest()
@@ -123,7 +126,9 @@ def read_ratings(path: Path) -> Ratings:
 
 
 def _rating(path: Path, line: int, cells: Sequence[str]) -> Rating:
-    """Return a row; raises InputError unless it has a place, a trial, a score of 0 to 10 or none, and a rater."""
+    """Parse a row; raises InputError unless it has a place in the order, a trial, a score of 0 to 10 or no score, and a
+    rater.
+    """
     if len(cells) != len(COLUMNS):
         raise InputError(path, f"line {line} has {len(cells)} cells, not {len(COLUMNS)}", REMEDY)
     shown, trial, score, time, rater = cells[:5]
@@ -160,10 +165,10 @@ def read_ratings_beside(results: Path, session: str) -> list[Ratings]:
 
 
 def rating_measures(results: Path, run: dict[str, Any], trials: Trials) -> list[Measure]:
-    """Return the scores as measures of the trials, then of the conditions; none where nobody has rated.
+    """Return the scores as measures of the trials, then of the conditions; no measures where nobody has rated.
 
-    One row per rater, who is the ``person``, and one without a person: the mean of all raters, known where every rater
-    has given a score.
+    Each rater has a row, with the rater as ``person``. A row without a person is the mean of all raters, known where
+    every rater has given a score.
     """
     raters = read_ratings_beside(results, rated_session(run, trials))
     rows = [row for each in raters for row in _of_rater(each.rater, each.scores, trials)]

@@ -42,14 +42,15 @@ PERSON: Final = "person"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contact:
-    """One part of the patient that one person, or one part of the equipment, touched without a break.
+    """A contact: one part of the patient's body that one person, or one part of the equipment, touched without a break.
 
     part: one of ``REGIONS``. ``with_``: ``PERSON``, or the name of a part in the equipment's model. person: a name that
     stays the same as long as this person is followed; None for equipment. first_frame, last_frame and start_s, end_s:
-    both included. seen_share: share of the touching skin that some camera saw at the time, the rest being remembered
-    from shortly before; of equipment, share of the frames in which some camera saw the skin beside it. area_cm2: the
-    patient's skin within reach, mean over the frames. gap_mm: least measured distance between the two surfaces, of
-    skin as cameras see it from outside; negative where the skin was measured inside of equipment.
+    both included. seen_share: share of the touching skin that some camera saw at the time; all other touching skin was
+    seen shortly before. For equipment, it is the share of the frames in which some camera saw the skin beside it.
+    area_cm2: the patient's skin within reach, mean over the frames. gap_mm: least measured distance between the two
+    surfaces, measured to the outer surface of skin or clothes; negative where the skin was measured inside the
+    equipment.
     """
 
     part: str
@@ -108,15 +109,17 @@ EQUIPMENT_KEY: Final = "equipment_parts"
 
 
 def write_contacts(path: Path, equipment: Sequence[str] = ()) -> AbstractContextManager[RowGroups[Contact]]:
-    """Open contacts.parquet for writing; equipment: names of the parts of the equipment's model, none without one."""
+    """Open contacts.parquet for writing. equipment: names of the parts of the equipment's model; empty without a
+    model.
+    """
     return CONTACTS.open(path, {EQUIPMENT_KEY: json.dumps(list(equipment))})
 
 
 def read_equipment_names(path: Path) -> tuple[str, ...]:
     """Read the equipment's parts with which contacts were searched.
 
-    It is empty where the recording had no model of the equipment, and in files of versions that did not search such
-    contacts: whether the patient held on is then unknown. Raises InputError where the record cannot be read.
+    The result is empty where the recording had no model of the equipment, and for files of versions that did not search
+    such contacts. It is then unknown whether the patient held on. Raises InputError where the record cannot be read.
     """
     text = (read_parquet_schema(path).metadata or {}).get(EQUIPMENT_KEY.encode(), b"[]")
     try:
@@ -146,12 +149,13 @@ EPISODE_KINDS: Final = (UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT, STEP_LEFT, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Episode:
-    """A stretch of time without a break in which the patient was upright, stood up, sat down, or swung a foot.
+    """An unbroken stretch of time in which the patient was upright, stood up, sat down, or swung a foot; or an event: a
+    knee that buckled, a stand that failed, or a recovery step.
 
-    Or an event: a knee that buckled, a stand that failed, a recovery step. kind: one of ``EPISODE_KINDS``. first_frame,
-    last_frame and start_s, end_s: both included. state: the worst of the joints that it was recognised by, in any of
-    its frames. side, depth, sigma, unit: of an event, None for all others; side: "left", "right", or None for a failed
-    stand; depth: how far it went, in ``unit``, with one standard deviation.
+    kind: one of ``EPISODE_KINDS``. first_frame, last_frame and start_s, end_s: both included. state: worst state of the
+    joints by which it was recognised, in any of its frames. side, depth, sigma, unit: only for events, else None. side:
+    "left", "right", or None for a failed stand. depth: how far the event went, in ``unit``; sigma: its standard
+    deviation.
     """
 
     kind: str
@@ -167,7 +171,7 @@ class Episode:
 
     @property
     def seconds(self) -> float:
-        """Return the time from its first frame to its last."""
+        """Return the time from the episode's first frame to its last."""
         return self.end_s - self.start_s
 
 
@@ -197,13 +201,13 @@ def read_episodes(path: Path) -> tuple[Episode, ...]:
 class Measure:
     """One number of docs/measures.md.
 
-    side: "left", "right" or None. part: a region of the body (``REGIONS``), person: as in contacts.parquet; None where
-    the measure is not about a single part or person. value: None where it is unknown, with the reason in ``why``.
-    sigma: one standard deviation of the value, None where it is unknown (counts). frames: how many it is based on.
-    inferred_share: share of these frames in which a joint that it uses was inferred rather than seen. condition, trial:
-    of which condition or trial of events.tsv (trials are numbered from 1); both None for the whole recording, only
-    trial None for a whole condition. Raises ValueError unless exactly one of value and why is given, and for a trial
-    without a condition.
+    side: "left", "right" or None. part: a region of the body (``REGIONS``); person: a name as in contacts.parquet. Both
+    are None where the measure is not about a single part or person. value: None where it is unknown, with the reason in
+    ``why``. sigma: one standard deviation of the value, None where unknown (counts). frames: number of frames that it
+    is based on. inferred_share: share of these frames in which a joint that it uses was inferred rather than seen.
+    condition, trial: the condition and the trial of events.tsv (numbered from 1) that it is about; both are None for
+    the whole recording, only trial is None for a whole condition. Raises ValueError unless exactly one of value and why
+    is given, and for a trial without a condition.
     """
 
     measure: str
@@ -227,7 +231,7 @@ class Measure:
 
     @property
     def key(self) -> MeasureKey:
-        """Return what is measured: measure, side, part and person, whatever its trial."""
+        """Return the identity of the measured quantity: measure, side, part and person, without the trial."""
         return self.measure, self.side, self.part, self.person
 
 
@@ -257,7 +261,7 @@ def read_measures(path: Path) -> tuple[Measure, ...]:
 
 
 def read_trial_measures(path: Path) -> tuple[Measure, ...]:
-    """Read the measures of all trials, then of all conditions; none where the results have no trials.
+    """Read the measures of all trials, then of all conditions; no measures where the results have no trials.
 
     Raises InputError for another table.
     """
@@ -270,7 +274,8 @@ DEFINITION_KEY: Final = "measure_definition"
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """The definition by which measures were computed; another definition may give another number the same name.
+    """The definition by which measures were computed; by another definition a measure of the same name may be another
+    quantity.
 
     anchorpose: the version of the program. config: the thresholds, as nested dicts of JSON values.
     """
@@ -310,7 +315,9 @@ _PNG_SETTINGS: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY
 
 @dataclass(frozen=True, slots=True)
 class LabelImage:
-    """One camera's segmentation; labels: an 8-bit PNG of ``PixelLabel``, ``ROOM`` where there is no person."""
+    """One camera's segmentation in one frame. labels: an 8-bit PNG of ``PixelLabel``, ``ROOM`` where there is no
+    person.
+    """
 
     frame: int
     camera: str
@@ -344,8 +351,8 @@ def decode_labels(image: LabelImage) -> np.ndarray:
 
 
 def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[int, str], LabelImage]:
-    """Return the images of some frames, or of all, still encoded, by frame and camera; raises InputError for two of
-    one.
+    """Return the label images of some frames, or of all, still encoded, by frame and camera; raises InputError where a
+    frame and camera occur twice.
     """
     rows = PEOPLE.read(path, None if frames is None else pc.field("frame").isin(frames))
     images = {(row.frame, row.camera): row for row in rows}
@@ -355,15 +362,15 @@ def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[i
 
 
 def frames_of_people(path: Path) -> np.ndarray:
-    """Return (k,) int32, increasing: the frames of which there is an image, without reading the images."""
+    """Return (k,) int32, increasing: the frames that have an image, without reading the images."""
     frames: np.ndarray = np.unique(read_any_parquet(path, columns=["frame"])["frame"].to_numpy())
     return frames
 
 
 class StoredPeople:
-    """The images of a people.parquet, read on demand: all images of an hour would fill the memory.
+    """The label images of a people.parquet, read on demand, since all images of an hour would fill the memory.
 
-    Raises InputError where the file is not such a table; threads may share it.
+    Raises InputError where the file is not such a table. Threads may share an object.
     """
 
     def __init__(self, path: Path) -> None:
@@ -371,5 +378,7 @@ class StoredPeople:
         self._read = lru_cache(FRAMES_KEPT)(lambda frame: read_people(path, [frame]))
 
     def get(self, frame: int, camera: str) -> LabelImage | None:
-        """Return the image, still encoded; None where there is none. Raises InputError where it cannot be read."""
+        """Return the image of a frame and camera, still encoded; None where the file has no such image. Raises
+        InputError where it cannot be read.
+        """
         return self._read(frame).get((frame, camera))

@@ -17,12 +17,12 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own
 
 SUFFIX = ".npz"
-SHORTEST_S: Final = 0.5  # the motion history, the frames that check it and one predicted step, at 30 Hz
+SHORTEST_S: Final = 0.5  # s; holds the motion history, the frames that check it and one predicted step, at 30 Hz
 MOTIONS_MARK: Final = "format.npy"  # the first array of a file of movements
 
 
 def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, overwrite: bool) -> ReferenceClips:
-    """Write the movements of all sources to ``out`` and return them.
+    """Collect the movements of all sources, write them to ``out`` and return them.
 
     sources: results folders, skeleton files and earlier files of reference movements. rate_hz: frames per second of
     skeleton files that do not state it. Raises InputError before anything is written where a source cannot be used.
@@ -49,8 +49,8 @@ def _read(source: Path, rate_hz: float | None) -> ReferenceClips:
 def clips_of_results(folder: Path) -> ReferenceClips:
     """Return the stretches of a results folder, at least half a second long, in which no joint is lost.
 
-    Frames with a lost joint and gaps in time end them. Raises InputError where the table cannot be used or no stretch
-    is left.
+    Frames with a lost joint and gaps in time end a stretch. Raises InputError where the table cannot be used or has no
+    such stretch.
     """
     require_own(folder, (JOINTS_FILE,))
     table = read_joints(folder / JOINTS_FILE)

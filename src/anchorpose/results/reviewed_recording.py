@@ -34,7 +34,9 @@ _Height = Annotated[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedCamera:
-    """A camera with its pose (4, 4), None where it was not used for lack of one, and its clock, None where unknown."""
+    """A camera with its pose (4, 4), None where the camera has no pose and was not used, and its clock, None where
+    unknown.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     name: Text
@@ -44,9 +46,11 @@ class ReviewedCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedRecording:
-    """The subject of corrections: a name for people, a hash of depth images and times, and the world by its cameras.
+    """The subject of corrections: a recording, by its name (for people) and a hash of its depth images and times, and a
+    world, by its cameras.
 
-    Clocks and the height of the floor are the used ones, so that they need not be found again; None where unknown.
+    Clocks and the height of the floor are those used in tracking, so that they need not be found again; None where
+    unknown.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -75,7 +79,8 @@ def reviewed_recording(
 ) -> ReviewedRecording:
     """Describe a recording; inputs_sha256: (path in the recording folder, hash) as in run.json.
 
-    The hash covers depth images and times only: a height added to recording.json does not make it another recording.
+    The hash covers only depth images and times, so the recording stays the same if, for example, a height is added to
+    recording.json.
     """
     lines = sorted(
         f"{path} {digest}\n"

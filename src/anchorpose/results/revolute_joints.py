@@ -1,4 +1,4 @@
-"""axes.parquet: each knee and elbow as a point and the axis about which it is bent (paper, Section III).
+"""Compute axes.parquet: each knee and elbow as a point and the axis about which it is bent (paper, Section III).
 
 The axis is the normal of the plane in which both bones lie. The hinge of the body's skeleton, carried by the upper
 bone, would also be there in a straight limb, but depth hardly shows how far a bone is turned about itself: on the four
@@ -21,7 +21,7 @@ from anchorpose.results.tables import LARGEST_SIGMA, JointTable
 
 REVOLUTE_JOINTS: Final = ("ElbowLeft", "ElbowRight", "KneeLeft", "KneeRight")
 _ENDS: Final = {"Elbow": ("Shoulder", "Wrist"), "Knee": ("Hip", "Ankle")}
-UNIT: Final = 1e-9  # rounding of a unit vector's length
+UNIT: Final = 1e-9  # tolerance of a unit vector's length for rounding
 
 
 def _limb(name: str) -> list[int]:
@@ -39,9 +39,9 @@ LIMBS: Final = np.array([_limb(name) for name in REVOLUTE_JOINTS])
 class AxisTable:
     """Knees and elbows of all frames, in the order of ``REVOLUTE_JOINTS``.
 
-    frame (n,) int32, time_s (n,) float64; position_m (n, 4, 3) the joint, axis (n, 4, 3) unit, world: a right-handed
-    turn of the lower bone about it bends the limb further; sigma_deg (n, 4) one standard deviation of the axis in the
-    direction in which it is least certain. All float64 and NaN where missing.
+    frame (n,) int32, time_s (n,) float64; position_m (n, 4, 3): the joint; axis (n, 4, 3): unit vector in the world,
+    such that a right-handed rotation of the lower bone about it bends the limb further; sigma_deg (n, 4) one standard
+    deviation of the axis in the direction in which it is least certain. All float64 and NaN where missing.
     """
 
     frame: np.ndarray
@@ -52,7 +52,7 @@ class AxisTable:
 
 
 def _agree(axes: AxisTable) -> bool:
-    """Return whether every axis is missing as a whole, or a unit vector with a place and a sigma."""
+    """Return whether every axis is either missing completely, or a unit vector with a position and a sigma."""
     every = np.concatenate([axes.position_m, axes.axis, axes.sigma_deg[..., None]], axis=-1)
     whole = np.isfinite(every).all(axis=-1) & (np.abs(np.linalg.norm(axes.axis, axis=-1) - 1.0) < UNIT)
     return bool((whole | np.isnan(every).all(axis=-1)).all())
@@ -76,10 +76,10 @@ AXES_FILE, read_axes, write_axes = AXES.file, AXES.read, AXES.write
 
 def revolute_axes(joints: JointTable) -> AxisTable:
     """Return the axes of all frames, missing where one of the three joints is lost or the limb is bent by less than
-    ``PLANE_UNKNOWN_RAD``: the plane is then that of noise.
+    ``PLANE_UNKNOWN_RAD``: noise would determine the plane.
 
-    A joint that moves by d out of the plane of the three turns the normal by -d g, g the gradient of its share in the
-    plane's coordinates; the joints' errors are independent of each other out of the plane.
+    A joint that moves by d out of the plane of the three joints turns the normal by -d g, where g is the gradient of
+    its share in the plane's coordinates. The joints' errors out of the plane are assumed independent.
     """
     place, sigma_m = joints.position_m[:, LIMBS], joints.sigma_m[:, LIMBS]
     upper, lower = place[:, :, 1] - place[:, :, 0], place[:, :, 2] - place[:, :, 1]

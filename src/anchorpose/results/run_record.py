@@ -1,6 +1,6 @@
-"""Record in run.json what a result was made from and with, durations, omitted frames, and the learnt body.
+"""Record in run.json the inputs, settings and program of a result, durations, omitted frames, and the learnt body.
 
-One set of types defines what is written and what may be read. A run.json may have been edited or come from another
+The same types define what is written and what may be read. A run.json may have been edited or come from another
 program: unknown keys are ignored, and keys with a default here may be missing.
 """
 
@@ -45,8 +45,8 @@ _is_sha256: Final = re.compile("[0-9a-f]{64}").fullmatch
 
 @dataclass(frozen=True, slots=True)
 class BoneRecord:
-    """A bone from joint to joint, with the same length in every frame; refined_m: change of its length by later
-    frames.
+    """A bone from joint to joint, with the same length in every frame. refined_m: change of the length after the body
+    was learnt, by later frames.
     """
 
     bone: str
@@ -59,8 +59,8 @@ class BoneRecord:
 class BodyRecord:
     """The tracked body, and the seconds from which it was learnt.
 
-    Each sigma follows from the fit's equations: it covers noise, poses and hidden parts, but neither clothes nor bodies
-    unlike those of the shape space.
+    Each sigma follows from the fit's equations. It covers noise, poses and hidden parts, but neither clothes nor bodies
+    outside the shape space.
     """
 
     learnt_from_s: float
@@ -72,7 +72,7 @@ class BodyRecord:
 
 
 def _require_noise(noise: DepthNoise) -> DepthNoise:
-    """Raise Unfit unless it can be evaluated at any depth."""
+    """Raise Unfit unless the noise model can be evaluated at any depth."""
     if not noise.at_m or len(noise.at_m) != len(noise.sigma_at_m):
         raise Unfit("does not have one sigma per depth", "track the recording again", "sigma_at_m")
     numbers = (*noise.sigma_at_m, noise.shared_px, *(at_m if at_m > NEAREST_M else -1 for at_m in noise.at_m))
@@ -83,8 +83,8 @@ def _require_noise(noise: DepthNoise) -> DepthNoise:
 
 @dataclass(frozen=True, slots=True)
 class DepthRecord:
-    """The properties of a camera's depth by the recording itself: its noise; the step between readings, ``step_per_m
-    z^2`` at a distance z in metres; the width of edges.
+    """The properties of a camera's depth, measured in the recording itself: its noise; the step between readings,
+    ``step_per_m z^2`` at a distance z in metres; the width of edges.
     """
 
     noise: Annotated[DepthNoise, AfterValidator(_require_noise)]
@@ -94,7 +94,7 @@ class DepthRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraRecord:
-    """The used pose of a camera, its source, and its clock as used."""
+    """A camera's pose as used, the source of the pose, and the camera's clock as used."""
 
     name: Text
     camera_to_world: CameraPose | None  # (4, 4); None where the camera has no pose and was not used
@@ -115,7 +115,7 @@ class Residual:
 
 @dataclass(frozen=True, slots=True)
 class StageTiming:
-    """Time spent in one stage of the flow over the whole run."""
+    """Time spent in one stage over the whole run."""
 
     stage: str
     seconds: float
@@ -123,10 +123,10 @@ class StageTiming:
 
 @dataclass(frozen=True, slots=True)
 class MatchedShares:
-    """The share of the followed points that association found again, frame by frame.
+    """The share of the followed points that association found again, per frame.
 
-    Other points stay at their prediction. It is None where there was nothing to match: in the first frame of a track,
-    and in frames that do not show the patient.
+    All other points stay at their prediction. The share is None where there was nothing to match: in the first frame of
+    a track, and in frames that do not show the patient.
     """
 
     matched_share: tuple[Share | None, ...] = ()
@@ -157,7 +157,7 @@ class DroppedFrame:
 
 @dataclass(frozen=True, slots=True)
 class LostInterval:
-    """Frames in a row, both ends included, in which the patient was lost for the same reason."""
+    """Successive frames, both ends included, in which the patient was lost for the same reason."""
 
     first_frame: Frame
     last_frame: Frame
@@ -168,9 +168,9 @@ class LostInterval:
 
 @dataclass(frozen=True, slots=True)
 class PoorInterval:
-    """Frames in a row, both ends included, in which one camera's depth is too poor for joints for the same reason.
+    """Successive frames, both ends included, in which one camera's depth is too poor for joints, for the same reason.
 
-    worst: the largest ``PoorDepth.amount`` of them; why: a sentence without its full stop.
+    worst: largest ``PoorDepth.amount`` of these frames; why: a sentence without its full stop.
     """
 
     camera: str
@@ -225,7 +225,7 @@ class RunRecord:
     machine: dict[str, Any] = field(default_factory=dict)
     code: str = ""  # hash of the package's code
     identity: str = ""  # SHA-256 of inputs, settings, code and libraries: equal identities mean equal joints
-    recording: Text  # name of the recording folder, not its path: results travel
+    recording: Text  # name of the recording folder, not its path, since results may be moved
     recorded: RecordedSpan | None = None  # span of all frames; None where all were tracked, and in older results
     frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
@@ -240,7 +240,7 @@ class RunRecord:
     body: BodyRecord | None = None  # None where the patient was never found
     patient: PatientRecord | None = None  # None where nobody was tracked
     corrections: CorrectionsRecord | None = None
-    calibration: CalibrationUsed | None = None  # None where poses are the recording's, or were found
+    calibration: CalibrationUsed | None = None  # None where the poses come from the recording or were found
     pictures: tuple[PictureRecord, ...] = ()
     notes: tuple[str, ...] = ()  # sentences for people: assumptions and cautions
     config: Any = None  # the resolved configuration, a dataclass of stage configurations
@@ -249,7 +249,9 @@ class RunRecord:
 
 
 def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str) -> None:
-    """Add one more frame: the last interval continues, a new one begins, or the patient is found (no why)."""
+    """Add one more frame: it continues the last interval or begins a new interval; an empty ``why`` means that the
+    patient was found.
+    """
     if not why:
         return
     last = intervals[-1] if intervals else None
@@ -260,7 +262,7 @@ def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str
 
 
 def note_poor(intervals: list[PoorInterval], frame: int, time_s: float, poor: Sequence[PoorDepth]) -> None:
-    """Add one more frame: for each poor camera, the last interval continues, or a new one begins."""
+    """Add one more frame: for each poor camera, it continues the last interval or begins a new interval."""
     for one in poor:
         at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], frame, one)), None)
         before = None if at is None else intervals[at]
@@ -297,7 +299,7 @@ def sentence(poor: PoorDepth) -> str:
 def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ...]:
     """Return (path relative to ``folder``, SHA-256 in hex) of each file.
 
-    Raises InputError for one of more than ``LARGEST_ARRAYS``: no table and no image is as large.
+    Raises InputError for a file above ``LARGEST_ARRAYS`` bytes, larger than any table or image.
     """
     hashes = []
     for file in files:
@@ -322,9 +324,9 @@ def write_run_record(path: Path, record: RunRecord) -> None:
 
 
 def read_run(path: Path) -> dict[str, Any]:
-    """Return the content of a run.json as it stands there, checked against ``RunRecord``.
+    """Return the unchanged content of a run.json, checked against ``RunRecord``.
 
-    Raises InputError for another file, for a value that cannot be used, and for a picture that is not in the results.
+    Raises InputError for any other file, for an unusable value, and for a picture that is not in the results.
     """
     run = read_json(path, LARGEST_WITH_HASHES)
     if run.get("format") != "anchorpose-run":
@@ -339,7 +341,9 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
-    """Return the content without valid hashes: the 324,000 of an hour's inputs would cost more than the rest."""
+    """Return the content without the valid hashes: checking the 324,000 hashes of an hour's inputs would take longer
+    than everything else.
+    """
     hashes = run.get("inputs_sha256")
     if not isinstance(hashes, dict):
         return run

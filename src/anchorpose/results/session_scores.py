@@ -1,4 +1,4 @@
-"""Compare what a result says of a session with the truth: events, and times of independence."""
+"""Compare a result's events and times of independence with the truth of a simulated session."""
 
 from __future__ import annotations
 
@@ -35,8 +35,10 @@ INDEPENDENCE: Final = ("_extended_", "hands_free_upright_", "_hands_time", "_han
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EventScore:
-    """Events of one kind. found: of the true ones, with an onset within ``NEAR_S``; in_time: within ``IN_TIME_S``.
-    false: found where none is. late_s: mean of the found onsets less the true ones; None where none is found."""
+    """Scores of the events of one kind. found: number of true events that were found, with an onset within ``NEAR_S``;
+    in_time: with an onset within ``IN_TIME_S``. false: number of reported events that match no true event. late_s: mean
+    delay of the found onsets after the true onsets; None where no event was found.
+    """
 
     true: int
     found: int
@@ -47,9 +49,10 @@ class EventScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeScore:
-    """Times of independence of the whole recording and of every trial that are not 0 in both.
+    """Scores of the times of independence of the whole recording and of every trial, without times that are 0 in result
+    and truth.
 
-    within: that lie within 1.96 sigma of the truth; refused: that have a value in only one of the two.
+    within: number of times within 1.96 sigma of the truth; refused: number that have a value in only one of the two.
     """
 
     compared: int
@@ -59,8 +62,9 @@ class TimeScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionEvaluation:
-    """events: of each kind that is in the truth or in the result, in so many recorded seconds; none where the frames
-    are too far apart for events."""
+    """Scores of a session. events: one per kind that occurs in the truth or the result, within the recorded seconds; no
+    entries where frames are too far apart to find events.
+    """
 
     seconds: float
     events: tuple[tuple[str, EventScore], ...]
@@ -70,9 +74,11 @@ class SessionEvaluation:
 def score_session(
     results: Path, truth: Path, joints: JointTable, position_m: np.ndarray, rows: np.ndarray
 ) -> SessionEvaluation | None:
-    """Measure found and true joints of the same frames alike, and compare; None without the truth of a session.
+    """Compute the measures of found and true joints of the same frames in the same way, and compare them; None without
+    the truth of a session.
 
-    joints: found, (t) frames; position_m (t, 21, 3): true, at the frames ``rows`` (t,) of the truth.
+    joints: the found joints in t frames; position_m (t, 21, 3): the true joints at the frames ``rows`` (t,) of the
+    truth.
     """
     true_events = read_true_events(truth)
     if true_events is None:
@@ -91,7 +97,9 @@ def score_session(
 
 
 def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
-    """Return joints (t, 21, 3) without an error, at the frames of others; lost where they are not known."""
+    """Return true joints (t, 21, 3) as a table with almost no error, at the frames of the found joints; lost where
+    unknown.
+    """
     unknown = ~np.isfinite(position_m).all(axis=2)
     codes = np.where(unknown, STATE_CODE[JointState.LOST], STATE_CODE[JointState.OBSERVED]).astype(np.int8)
     sigma_m = np.where(unknown, np.nan, EXACT_M)
@@ -99,9 +107,9 @@ def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
 
 
 def score_events(session: Session, true_events: Sequence[TrueEvent]) -> tuple[tuple[str, EventScore], ...]:
-    """Return each kind of event that is in the truth, in the recorded time, or in the session.
+    """Return the score of each kind of event that occurs in the truth within the recorded time, or in the result.
 
-    None where the frames are too far apart for events, which are then not looked for.
+    There are none where the frames are too far apart to search events.
     """
     if not fast_enough(session.joints.time_s):
         return ()
@@ -131,7 +139,7 @@ def _of_kind(episodes: Sequence[Episode], true_events: Sequence[TrueEvent], kind
 
 
 def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
-    """Score times of independence against the truth; rows of persons and parts are no times of independence."""
+    """Score the times of independence against the truth; rows about single persons and parts are not such times."""
     pairs = [(one, other) for one, other in _paired(found, true) if one.value or other.value]
     known = [(one, other) for one, other in pairs if one.value is not None and other.value is not None]
     within = sum(is_within(one, other) for one, other in known)
@@ -141,12 +149,14 @@ def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
 def _paired(found: Sequence[Measure], true: Sequence[Measure]) -> list[tuple[Measure, Measure]]:
     of_truth = {(row.key, row.condition, row.trial): row for row in true}
     asked = [row for row in found if row.unit == "s" and any(part in row.measure for part in INDEPENDENCE)]
-    whole = [row for row in asked if (row.condition is None) == (row.trial is None)]  # means of conditions are no more
+    whole = [row for row in asked if (row.condition is None) == (row.trial is None)]  # without means of conditions
     return [(row, of_truth[row.key, row.condition, row.trial]) for row in whole]
 
 
 def is_within(found: Measure, true: Measure) -> bool:
-    """Return whether two known values differ by at most 1.96 sigma of the first; by nothing where it has none."""
+    """Return whether two known values differ by at most 1.96 sigma of the first; without a sigma, whether they are
+    equal.
+    """
     assert found.value is not None
     assert true.value is not None
     return abs(found.value - true.value) <= NORMAL_95 * (found.sigma or 0.0) + 1e-9

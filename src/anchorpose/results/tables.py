@@ -28,7 +28,8 @@ class JointFrame:
     """The 21 joints at one time of the reference clock, order of ``JOINT_NAMES``, world frame.
 
     position_m (21, 3) float64, NaN where lost; sigma_m (21,) float64, one standard deviation along each axis, NaN where
-    lost. Raises ValueError where position, sigma and state disagree: a lost joint has no numbers, any other has all.
+    lost. Raises ValueError where position, sigma and state disagree: a lost joint must have no numbers, any other joint
+    all of them.
     """
 
     frame: int
@@ -51,13 +52,13 @@ class JointFrame:
 
     @property
     def state_code(self) -> np.ndarray:
-        """Return (21,) int8, ``STATE_CODE`` of each state."""
+        """Return the ``STATE_CODE`` (21,) int8 of each joint's state."""
         return np.array([STATE_CODE[state] for state in self.state], dtype=np.int8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTable:
-    """All frames of a result. NaN and ``lost`` where a joint has no position.
+    """The joints in all frames of a result. NaN and ``lost`` where a joint has no position.
 
     frame (n,) int32, time_s (n,) float64, position_m (n, 21, 3) float64 world, state_code (n, 21) int8 index into
     ``JointState``, sigma_m (n, 21) float64.
@@ -80,7 +81,7 @@ class JointTable:
 
 
 def _numbers_agree(joints: JointFrame | JointTable) -> np.ndarray:
-    """Return (..., 21) bool: whether a lost joint has no numbers, and any other has all."""
+    """Return (..., 21) bool: whether lost joints have no numbers, and all other joints have all of them."""
     known = np.isfinite(joints.position_m).all(axis=-1) & np.isfinite(joints.sigma_m) & (joints.sigma_m > 0)
     blank = np.isnan(joints.position_m).all(axis=-1) & np.isnan(joints.sigma_m)
     return np.where(joints.state_code == LOST, blank, known)
@@ -106,7 +107,7 @@ JOINTS_FILE, read_joints, write_joints = JOINTS.file, JOINTS.read, JOINTS.open
 class AnchorFrame:
     """Head, hands and feet in one frame: position_m (5, 3) world and sigma_m (5,), order of ``ANCHOR_NAMES``.
 
-    They are extrema of the surface, not joints; NaN where missed.
+    Anchors are extrema of the surface, not joints; they are NaN where missed.
     """
 
     frame: int
@@ -117,7 +118,9 @@ class AnchorFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnchorTable:
-    """All frames: frame (n,) int32, time_s (n,), position_m (n, 5, 3), sigma_m (n, 5) float64, NaN where missed."""
+    """The anchors of all frames: frame (n,) int32, time_s (n,), position_m (n, 5, 3), sigma_m (n, 5) float64, NaN where
+    missed.
+    """
 
     frame: np.ndarray
     time_s: np.ndarray
@@ -156,7 +159,7 @@ class AngleTable:
     sigma_deg: np.ndarray
 
     def column(self, name: str) -> int:
-        """Return the index of the angle ``name`` on the second axis; raises ValueError where there is none."""
+        """Return the index of the angle ``name`` on the second axis; raises ValueError for an unknown name."""
         return self.names.index(name)
 
 
@@ -204,11 +207,12 @@ NOT_UPRIGHT, UPRIGHT = 0, 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PostureTable:
-    """One row per frame: the estimated centre of mass of the whole body, and whether the patient is upright.
+    """A table with one row per frame: the estimated centre of mass of the whole body, and whether the patient is
+    upright.
 
     frame (n,) int32, time_s (n,) float64. com_m (n, 3) float64 world, NaN where a joint that it needs is lost;
     com_sigma_m (n,) float64, one standard deviation along each axis. upright (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT`` or
-    ``UNKNOWN``. state_code (n,) int8 index into ``JointState``: the worst of the joints used.
+    ``UNKNOWN``. state_code (n,) int8 index into ``JointState``: worst state of the joints used.
     """
 
     frame: np.ndarray
@@ -240,7 +244,8 @@ class BodyPose:
     head_m (21, 3): the bone's head, world. quaternion (21, 4): w, x, y, z of the rotation from the rest pose, whose
     axes are X forward, Y up and Z to the right, to the world; w is not negative. axial_sigma_rad (21,): one standard
     deviation of the rotation about the bone's long axis relative to its parent, from the registration's posterior; NaN
-    where unknown. It is not calibrated and too small for thighs (simulations had errors of 12 degrees at a sigma of 3).
+    where unknown. This sigma is not calibrated, and too small for thighs (simulations had errors of 12 degrees at a
+    sigma of 3).
     """
 
     frame: int
@@ -252,8 +257,9 @@ class BodyPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseTable:
-    """All frames: frame (n,) int32, time_s (n,) float64, head_m (n, 21, 3), quaternion (n, 21, 4), axial_sigma_rad
-    (n, 21), float32, each as in ``BodyPose``."""
+    """The body's poses in all frames: frame (n,) int32, time_s (n,) float64, head_m (n, 21, 3), quaternion (n, 21, 4),
+    axial_sigma_rad (n, 21), float32, each as in ``BodyPose``.
+    """
 
     frame: np.ndarray
     time_s: np.ndarray

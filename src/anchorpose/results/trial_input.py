@@ -14,9 +14,9 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 
 def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]:
-    """Read the trials, and the SHA-256 of the events file and of its file of units, by name.
+    """Read the trials, and return them with the SHA-256, by name, of the events file and of its file of units.
 
-    Raises InputError where the file cannot be used, or it is not known when the recording began.
+    Raises InputError where a file cannot be used, or where it is unknown when the recording began.
     """
     trials = read_trials(events, _span_of(results))
     files = [file for file in (events, sidecar_of(events)) if is_there(file)]
@@ -24,7 +24,9 @@ def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]
 
 
 def _span_of(results: Path) -> RecordedSpan:
-    """Return when the recording began and ended, by run.json or, if all frames were tracked, by the joints."""
+    """Return when the recording began and ended, from run.json or, if all frames were tracked, from the table of
+    joints.
+    """
     run: dict[str, Any] = read_run(results / RUN_FILE)
     if run.get("recorded"):
         return RecordedSpan(**run["recorded"])

@@ -1,8 +1,8 @@
-"""The same measures for each trial and each condition: a session is cut into trials, and trials are averaged.
+"""Compute the measures of each trial and each condition: a session is cut into trials, and trials are averaged.
 
 Posture, transitions and steps are found in the whole recording first, so that a trial that begins while the patient
-stands begins upright. The inputs of a measure are then cut, so that a new measure is given per trial without further
-code.
+stands begins upright. The inputs of the measures are then cut, so that a new measure needs no further code to be
+computed per trial.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def measures_by_trial(
 ) -> list[Measure]:
     """Return the measures of every trial in the order of the file, then of every condition.
 
-    whole: the measures of the whole recording; a person or a part that a trial does not have counts 0 s and 0 contacts
-    there. settle_s: how long after standing up the patient still settles. measure: computes the measures of a cut
-    session.
+    whole: the measures of the whole recording; a person or a part without a contact in a trial counts 0 s and 0
+    contacts there. settle_s: how long the patient's sway settles after standing up. measure: computes the measures of a
+    cut session.
     """
     rows = [_of_trial(session, trial, whole, settle_s, measure) for trial in trials.rows]
     return [
@@ -75,9 +75,10 @@ def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
 
 
 def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
-    """Return the session of some frames; contacts end at its ends, and episodes are kept that reach into it.
+    """Cut a session to some frames.
 
-    Also kept are episodes that ended up to settle_s before: the patient may still settle after standing up.
+    Contacts are cut at the ends. Episodes that reach into these frames are kept whole, and so are episodes that ended
+    up to settle_s before, since the patient may still settle after standing up.
     """
     joints = cut_rows(session.joints, rows)
     start_s, end_s = float(joints.time_s[0]), float(joints.time_s[-1])
@@ -95,7 +96,7 @@ def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
 
 
 def cut_rows(table: Table, rows: slice | np.ndarray) -> Table:
-    """Return the rows of all arrays of a dataclass, as a slice or (k,) int."""
+    """Return a dataclass with the given rows, a slice or (k,) int, of all its arrays."""
     values = {each.name: getattr(table, each.name) for each in fields(table)}  # type: ignore[arg-type]
     arrays: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
     return replace(table, **arrays)  # type: ignore[type-var]
@@ -117,7 +118,7 @@ Interval = TypeVar("Interval", Contact, Episode)
 
 
 def _clipped(found: Sequence[Interval], frame: np.ndarray, time_s: np.ndarray) -> Iterator[tuple[int, Interval]]:
-    """Yield place and part of each interval that lies in the frames (k,) at time_s (k,)."""
+    """Yield, for each interval that reaches into the frames (k,) at time_s (k,), its index and its part in them."""
     for place, each in enumerate(found):
         inside = np.flatnonzero((frame >= each.first_frame) & (frame <= each.last_frame))
         if len(inside):
@@ -160,7 +161,9 @@ def _interval(trial: Trial, row: int, part: Contact | Episode, seconds: float) -
 
 
 def condition_measures(trials: Trials, rows: Sequence[Measure]) -> list[Measure]:
-    """Return the mean of each measure over the trials of a condition that have a value; rows: of all trials."""
+    """Return the mean of each measure over the trials of a condition that have a value; rows: measures of all
+    trials.
+    """
     found: dict[tuple[str, MeasureKey], list[Measure]] = {}
     for row in rows:
         found.setdefault((str(row.condition), row.key), []).append(row)
@@ -186,16 +189,16 @@ def _mean(rows: Sequence[Measure]) -> Measure:
 
 
 def _inferred(rows: Sequence[Measure]) -> float | None:
-    """Return the share over the frames of all rows; None where no row has one."""
+    """Return the inferred share over the frames of all rows; None where no row has a share."""
     shares = [(row.inferred_share, row.frames) for row in rows if row.inferred_share is not None and row.frames]
     frames = sum(count for _, count in shares)
     return sum(share * count for share, count in shares) / frames if frames else None
 
 
 def sigma_of_trial_mean(sigma: Sequence[float | None]) -> float | None:
-    """Return sigma of the mean of trials of one recording; None where a trial has none.
+    """Return sigma of the mean over trials of one recording; None where a trial has no sigma.
 
-    The systematic share of the variance is common to all trials; the random rest is averaged.
+    The systematic share of the variance is common to all trials; the random share is averaged.
     """
     known = np.array([each for each in sigma if each is not None])
     if len(known) < len(sigma):

@@ -92,8 +92,8 @@ def _columns(path: Path, metadata: dict[bytes, bytes]) -> tuple[TrialColumn, ...
 
 
 def trial_rows(trial: Trial, time_s: np.ndarray) -> slice:
-    """Return the rows of a trial among frames at time_s (n,), increasing; a frame at its end belongs to the next
-    trial.
+    """Return the rows of a trial among frames at time_s (n,), increasing; a frame exactly at its end belongs to the
+    next trial.
 
     Half a millisecond is allowed for the rounding of written times.
     """
@@ -110,9 +110,9 @@ EPISODE, CONTACT = "episodes", "contacts"
 class TrialInterval:
     """The part of an episode or a contact that lies in a trial.
 
-    table: ``episodes`` or ``contacts``, and row: its row there, from 0. kind: the episode's, or the touched part of the
-    body; person: who touches, None for an episode. first_frame, last_frame and start_s, end_s: of the part in the
-    trial, both included. seconds: the sum of the time of these frames.
+    table: ``episodes`` or ``contacts``; row: its row in this table, from 0. kind: the kind of the episode, or the
+    touched part of the body; person: who touches, None for an episode. first_frame, last_frame and start_s, end_s: ends
+    of the part in the trial, both included. seconds: the time that its frames represent.
     """
 
     trial: int

@@ -1,4 +1,6 @@
-"""What truth.npz says of a simulated session: what went wrong, and who and what touched the patient where."""
+"""Read from a truth.npz what happened in a simulated session: events in which something went wrong, and contacts with
+the patient.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,9 @@ REMEDY: Final = "give the truth.npz of a simulated session as it was written"
 
 @dataclass(frozen=True, slots=True)
 class TrueEvent:
-    """kind: as in episodes.parquet, or clonus_left, clonus_right. start_s, end_s: on the truth's clock. depth: in the
-    unit of such an event."""
+    """A true event. kind: as in episodes.parquet, or clonus_left, clonus_right. start_s, end_s: on the truth's clock.
+    depth: in the unit of events of this kind.
+    """
 
     kind: str
     start_s: float
@@ -33,7 +36,7 @@ class TrueEvent:
 
 
 def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
-    """Return the events in the order of the file; None where it is not the truth of a session.
+    """Return the true events in the order of the file; None where the file is not the truth of a session.
 
     Raises InputError where its arrays do not fit each other.
     """
@@ -50,7 +53,9 @@ def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
 
 @dataclass(frozen=True, slots=True)
 class TrueContacts:
-    """contacts: with people by region, and with parts of the equipment; equipment: the names of all its parts."""
+    """True contacts. contacts: with people by region, and with parts of the equipment; equipment: the names of all
+    parts of the equipment.
+    """
 
     contacts: tuple[Contact, ...]
     equipment: tuple[str, ...]
@@ -58,7 +63,7 @@ class TrueContacts:
 
 def read_true_contacts(path: Path, rows: np.ndarray, frame: np.ndarray, time_s: np.ndarray) -> TrueContacts:
     """Return the contacts in the frames ``rows`` (t,) of the truth, with the numbers (t,) and times (t,) of the
-    result's.
+    result's frames.
 
     Raises InputError where the arrays do not fit each other.
     """
@@ -83,8 +88,8 @@ def read_true_contacts(path: Path, rows: np.ndarray, frame: np.ndarray, time_s: 
 
 
 def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield regions that bones distinguish, with their bones (k,); without the feet, which always stand on
-    something.
+    """Yield the regions that bones can distinguish, with their bones (k,); feet are left out, since they always stand
+    on something.
     """
     for region, names in REGION_BONES.items():
         if not region.startswith("knee") and not set(names) & FOOT_BONES:
@@ -92,8 +97,8 @@ def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _contacts(flags: np.ndarray, numbered: tuple[np.ndarray, np.ndarray], part: str, with_: str) -> Iterator[Contact]:
-    """Yield the contacts of a region in the frames (t,) of ``flags``, all seen; numbered: frame numbers and times
-    (t,).
+    """Yield the contacts of a region in the frames that ``flags`` (t,) marks, as seen contacts. numbered: frame numbers
+    (t,) and times (t,).
     """
     frame, time_s = numbered
     for run in runs_of(flags):

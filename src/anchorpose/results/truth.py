@@ -1,4 +1,6 @@
-"""Read the truth of a recording, truth.npz, and check whether other joints are in our unit, axes and labels."""
+"""Read the truth of a recording, truth.npz, and check whether joints from elsewhere are in the unit, axes and labels of
+the results.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ class Truth:
     """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where unknown; occluded (t,) bool.
 
     seen_share (t, 21, cameras), 0 to 1, of the file's type: share of the skin around the joint that nothing hides from
-    that camera; None where the file does not say.
+    that camera; None where the file does not state it.
     """
 
     time_s: np.ndarray
@@ -90,7 +92,9 @@ def _order(path: Path, names: list[str]) -> list[int]:
 
 
 def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarray:
-    """Reorder (t, n, k) to (t, 21, k) in the order of ``JOINT_NAMES``; ``missing`` where there is no column."""
+    """Reorder columns (t, n, k) to (t, 21, k) in the order of ``JOINT_NAMES``; ``missing`` fills columns that the file
+    lacks.
+    """
     if order == list(range(JOINT_COUNT)):
         return columns
     found = np.full((len(columns), JOINT_COUNT, columns.shape[2]), missing, columns.dtype)
@@ -100,8 +104,8 @@ def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueTouch:
-    """True contacts. bones (t, b) bool: in each frame the bones whose skin another person, or the equipment, touches;
-    names (b) of the bones.
+    """True contacts. bones (t, b) bool: whether another person, or the equipment, touches the skin of a bone in a
+    frame; names (b): names of the bones.
     """
 
     bones: np.ndarray
@@ -113,9 +117,9 @@ FOOT_BONES: Final = frozenset(bone for region in FEET for bone in REGION_BONES[r
 
 def read_true_support(path: Path) -> TrueTouch | None:
     """Return the contacts with equipment in a truth.npz, ``on_equipment`` (t, parts, b) and ``part_names`` (b); None
-    where it has none. Feet are left out, as in contacts.parquet.
+    where the file has no such arrays. Feet are left out, as in contacts.parquet.
 
-    Raises InputError where the two do not fit each other.
+    Raises InputError where the two arrays do not fit each other.
     """
     arrays = read_arrays(path, ("on_equipment", "part_names", "time"), SUPPORT_REMEDY)
     if "on_equipment" not in arrays or "part_names" not in arrays:
@@ -132,9 +136,10 @@ SUPPORT_REMEDY: Final = "give on_equipment (t, parts, b) and part_names (b)"
 
 
 def read_true_touch(path: Path) -> TrueTouch | None:
-    """Return the contacts in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None where it has none.
+    """Return the contacts in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None where the file has no such
+    arrays.
 
-    Raises InputError where the two do not fit each other, or none of the bones is one of the body's.
+    Raises InputError where the two arrays do not fit each other, or where none of the bones belongs to the body.
     """
     remedy = "give touched (t, b) and part_names (b)"
     arrays = read_arrays(path, ("touched", "part_names", "time"), remedy)
@@ -159,7 +164,7 @@ LARGEST_DEFINITION_M: Final = 0.03
 
 
 class Sides(NamedTuple):
-    """The things that may be the wrong way round."""
+    """The axes and labels that may be the wrong way round."""
 
     exchanged: bool
     mirrored: bool
@@ -187,7 +192,7 @@ WRONG: Final = {
 def require_as_is(path: Path, misfit: Mapping[Sides, float], is_length: bool) -> None:
     """Raise InputError where the file fits much better with axes or labels the other way round.
 
-    misfit: by what is reversed, in metres where it is a length; without an entry where nothing can be compared.
+    misfit: misfit by what is reversed, in metres where it is a length; it has no entry where nothing can be compared.
     """
     best = min(misfit, key=lambda sides: misfit[sides], default=AS_IS)
     if best == AS_IS:
@@ -223,10 +228,12 @@ _BONES: Final = np.array(LIMBS)
 
 
 def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> None:
-    """Raise InputError where the truth (n, 21, 3), in frames of ours (n, 21, 3), is in another unit or other axes.
+    """Raise InputError where the truth (n, 21, 3) is in another unit or other axes than the results' joints (n, 21, 3)
+    of the same frames.
 
-    As far as possible, the truth alone is tested for what a right truth always has: a patient who was tracked back to
-    front, or elsewhere, is an error to be reported, as is any other misfit over ``WRONG_M``.
+    As far as possible, only the truth is tested, for properties that every correct truth has. A patient who was tracked
+    back to front or elsewhere, or any other misfit over ``WRONG_M``, is an error of the results, which is to be
+    reported.
     """
     scale = _ratio(_bone_lengths(truth_m), _bone_lengths(ours_m))
     if not 1 / MOST_SCALE <= scale <= MOST_SCALE:
@@ -255,7 +262,7 @@ def _bone_lengths(joints_m: np.ndarray) -> np.ndarray:
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Return (k,) the median of each column of (n, k) without NaN; NaN where it has nothing else."""
+    """Return the median (k,) of each column of (n, k) without NaN; NaN where a column has only NaN."""
     columns = [column[np.isfinite(column)] for column in values.T]
     return np.array([np.median(known) if len(known) else np.nan for known in columns])
 
@@ -277,7 +284,7 @@ def _trunk_tilt_deg(joints_m: np.ndarray) -> float:
 
 def _handedness(joints_m: np.ndarray) -> float:
     """Return whether up, right and forward are right-handed, -1 to 1: negative where toes and knees point backward
-    relative to left, right, head and pelvis. It is NaN where they show no direction.
+    relative to left, right, head and pelvis. It is NaN where none of them shows a direction.
     """
     joint = {name: _joint(joints_m, name) for name in JOINT_NAMES}
     right = joint["HipRight"] - joint["HipLeft"] + joint["ShoulderRight"] - joint["ShoulderLeft"]
@@ -299,9 +306,11 @@ MIRRORED: Final = Sides(exchanged=False, mirrored=True)
 
 
 def _misfit_by_sides(ours_m: np.ndarray, truth_m: np.ndarray) -> dict[Sides, float]:
-    """Return the median distance (m) after the best motion about the vertical, and after the best one with a mirror.
+    """Return the median distance (m) after the best rotation about the vertical and translation, and the same with the
+    truth mirrored.
 
-    With labels as they are or exchanged, whichever fits better: a patient may have been tracked back to front.
+    Left and right labels are kept or exchanged, whichever fits better, since a patient may have been tracked back to
+    front.
     """
     misfit = dict.fromkeys((AS_IS, MIRRORED), np.inf)
     for sides in misfit:
@@ -312,8 +321,8 @@ def _misfit_by_sides(ours_m: np.ndarray, truth_m: np.ndarray) -> dict[Sides, flo
 
 
 def _misfit_m(ours_m: np.ndarray, truth_m: np.ndarray) -> float:
-    """Return the median distance after the motion about the vertical that fits best, least squares; inf where
-    unknown.
+    """Return the median distance after the rotation about the vertical and the translation that fit best, by least
+    squares; inf where unknown.
     """
     known = np.isfinite(ours_m).all(axis=2) & np.isfinite(truth_m).all(axis=2)
     if not known.any():

@@ -26,26 +26,26 @@ def sigma_of_mean(sigma: np.ndarray, seconds: float) -> float:
     """Return sigma of the mean of values (k,) that are spread over ``seconds`` and have the standard deviations
     ``sigma``.
 
-    The systematic share stays whole; the random rest shrinks as if every two correlation times gave one independent
-    value.
+    The systematic share is not reduced by averaging; the random share shrinks as if every two correlation times gave
+    one independent value.
     """
     averaged = min(1.0, 2.0 * CORRELATION_S / seconds) if seconds > 0 else 1.0
     return float(np.sqrt(np.mean(sigma**2) * (SYSTEMATIC_SHARE + (1.0 - SYSTEMATIC_SHARE) * averaged)))
 
 
 def systematic_sigma(sigma: np.ndarray) -> np.ndarray:
-    """Return the part of sigma that stays the same through a recording."""
+    """Return the systematic part of sigma, which stays the same through a recording."""
     return np.sqrt(SYSTEMATIC_SHARE) * sigma
 
 
 def random_sigma(sigma: np.ndarray) -> np.ndarray:
-    """Return the part of sigma that differs from time to time."""
+    """Return the random part of sigma, which differs from time to time."""
     return np.sqrt(1.0 - SYSTEMATIC_SHARE) * sigma
 
 
 def sigma_of_difference(first: float, second: float) -> float:
-    """Return sigma of the difference between two times of one recording, from that of either value.
+    """Return sigma of the difference between values at two times of one recording, from the sigma of each value.
 
-    The systematic share is common to both and cancels as far as the two are alike.
+    The systematic share is common to both, and cancels as far as the two sigmas are alike.
     """
     return float(np.sqrt(first**2 + second**2 - 2.0 * SYSTEMATIC_SHARE * first * second))

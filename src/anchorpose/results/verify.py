@@ -1,8 +1,9 @@
-"""Check whether a results folder is as it was written, and of the recording that is given with it.
+"""Check whether a results folder is as it was written, and whether it comes from the given recording.
 
-log.jsonl states what made the folder and what was done with it since, one line each, only ever added to. Each line
-holds the hash of itself with the line before, so that a line that is changed, removed or inserted shows. It is not a
-signature: all hashes can be computed again, which only a copy of the last one, kept elsewhere, reveals.
+log.jsonl states what made the folder and what was done with it since then, one line each; lines are only ever added.
+Each line holds a hash of itself and of the line before, so a line that was changed, removed or inserted is detected.
+This is not a signature: someone can compute all hashes again, which only a copy of the last hash, kept elsewhere,
+reveals.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ LARGEST_LOG: Final = 64 * 2**20
 
 
 class Event(Entry):
-    """One line. files: SHA-256 of each file of the results as it was left, None where it was removed."""
+    """One line of the log. files: SHA-256 of each file of the results as it was left, None where it was removed."""
 
     at: Utc
     what: str
@@ -54,7 +55,7 @@ class Event(Entry):
 
     @property
     def sentence(self) -> str:
-        """Return the entry as a sentence for people: when, what, by whom, with what."""
+        """Return the log entry as a sentence for people: when, what, by whom, with which files."""
         by = f" by {self.by}" if self.by else ""
         about = "".join(f", {key} {value}" for key, value in self.about.items())
         return f"{self.at}: {self.what}{by}, anchorpose {self.anchorpose}{about}"
@@ -62,7 +63,9 @@ class Event(Entry):
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """The lines in their order; broken: a sentence on each line that does not follow from the one before."""
+    """The lines of a log in their order. broken: a sentence on each line whose hash does not follow from the line
+    before.
+    """
 
     events: tuple[Event, ...]
     broken: tuple[str, ...]
@@ -73,7 +76,7 @@ def add_event(
 ) -> None:
     """Add a line to the log of a results folder.
 
-    what: the verb; files: those of the results that it wrote or removed; by: who did so, for people. Raises OSError
+    what: the command; files: files of the results that it wrote or removed; by: who did so, for people. Raises OSError
     where the log cannot be written.
     """
     names = sorted(files)
@@ -97,7 +100,7 @@ def add_event(
 
 
 def read_log(results: Path) -> Log | None:
-    """Return the log of a results folder, None where it has none; raises InputError where a line is none of a log."""
+    """Return the log of a results folder, None where it has none; raises InputError where a line is not a log entry."""
     path, events, broken, previous = results / LOG_FILE, list[Event](), list[str](), ""
     if not path.exists():
         return None
@@ -125,8 +128,8 @@ def _lines(path: Path) -> list[bytes]:
 
 
 def _hash_in(line: bytes) -> str:
-    """Return the hash that the last line states; empty where it is damaged: what follows then shows as not
-    connected.
+    """Return the hash that the last line states; empty where the line is damaged. Then the line that follows is
+    reported as not connected.
     """
     try:
         return str(parse_json(line)["sha256"])
@@ -146,9 +149,10 @@ MEASURED: Final = frozenset(
 
 
 def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | None = None) -> None:
-    """Raise InputError where one of the files is another than the one whose hash the folder's log or run.json has.
+    """Raise InputError where a file does not have the hash that the folder's log or run.json states.
 
-    run: the run.json, where it was read already. Files of which no hash is known are accepted, as in older results.
+    run: the content of run.json, where it was read already. Files without a stated hash are accepted, as in older
+    results.
     """
     known = _known(results, run)
     there = [results / name for name in files if name in known and (results / name).is_file()]
@@ -162,7 +166,9 @@ def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | No
 
 
 def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
-    """Return the hash of each file as it was written last: the log knows of tables that were measured again."""
+    """Return the hash of each file as it was written last; the log has newer hashes of tables that were measured
+    again.
+    """
     if run is None:
         run = read_run(results / RUN_FILE) if is_there(results / RUN_FILE) else {}
     log = read_log(results) if is_there(results / LOG_FILE) else None
@@ -170,7 +176,7 @@ def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
 
 
 def _last_written(written: Mapping[str, str], log: Log) -> dict[str, str]:
-    """Return the hash of each file by run.json and the log, without those that were removed."""
+    """Return the hash of each file by run.json and the log, without files that were removed."""
     logged: dict[str, str | None] = dict(written)
     for event in log.events:
         logged |= event.files
@@ -188,15 +194,16 @@ class Fits(StrEnum):
 
     @property
     def is_right(self) -> bool:
-        """Return whether nobody has to look at it."""
+        """Return whether the state needs no attention."""
         return self in (Fits.SAME, Fits.MEASURED)
 
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """results, recording: what became of each file, the recording's None where none is given; program: whether version,
-    code or libraries differ from today's, as sentences; corrected: who corrected what, as sentences; log: what was done
-    with the results; broken: what is wrong with the log, as sentences."""
+    """The outcome of the check. results, recording: the state of each file; recording is None where none is given.
+    program: sentences on a version, code or libraries that differ from today's. corrected: sentences on who corrected
+    what. log: what was done with the results. broken: sentences on faults of the log.
+    """
 
     results: Mapping[str, Fits]
     recording: Mapping[str, Fits] | None
@@ -230,7 +237,7 @@ def verify(results: Path, recording: Path | None) -> Verified:
 
 
 def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fits]:
-    """Compare the files with the last log entry about each; an export may have been moved elsewhere."""
+    """Compare each file with the last log entry about it; an export may have been moved elsewhere."""
     logged = {name: (event.what, digest) for event in log.events for name, digest in event.files.items()}
     wanted = _last_written(written, log)
     outputs = _compare(wanted, _hashes(results, wanted))
@@ -258,8 +265,8 @@ def _compare(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, Fit
 
 
 def _inputs(run: Mapping[str, Any], recording: Path | None) -> dict[str, Fits] | None:
-    """Return the files of the recording; reference movements and events from elsewhere are hashed with them, and are
-    not looked for.
+    """Return the states of the recording's files. Reference movements and events from elsewhere, which run.json lists
+    with them, are not looked for.
     """
     if recording is None:
         return None
@@ -282,7 +289,7 @@ def _program(run: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _corrections(run: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return who corrected what, in the order of the file."""
+    """Return sentences on who corrected what, in the order of the file."""
     given = run.get("corrections")
     if not given:
         return ()

@@ -15,13 +15,15 @@ from anchorpose.rotations import FORWARD, RIGHT, UP
 from anchorpose.simulate.person import Person
 
 ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # parts of the names of arm bones
-LOOSE_M = 0.06  # distance to the chest up to which a harness still is a harness
-WIDEST_M = 0.62  # between the middle and a rail: the widest bars that are made
+LOOSE_M = 0.06  # m, distance to the chest up to which straps still act as a harness
+WIDEST_M = 0.62  # m between the middle and a rail, for the widest bars that are made
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """The patient's dressed skin at moments (k, v, 3), the vertices of the arms (v,) bool, and the pelvis (k, 3)."""
+    """The space that a patient sweeps over: the dressed skin at k moments (k, v, 3), which vertices belong to arms (v,)
+    bool, and the pelvis (k, 3).
+    """
 
     skin_m: np.ndarray
     arms: np.ndarray
@@ -233,7 +235,7 @@ def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_
         parts.append(_box(f"strap-{side}", (middle_m, (bar_m + end_m) / 2.0, way * aside_m), size))
     band, worn = (s.within(sternum_m - 0.16, sternum_m - 0.02, 0.2) for s in (sweep, standing))
     if max(_front(band) - _front(worn), float(worn[:, 0].min() - band[:, 0].min())) > LOOSE_M:
-        return tuple(parts)  # a trunk that moves takes its harness with it: no equipment that stands still
+        return tuple(parts)  # a moving trunk takes its harness with it, which is then not still equipment
     for name, x in (("harness-front", _front(band) + 0.015), ("harness-back", float(band[:, 0].min()) - 0.015)):
         parts.append(_box(name, (x, sternum_m - 0.09, 0.0), (0.012, 0.12, 0.30)))
     return tuple(parts)

@@ -18,16 +18,16 @@ BUILDS: Final[tuple[Build, ...]] = get_args(Build)
 LENGTH_SPREAD: Final = {"UpLeg": 0.05, "Leg": 0.04, "Arm": 0.04, "ForeArm": 0.045, "Hand": 0.04, "Foot": 0.05}
 GIRTH_SPREAD: Final = {"UpLeg": 0.06, "Leg": 0.06, "Arm": 0.07, "ForeArm": 0.06, "Hand": 0.04, "Foot": 0.04}
 TRUNK: Final = ("LowerBack", "Spine", "Spine1")
-TRUNK_SPREAD: Final = (0.06, 0.035, 0.04)  # standard deviations of depth, height, breadth
+TRUNK_SPREAD: Final = (0.06, 0.035, 0.04)  # relative standard deviations of depth, height and breadth
 MOST_ASYMMETRIC: Final = 0.04  # relative difference between the two sides' lengths
 WASTED: Final = (0.75, 0.90)  # factor on the girth of thighs and shanks
 STRONGER: Final = (1.02, 1.10)  # factor on the girth of arms
 BELLY_M: Final = (0.03, 0.08)
 FATTER: Final = (1.05, 1.20)
-SHOE_M: Final = (0.003, 0.008)  # thickness of the upper; bare feet have none
+SHOE_M: Final = (0.003, 0.008)  # m, thickness of the upper; bare feet have none
 SOLE_M: Final = (0.010, 0.030)
 SHOD_SHARE: Final = 0.75  # share of the people who wear shoes
-BRACE_M: Final = (0.008, 0.018)  # how far a brace stands off the widest part of the covered segment
+BRACE_M: Final = (0.008, 0.018)  # m between a brace and the widest part of the covered segment
 BRACED: Final[dict[BraceName, tuple[str, ...]]] = {
     "left shank": ("LeftLeg",),
     "right shank": ("RightLeg",),
@@ -59,7 +59,7 @@ class Scales:
 
 
 def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) -> Scales:
-    """Draw the scales independently, but the two sides nearly alike."""
+    """Draw the scales of all segments independently; left and right are nearly alike."""
     length, girth = np.ones(len(names)), np.ones((len(names), 2))
     if build == "ordinary":
         return Scales(length, girth)

@@ -14,7 +14,7 @@ from anchorpose.simulate.movement_file import CLIP_HZ, SEATED, Clips, movement_o
 from anchorpose.simulate.timeline import ease
 
 SMOOTHING_S: Final = 0.07  # Kinect v2 joints jitter by millimetres to centimetres between frames
-OVERLAP_S: Final = 0.4  # overlap of one repetition with the next
+OVERLAP_S: Final = 0.4  # s, overlap of one repetition with the next
 STRAIGHT_RAD: Final = 0.35  # a limb bent by less takes its plane from earlier frames
 PLANE_MEMORY_S: Final = 0.5
 
@@ -23,7 +23,7 @@ _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # the file's left, up and ahead 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """A movement at CLIP_HZ from a start on; the subject faces +X on average. The second axis of limbs is the side.
+    """A captured movement at CLIP_HZ; the subject faces +X on average. In arrays of limbs the second axis is the side.
 
     start_s: time of the first row. waist_m (n, 3); pelvis, thorax (n, 3, 3): turns from upright; head (n, 3):
     direction; arms, legs (n, 2, 2, 3): directions of upper and lower segment; arm_axis (n, 2, 3): axis that bends the
@@ -68,8 +68,8 @@ def _overlap(clips: Clips, index: int) -> int:
 
 
 def _chain(clips: Clips, index: int, count: int) -> np.ndarray:
-    """Return (count, j, 3) clips from ``index`` on, each moved so that its feet begin where those of the last one
-    end.
+    """Return (count, j, 3) clips from ``index`` on, each moved so that its feet begin where the feet of the previous
+    clip end.
     """
     feet = [clips.joint_names.index(name) for name in ("LFoot", "RFoot")]
     series = clips.joints_m[index].copy()
@@ -89,7 +89,7 @@ def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float, seate
     """Return directions and turns of a subject who is turned to face +X."""
     at = {name: joints_m[:, names.index(name)] for name in names}
     across = (at["RUpperLeg"] - at["LUpperLeg"]).mean(axis=0)
-    heading = np.arctan2(across[0], across[2])  # of the way to the right, from +Z
+    heading = np.arctan2(across[0], across[2])  # heading of the subject's right side, from +Z
     cos, sin = np.cos(heading), np.sin(heading)
     level = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
     at = {name: place @ level.T for name, place in at.items()}
@@ -136,7 +136,7 @@ def _bending_axis(arm: np.ndarray) -> np.ndarray:
     trust = np.clip(sine / np.sin(STRAIGHT_RAD), 0.0, 1.0) ** 2
     axes = np.zeros((len(arm), 3))
     axis = RIGHT.copy() if sine.max() == 0 else measured[int(np.argmax(sine))]
-    for times in (range(len(arm) - 1, -1, -1), range(len(arm))):  # first back, so that the start is known too
+    for times in (range(len(arm) - 1, -1, -1), range(len(arm))):  # backward first, so that the start is known, too
         for t in times:
             carried = unit(axis - (axis @ arm[t, 0]) * arm[t, 0])
             gain = trust[t] * (1.0 if trust[t] >= 1.0 else 1.0 / (PLANE_MEMORY_S * CLIP_HZ))

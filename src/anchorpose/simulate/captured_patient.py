@@ -19,19 +19,19 @@ from anchorpose.simulate.timeline import ease
 
 MARGIN_S: Final = 3.0  # margin before and after the recording, for cameras whose clocks are wrong
 ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())
-GIVES_M: Final = 0.01  # depth to which soft tissue gives
+GIVES_M: Final = 0.01  # m, depth to which soft tissue gives way
 HANGING_RAD: Final = 1.0  # an upper arm raised by less than this is abducted by the whole angle,
 RAISED_RAD: Final = 1.6  # an arm raised by more than this keeps its direction
 DRAWS: Final = 6
 CHECK_HZ: Final = 3.0
-DEEPEST_M: Final = 0.15  # half a trunk: deeper inside, the nearest skin may be on the other side
+DEEPEST_M: Final = 0.15  # m, half a trunk; deeper inside, the nearest skin may be on the other side
 UNDER_SKIN: Final = 0.7  # cosine: a point inside the body has the nearest skin straight above it
 FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")  # parts of the names of bones that may meet the trunk
 ARMS: Final = (*FOREARMS, "Arm", "Shoulder")
 
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
-    """Draw the configuration's movement from a random moment on: a recording may begin in the middle of it.
+    """Draw the configuration's movement; it begins at a random moment, so a recording may begin in the middle of it.
 
     If the arms cannot be kept out of the body, another subject's movement is drawn, a few times.
     """

@@ -1,4 +1,6 @@
-"""The pelvis on legs whose knees bend by given angles: how high it is, and how it tilts where they bend unequally."""
+"""Compute the pelvis on legs whose knees bend by given angles: its height, and its tilt where the knees bend
+unequally.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,9 @@ LEAST_HEIGHT_M: Final = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KneeBend:
-    """How far the knees bend, radians (t, 2), 0 straight. carry (t,): share by which the legs carry the pelvis, 0:
-    it is where the posture has it. load (t, 2): share by which each foot stands, above 0."""
+    """The bend of both knees, radians (t, 2), 0 straight. carry (t,): share by which the legs carry the pelvis; 0: the
+    posture determines its place. load (t, 2): share of the load on each foot, above 0.
+    """
 
     flexion: np.ndarray
     carry: np.ndarray
@@ -37,7 +40,9 @@ def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeB
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Legs:
-    """Of the rest pose, left and right: hips_m (2, 3) from the pelvis; lengths_m (2, 2) of thigh and shank."""
+    """The legs in the rest pose, left and right. hips_m (2, 3): hips relative to the pelvis; lengths_m (2, 2): lengths
+    of thigh and shank.
+    """
 
     hips_m: np.ndarray
     lengths_m: np.ndarray
@@ -46,10 +51,11 @@ class Legs:
 def carried_pelvis(
     bend: KneeBend, legs: Legs, ankles_m: np.ndarray, pelvis_m: np.ndarray, pelvis_turn: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Place (t, 3) and turn (t, 3, 3) of the pelvis: at the same place over the floor, as high as the legs have it.
+    """Return place (t, 3) and rotation (t, 3, 3) of the pelvis: the legs determine its height, and its place over the
+    floor stays.
 
-    It tilts to the side where the legs are not equally long; less where one of them is in the air. ankles_m (t, 2, 3);
-    pelvis_m, pelvis_turn: where the posture has it.
+    It tilts to one side where the legs are not equally long, and less where a foot is in the air. ankles_m (t, 2, 3);
+    pelvis_m, pelvis_turn: pelvis in the posture.
     """
     first, second = legs.lengths_m.T
     reach_m = np.sqrt(first**2 + second**2 + 2.0 * first * second * np.cos(np.maximum(bend.flexion, 0.0)))

@@ -1,4 +1,4 @@
-"""What a simulated recording is chosen from: names, which are also values of options of ``anchorpose simulate``."""
+"""Define the choices of a simulated recording, by names that are also values of options of ``anchorpose simulate``."""
 
 from __future__ import annotations
 

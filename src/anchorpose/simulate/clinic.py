@@ -58,7 +58,7 @@ class Clinic:
     room: np.ndarray  # (n, 3, 3) triangles
     equipment: EquipmentModel | None
     patient: Actor | CapturedActor
-    therapists: tuple[Therapist, ...]  # and after them people who pass by
+    therapists: tuple[Therapist, ...]  # therapists, and after them people who pass by
     scene: RoomScene | None = None  # scene of a real room: its content beside the people
     plan: tuple[PlannedTrial, ...] = ()  # plan of a session
 
@@ -68,19 +68,21 @@ class Clinic:
         return () if self.equipment is None else self.equipment.parts
 
     def pushed_m(self, time_s: float) -> np.ndarray:
-        """Return (3,) how far the equipment was pushed by then."""
+        """Return the displacement (3,) of the equipment, if it was pushed before the given time."""
         at_s, (x, z) = self.config.equipment_moves_at_s, self.config.equipment_shift_m
         return np.array([x, 0.0, z]) if at_s is not None and time_s >= at_s else np.zeros(3)
 
     def true_times_s(self, camera: int) -> np.ndarray:
-        """Return when (t,) a camera really takes its images; its stamps state frame / fps since its epoch."""
+        """Return the true times (t,) at which a camera takes its images; its stamps state frame / fps since its
+        epoch.
+        """
         stamps = np.arange(self.config.frames) / self.config.fps
         late = self.config.clock_late_s[camera] if self.config.clock_late_s else 0.0
         drift = self.config.clock_drift[camera] if self.config.clock_drift else 0.0
         return stamps + late + drift * stamps
 
     def act(self, times_s: np.ndarray) -> Performance:
-        """Return where every bone is at the given times."""
+        """Return the pose of every bone at the given times."""
         patient = self.patient.bones(times_s)
         others = tuple(therapist.bones(times_s, self.patient, patient) for therapist in self.therapists)
         return Performance(self, times_s, (patient, *others))
@@ -88,14 +90,14 @@ class Clinic:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Performance:
-    """Bones of everybody, patient first: (t, b, 4, 4) T_world_rest each."""
+    """The bones of all people, patient first: (t, b, 4, 4) T_world_rest each."""
 
     clinic: Clinic
     times_s: np.ndarray
     bones: tuple[np.ndarray, ...]
 
     def figures(self, frame: int) -> tuple[Figure, ...]:
-        """Return everybody's dressed skin in one frame; a patient who is away has no faces to draw."""
+        """Return the dressed skin of all people in one frame; a patient who is away has no faces to draw."""
         nobody = self.away[frame]
         people = [self.clinic.patient.person, *(therapist.actor.person for therapist in self.clinic.therapists)]
         return tuple(
@@ -132,12 +134,14 @@ class Performance:
 
 
 def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.Generator:
-    """Return a generator for each purpose, so that changing one thing leaves the others as they were."""
+    """Return a separate random generator for a purpose, so that a change of one part of the simulation does not change
+    the others.
+    """
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(STREAMS.index(name), *keys)))
 
 
 def draw_clinic(config: SimulationConfig, programme: Programme | None = None) -> Clinic:
-    """Draw people, room and cameras from ``config.seed``; programme: of a patient who does not follow
+    """Draw people, room and cameras from ``config.seed``. programme: movements of a patient who does not follow
     ``config.motions``.
     """
     if config.room is not None:

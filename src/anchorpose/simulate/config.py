@@ -41,7 +41,7 @@ FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
 """Motions that a standing frame with a knee bar does not leave room for."""
 
 SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # the paper's five sizes, Section V
-ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # random streams of their own, beside those of ``clinic``
+ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # separate random streams, besides those of ``clinic``
 ROOM_MOTIONS: Final[dict[Posture, tuple[tuple[str, ...], ...]]] = {
     "stands": (("mixed",), ("squat", "reach", "arm-raise"), ("weight-shift", "trunk", "steps", "head", "reach")),
     "sits": (("reach", "arm-raise"), ("reach", "head"), ("arm-raise", "head", "standing")),
@@ -51,7 +51,7 @@ ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stan
 # share of the standing patients in rooms who move as captured, where there is a file of captured movements
 CAPTURED_SHARE: Final = 0.6
 ABSENT_SHARE: Final = 0.15  # share of the recording before a patient who is late comes into view
-HIDDEN_S: Final = 2.0  # behind a curtain
+HIDDEN_S: Final = 2.0  # s for which the patient is behind a curtain
 LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0
 THICKEST_CLOTHING_M: Final = 0.015  # thicker clothes would hide the body's shape
 
@@ -64,7 +64,7 @@ class SimulationConfig:
 
     seed: Annotated[int, Field(ge=0)]
     seconds: Annotated[float, Field(gt=0, le=LONGEST_S)] = 10.0
-    fps: Annotated[float, Field(gt=0, le=HIGHEST_HZ)] = 30.0  # every sensor simulated here runs at 30 Hz
+    fps: Annotated[float, Field(gt=0, le=HIGHEST_HZ)] = 30.0  # every simulated sensor runs at 30 Hz
     cameras: Annotated[int, Field(ge=1, le=4)] = 3  # front, left, right, then behind
     sensor: Sensor = "kinect-v2"  # the paper's
     sensors: tuple[Sensor, ...] = ()  # one sensor per camera, where the cameras are of different models
@@ -75,8 +75,8 @@ class SimulationConfig:
     equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # along X and Z
     stool: bool = True  # something solid under a patient who sits
     therapists: Annotated[int, Field(ge=0, le=3)] = 2
-    therapist_tasks: tuple[TaskName, ...] = ()  # tasks of the first therapists; those of the others are drawn
-    therapists_stay: bool = False  # they are there from first to last, as in the middle of an exercise
+    therapist_tasks: tuple[TaskName, ...] = ()  # tasks of the first therapists; the tasks of all others are drawn
+    therapists_stay: bool = False  # therapists stay from first to last, as in the middle of an exercise
     # number of people who walk through between a camera and the patient
     passers_by: Annotated[int, Field(ge=0, le=3)] = 0
     motions: Annotated[tuple[str, ...], Field(min_length=1)] = ("mixed",)
@@ -85,16 +85,16 @@ class SimulationConfig:
     subjects: tuple[int, ...] = SUBJECTS  # subjects from whom movements are drawn
     speed: Speed = "mixed"
     clothing_m: Annotated[float, Field(ge=0, le=THICKEST_CLOTHING_M)] = 0.009  # how far folds stand off the skin
-    away_s: tuple[tuple[float, float], ...] = ()  # start and end of the patient's absence; the patient walks out and in
+    away_s: tuple[tuple[float, float], ...] = ()  # start and end of each absence of the patient, who walks out and in
     # start and end of the time in which a curtain hides the patient from all cameras
     curtain_s: tuple[float, float] | None = None
     hole_radius_m: float = 0.0  # 0: no holes
     hole_share: Share = 0.5  # share of the frames with a hole
     height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # None: drawn, adults from 1.5 to 1.9
-    body: OtherBody = OtherBody()  # the patient's; default: drawn from the body asset
+    body: OtherBody = OtherBody()  # the patient's body; default: drawn from the body asset
     pose_known: bool = True  # False: camera_to_world is null
-    clock_late_s: tuple[float, ...] = ()  # lateness per camera: how much later than its stamps say the image was taken
-    clock_drift: tuple[float, ...] = ()  # drift per camera: seconds of further lateness per second
+    clock_late_s: tuple[float, ...] = ()  # one per camera: seconds by which an image is taken later than its stamp
+    clock_drift: tuple[float, ...] = ()  # one per camera: further seconds of lateness per second
     clock_epoch_s: tuple[float, ...] = ()  # one per camera: the time that its stamps state at the start
     stamp_jitter_s: NotNegative = 0.0  # standard deviation of every stamp
     # share of the depth images of every camera but the first that are lost on the way to the disk
@@ -114,7 +114,7 @@ class SimulationConfig:
 
     @property
     def frames(self) -> int:
-        """Return depth images of each camera."""
+        """Return the number of depth images of each camera."""
         return max(1, round(self.seconds * self.fps))
 
     def sensor_of(self, camera: int) -> Sensor:
@@ -151,7 +151,7 @@ def _check_equipment(config: SimulationConfig) -> None:
 
 
 def _check_cameras(config: SimulationConfig) -> None:
-    """Raise ValueError where what is given per camera does not fit the cameras."""
+    """Raise ValueError where the values given per camera do not fit the cameras."""
     for name in ("sensors", "clock_late_s", "clock_drift", "clock_epoch_s", "starts_late_s", "ends_early_s", "every"):
         values = getattr(config, name)
         _require(len(values) in (0, config.cameras), f"{name} needs one value per camera, got {len(values)}")
@@ -192,7 +192,8 @@ def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationCon
 
 
 def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
-    """Return ``config`` with a patient who is easily lost: away at first or later, hidden behind a curtain, or seated.
+    """Return ``config`` with a patient whom a tracker may easily lose: away at first or later, hidden behind a curtain,
+    or seated.
 
     The standing frame is left out where the patient walks or sits. Raises ValueError for other equipment in the way of
     walking, and for captured movements, which have no motions.
@@ -291,7 +292,7 @@ def rehabilitation(
     movement = drawn if movement is None else movement
     in_bars, steps = equipment == "parallel-bars", movement_of(movement) in STEPPING
     tasks = BEHIND_AND_BEFORE if in_bars else ()
-    if steps:  # nobody kneels where a leg comes up
+    if steps:  # nobody kneels in front of a leg that is raised
         config, tasks = replace(config, therapists=min(config.therapists, 1)), BEHIND_AND_BEFORE[:1]
     return replace(
         config,

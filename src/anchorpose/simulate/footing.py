@@ -15,13 +15,13 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
-WAVER_M: Final = 0.06  # range in which the ankles of standing feet rise and fall
+WAVER_M: Final = 0.06  # m, range in which the ankles of standing feet rise and fall
 CLEAR_M: Final = 0.06  # height above this range at which the captured height is fully used
 HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # an ankle that rises and moves by less is a heel that rises
 MOVING_M_S: Final = 0.30  # a faster foot has left the floor
 SHORTEST_STAND_S: Final = 0.25
 SAME_PLACE_M: Final = 0.08  # a foot that comes down this near to its former place has not moved
-EASE_S: Final = 0.15  # duration of the transition into and out of a stand
+EASE_S: Final = 0.15  # s, duration of the transition into and out of a stand
 YAW_LIMIT: Final = 0.5
 
 Spans = list[tuple[int, int]]
@@ -31,8 +31,9 @@ Spans = list[tuple[int, int]]
 class Footing:
     """Both feet, rows at CLIP_HZ; the second axis is the side.
 
-    place_m (n, 2, 3): the ankle of the flat foot, y its height above standing; stands (n, 2): 1 while the foot bears
-    weight, 0 in the air; yaw (n, 2) to the left; heel (n, 2): radians that a standing foot's heel is raised.
+    place_m (n, 2, 3): place of the ankle of a flat foot, where y is its height above standing; stands (n, 2): 1 while
+    the foot bears weight, 0 in the air; yaw (n, 2): direction, to the left; heel (n, 2): radians by which the heel of a
+    standing foot is raised.
     """
 
     place_m: np.ndarray

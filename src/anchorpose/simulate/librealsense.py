@@ -15,7 +15,7 @@ import numpy as np
 
 from anchorpose.simulate.sensor import SensorSpec, sense
 
-HALF: Final = 2  # pixels of the imager joined to one
+HALF: Final = 2  # pixels of the imager that are combined to one
 # The filter's own settings are not in the recordings; these draw silhouettes out as the real ones are: 12 pixels
 SMOOTHING: Final = 0.3  # weight of a pixel relative to the filter's carried value
 JOINED_PX: Final = 25.0  # step of disparity: only surfaces within half a metre of the camera keep their edges
@@ -42,7 +42,9 @@ def decimated_mm(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray
 
 
 def smoothed_mm(spec: SensorSpec, readings_mm: Sequence[np.ndarray]) -> np.ndarray:
-    """Smooth the last of some consecutive depth images (height, width) uint16 millimetres over space and time."""
+    """Return the last of some consecutive depth images (height, width) uint16 millimetres, smoothed over space and
+    time.
+    """
     gain = np.float32(HALF * spec.focal_px * spec.baseline_m * 1000.0)
     blended: np.ndarray | None = None
     for reading in readings_mm[-MEMORY:]:

@@ -72,7 +72,7 @@ class Clips:
     joint_names: tuple[str, ...]
 
     def joint(self, clip: int, name: str) -> np.ndarray:
-        """Return (n, 3) metres."""
+        """Return the positions (n, 3) of a joint, metres."""
         return np.asarray(self.joints_m[clip][:, self.joint_names.index(name)])
 
 
@@ -84,10 +84,10 @@ def movement_of(name: str) -> str | None:
 
 
 def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tuple[int, ...] = SUBJECTS) -> Clips:
-    """Read all repetitions by one random subject, all done correctly or all not; or one clip by its name.
+    """Read all repetitions by one random subject, either all correct or all incorrect ones; or one clip by its name.
 
-    movement: one of ``MOVEMENTS`` or the name of a clip, such as c_m05_s01_e01. Raises InputError where the file is
-    not such a file or has no such movement by one of the subjects.
+    movement: one of ``MOVEMENTS`` or the name of a clip, such as c_m05_s01_e01. Raises InputError where it is not a
+    file of captured movements, or has no such movement by one of the subjects.
     """
     arrays = _arrays(path)
     names = [str(name) for name in arrays["names"]]
@@ -103,7 +103,7 @@ def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tu
 def _drawn(
     path: Path, arrays: dict[str, np.ndarray], movement: str, rng: np.random.Generator, subjects: tuple[int, ...]
 ) -> list[int]:
-    """Draw the clips of one subject, all done correctly or all not; return their indices."""
+    """Draw the clips of one subject, either all correct or all incorrect ones; return their indices."""
     series: dict[tuple[str, str], list[int]] = {}
     for index, name in enumerate(str(name) for name in arrays["names"]):
         found = _NAME.fullmatch(name)

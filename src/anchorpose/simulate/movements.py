@@ -1,4 +1,4 @@
-"""What a patient does in stand training: each motion as offsets on channels, with sizes drawn at random."""
+"""Define the motions of a patient in stand training, each as offsets on channels with sizes drawn at random."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STRAIGHT_ELBOW = 0.15
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What bounds the sizes of motions: the patient's leg, and whether bars stand in the way."""
+    """The limits of the sizes of motions: the patient's leg, and whether bars are in the way."""
 
     leg_m: float
     in_frame: bool
@@ -134,7 +134,7 @@ def timed(rng: np.random.Generator, offsets: Offsets, start_s: float, pace: floa
 
 
 class GivingWay(Movement):
-    """A movement that comes like a fall: evenly accelerated, and caught in the last third of its time."""
+    """A movement that begins like a fall: it is evenly accelerated, and caught in the last third of its time."""
 
     __slots__ = ()
 
@@ -167,7 +167,7 @@ def buckle(rng: np.random.Generator, start_s: float) -> Movement:
 
 
 def draw_pace(rng: np.random.Generator, speed: str) -> float:
-    """Factor on durations."""
+    """Return a random factor on durations."""
     return PACE[str(rng.choice(list(PACE)))] if speed == "mixed" else PACE[speed]
 
 

@@ -30,8 +30,8 @@ from anchorpose.simulate.timeline import (
     yaw_towards,
 )
 
-FARTHEST_FORWARD_M = 0.3  # mean distance of the feet ahead, beyond which steps lead back
-SWAY_M = 0.005  # amplitude of each wave of the sway
+FARTHEST_FORWARD_M = 0.3  # m, mean distance of the feet in front of their first place, beyond which steps lead back
+SWAY_M = 0.005  # m, amplitude of each wave of the sway
 TREMOR_RAD = 0.004
 PALM_ABOVE_BONE_M = 0.018  # m from the hand's bone to the skin of the palm
 GRIP_TILT_RAD = 0.5
@@ -60,7 +60,9 @@ class Wave:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Actor:
-    """A person with a programme: resting channels (c,), movements, steps, waves, and the rails to hold if any."""
+    """A person with a programme: resting channels (c,), movements, steps, waves, and the rails that the person holds,
+    if any.
+    """
 
     person: Person
     base: np.ndarray
@@ -70,7 +72,7 @@ class Actor:
     grip_m: np.ndarray | None = None  # (2, 3)
 
     def channels(self, times_s: np.ndarray) -> np.ndarray:
-        """Return (c, t)."""
+        """Return the values of all channels (c, t)."""
         values = channel_values(self.base, self.movements, times_s)
         for wave in self.waves:
             values[CHANNEL_INDEX[wave.channel]] += wave.at(times_s)
@@ -82,7 +84,7 @@ class Actor:
         return any(seated in movement.offsets for movement in self.movements)
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
-        """Return (t, b, 4, 4) T_world_rest."""
+        """Return the motion of every bone, (t, b, 4, 4) T_world_rest."""
         goals = HandGoals.none(len(times_s))
         if self.grip_m is not None:
             goals = _rail_goals(self.person, self.grip_m, len(times_s))
@@ -91,7 +93,9 @@ class Actor:
 
 
 def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
-    """Return resting channels (c,): upright, arms beside the body, or on the rails of a frame."""
+    """Return the channels (c,) of a patient at rest: upright, with the arms beside the body or on the rails of a
+    frame.
+    """
     base = np.zeros(len(CHANNELS))
     base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # the rest pose stands with bent knees
     for side in ("left", "right"):
@@ -161,7 +165,7 @@ def draw_patient(
 
 
 def _come_and_go(rng: np.random.Generator, footwork: Footwork, config: SimulationConfig) -> Footwork:
-    """Append walks out to one side and back, so that the patient is in place when not away."""
+    """Append walks out to one side and back, so that the patient is in place except during absences."""
     home, facing = footwork.places_m.mean(axis=0), float(footwork.yaws.mean())
     for gone_s, back_s in config.away_s:
         outside = home + np.array([rng.uniform(-0.3, 0.0), rng.choice([-1.0, 1.0]) * OUTSIDE_M])

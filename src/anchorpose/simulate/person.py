@@ -36,7 +36,7 @@ BUMPS = 14
 FOLDS = 7
 CHILD_HEIGHTS_M = (1.0, 1.5)
 CHILD_SPREAD = 0.9  # share of the asset's covariance of children
-LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # times the drawn height of folds
+LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # factors on the drawn height of folds
 BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of the names of undressed bones
 
 
@@ -165,7 +165,9 @@ def _draw_plain(rng: np.random.Generator, config: OtherBody, clothing_m: float, 
 
 
 def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:
-    """Return how many times looser (v,) than drawn shirt and trousers are, each drawn separately."""
+    """Return the factor (v,) by which clothes are looser than drawn, with separate random factors for shirt and
+    trousers.
+    """
     shirt, trousers = rng.uniform(*LOOSE_SHIRT), rng.uniform(*LOOSE_TROUSERS)
     legs = np.array([name.endswith(("UpLeg", "Leg")) for name in asset.bone_names])
     share = (asset.skin_weights * legs[asset.skin_bones]).sum(axis=1)
@@ -173,7 +175,7 @@ def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:
 
 
 def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return some dressed skin points and their normals over time, (t, n, 3) each; folds at their mean height."""
+    """Return some dressed skin points and their normals over time, (t, n, 3) each, with folds at their mean height."""
     asset, clothes = person.body.asset, person.clothes
     normals = person.normals[vertices]
     rest = person.body.vertices[vertices] + 0.75 * clothes.amplitude_m * clothes.cover[vertices, None] * normals

@@ -1,4 +1,4 @@
-"""A posture in anatomical terms over time, and the bones that take it.
+"""Represent a posture over time in anatomical terms, and compute the bones that take it.
 
 Sides are indexed 0 left, 1 right. Angles are radians from upright standing with arms that hang down, thumbs forward.
 Feet are placed first and the legs reach for them (two-bone inverse kinematics), so that a planted foot stays planted
@@ -20,7 +20,7 @@ SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # along Z
 FULL_REACH = 0.985  # share of a limb's length: a straight limb has no defined plane
 STRAIGHT_REACH = 1.0 - 1e-6  # share of the length of a leg whose knee is bent as given: by 0.2 degrees at least
-HEIGHT_SOFTNESS_M = 0.004  # how gently a straightening leg stops the pelvis
+HEIGHT_SOFTNESS_M = 0.004  # m over which a straightening leg gently stops the pelvis
 SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))
 NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))
 CLAVICLE_SHARE = 0.25  # share of the arm's elevation beyond the first 30 degrees (scapulohumeral rhythm)
@@ -29,7 +29,8 @@ ELBOW_BEHIND_M = 0.3  # an upper arm: hands on rails beside the hips have their 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Captured:
-    """What a captured posture gives directly; shoulder and elbow angles and ``knee_out`` do not set these limbs.
+    """The directly given parts of a captured posture; for them, shoulder and elbow angles and ``knee_out`` are not
+    used.
 
     arms (t, 2, 2, 3, 3): world turns of upper arm and forearm; knees (t, 2, 3): directions that the knees point in;
     straight_leg: share of its length to which a leg may straighten. The toes follow a foot in the air.
@@ -42,12 +43,12 @@ class Captured:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Posture:
-    """All arrays start with time (t); the second axis of limbs is the side."""
+    """A posture over time. All arrays start with time (t); the second axis of arrays of limbs is the side."""
 
-    pelvis_m: np.ndarray  # (t, 3) where the pelvis should be; straight legs may hold it lower
+    pelvis_m: np.ndarray  # (t, 3) wanted place of the pelvis; straight legs may hold it lower
     pelvis_turn: np.ndarray  # (t, 3, 3)
     trunk: np.ndarray  # (t, 3) bend forward, bend to the right, turn to the left
-    head: np.ndarray  # (t, 3) the same
+    head: np.ndarray  # (t, 3) bend forward, bend to the right, turn to the left
     ball_m: np.ndarray  # (t, 2, 3) ball of the foot
     foot_yaw: np.ndarray  # (t, 2) to the left
     heel_lift: np.ndarray  # (t, 2) rotation about the ball
@@ -57,11 +58,11 @@ class Posture:
     pronation: np.ndarray  # (t, 2)
     wrist: np.ndarray  # (t, 2) flexion towards the palm
     fingers: np.ndarray  # (t, 2) curl
-    hand_m: np.ndarray  # (t, 2, 3) where the wrist is pulled to; unused where pull is 0
-    hand_turn: np.ndarray  # (t, 2, 3, 3) turn of the hand bone from rest, likewise
+    hand_m: np.ndarray  # (t, 2, 3) place to which the wrist is pulled; unused where pull is 0
+    hand_turn: np.ndarray  # (t, 2, 3, 3) rotation of the hand bone from rest; unused where pull is 0
     pull: np.ndarray  # (t, 2) 0: the arm follows its angles, 1: the hand is at its target
     captured: Captured | None = None
-    knees: KneeBend | None = None  # how far the knees bend instead of how high the pelvis is
+    knees: KneeBend | None = None  # bend of the knees, given in place of the height of the pelvis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +109,7 @@ def finger_direction(body: BodyMesh, side: int) -> np.ndarray:
 
 
 class _Poser:
-    """Walks the skeleton from the pelvis outwards, for all times at once."""
+    """A traversal of the skeleton from the pelvis outwards, for all times at once."""
 
     def __init__(self, body: BodyMesh, times: int) -> None:
         self.body = body
@@ -238,7 +239,7 @@ class _Poser:
     def _pulled(
         self, posture: Posture, side: int, limb: RestLimb, upper: np.ndarray, fore: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Draw the arm towards the hand's target, the elbow behind and outside of the line to it, as elbows bend."""
+        """Pull the arm towards the hand's target; the elbow lies behind and outside the line to it, as elbows bend."""
         pull = posture.pull[:, side, None]
         if not pull.any():
             return upper, fore
@@ -261,7 +262,7 @@ def _reach(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return world turns (t, 3, 3) of both bones so that the limb ends at the goal, its middle joint towards ``pole``.
 
-    A goal out of reach is pointed at.
+    A limb points at a goal that is out of reach.
     """
     first_m, second_m = limb.lengths
     gap = goal_m - start_m

@@ -1,4 +1,6 @@
-"""Turn a true image into what the recorder stores: the sensor's error, losses in a real room, and its filters."""
+"""Turn a true image into the stored image, with the sensor's error, losses in a real room, and the recorder's
+filters.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from anchorpose.simulate.sensor import SensorSpec, sense
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reader:
-    """The reading of one camera: its kind, its systematic error (height, width) metres, and what spoils readings in a
+    """The reader of one camera: its kind, its systematic error (height, width) metres, and the losses of readings in a
     real room.
 
     shiny (height, width) bool: pixels of bare metal. recent: depth images before smoothing, by frame; it only saves
@@ -44,5 +46,5 @@ class Reader:
             del self.recent[old]
 
     def stored_mm(self, readings_mm: list[np.ndarray]) -> np.ndarray:
-        """Return what the recorder stores for the last of some consecutive depth images."""
+        """Return the image that the recorder stores for the last of some consecutive depth images."""
         return smoothed_mm(self.spec, readings_mm) if self.spec.filtered else readings_mm[-1]

@@ -27,7 +27,7 @@ from anchorpose.simulate.timeline import (
 )
 
 STRAIGHT_LEG: Final = 0.998  # share of a leg's length: knees bent by 7 degrees
-PELVIS_S: Final = 0.06  # window over which the pelvis' course is smoothed
+PELVIS_S: Final = 0.06  # s, window over which the path of the pelvis is smoothed
 KNEE_SHOWS_M: Final = 0.05  # a knee this far off the line from hip to ankle shows its direction
 AIR_M: Final = 0.12  # a foot this high in the air keeps its angle to the shank
 TOES_DOWN_RAD: Final = 0.25  # angle of the toes of a hanging foot
@@ -38,7 +38,8 @@ _UP_RIGHT: Final = orthonormal_frame(UP, RIGHT)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CapturedActor:
-    """A person who does a captured movement. The second axis of limbs is the side; n rows at CLIP_HZ.
+    """A person who does a captured movement. Arrays have n rows at CLIP_HZ; the second axis of arrays of limbs is the
+    side.
 
     pelvis_m (n, 3); ball_m (n, 2, 3) with the height above the floor as y; foot_yaw (n, 2); heel (n, 2).
     """
@@ -55,15 +56,15 @@ class CapturedActor:
         return self.capture.seated
 
     def lowest_s(self) -> np.ndarray:
-        """Return (1,) when the pelvis is lowest."""
+        """Return the time (1,) at which the pelvis is lowest."""
         return np.array([self.capture.start_s + np.argmin(self.pelvis_m[:, 1]) / CLIP_HZ])
 
     def highest_s(self) -> np.ndarray:
-        """Return (1,) when the pelvis is highest."""
+        """Return the time (1,) at which the pelvis is highest."""
         return np.array([self.capture.start_s + np.argmax(self.pelvis_m[:, 1]) / CLIP_HZ])
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
-        """Return (t, b, 4, 4) T_world_rest."""
+        """Return the motion of every bone, (t, b, 4, 4) T_world_rest."""
         return pose_bones(self.person.body, self.posture(times_s))
 
     def posture(self, times_s: np.ndarray) -> Posture:
@@ -103,7 +104,7 @@ class CapturedActor:
 
 
 class _Resampler:
-    """Interpolation of rows at CLIP_HZ to other times."""
+    """An interpolator of rows at CLIP_HZ to other times."""
 
     def __init__(self, capture: Capture, times_s: np.ndarray) -> None:
         place = (np.asarray(times_s) - capture.start_s) * CLIP_HZ
@@ -129,7 +130,7 @@ def retarget(person: Person, capture: Capture) -> CapturedActor:
     hips_m, lengths_m, back = _legs(body)
     scale = float(lengths_m.sum(axis=1).mean()) / capture.leg_m
     reach = rotate(capture.pelvis[:, None], hips_m) + np.einsum("sk,nskj->nsj", lengths_m, capture.legs)
-    free = scale * capture.waist_m[:, None] * [1.0, 0.0, 1.0] + reach  # ankles if nothing held them
+    free = scale * capture.waist_m[:, None] * [1.0, 0.0, 1.0] + reach  # ankles without contact with the floor
     foot_m = float(np.hypot(back[:, 0], back[:, 2]).mean())
     feet = find_footing(free, scale * capture.ankle_m[..., 1], capture.toes, foot_m)
     heading, sole_m = turns_about(UP, feet.yaw), _sole_m(body)
@@ -202,7 +203,7 @@ def _bend(parent: np.ndarray, child: np.ndarray, limits: tuple[float, float]) ->
 
 
 def _bend_turn(bend: np.ndarray) -> np.ndarray:
-    """Return (t, 3, 3) the turn of ``_bend``."""
+    """Return the rotation (t, 3, 3) for the angles of ``_bend``."""
     return turns(np.stack([bend[:, 1], bend[:, 2], -bend[:, 0]], axis=1))
 
 

@@ -32,7 +32,7 @@ ENDS: Final = {
 def read_rigged_body(path: Path) -> BodyMesh:
     """Read the body in the asset's rest pose, so that every movement fits it; its joints are heads of its own bones.
 
-    Axes X forward, Y up, Z to the body's right, metres. Raises InputError where the file is not such a body.
+    Axes X forward, Y up, Z to the body's right, metres. Raises InputError where the file does not hold such a body.
     """
     remedy = "give a body as docs/simulate.md describes it"
     arrays = read_arrays(path, KEYS, remedy)

@@ -24,10 +24,10 @@ class SensorSpec:
     # of the axial noise measured on white targets; clothes, skin and floors return a quarter of the light, and the
     # noise of a time-of-flight camera goes with the inverse square root of what returns
     noise_gain: float = 2.0
-    baseline_m: float = 0.0  # for stereo only, like all fields below
+    baseline_m: float = 0.0  # m between the imagers, for stereo
     disparity_noise_px: float = 0.06  # standard deviation of subpixel matching
     disparity_steps: float = 32.0  # steps to which a pixel of disparity is quantised
-    filtered: bool = False  # two pixels become one, then smoothing over space and time (librealsense.py)
+    filtered: bool = False  # whether two pixels become one, followed by smoothing over space and time (librealsense.py)
     wiggle_m: float = 0.0012  # amplitude of the smooth error that a time-of-flight camera keeps over a session
     dots: int = 0  # laser points from which the maker's software computes the image; 0: every pixel measures
     lens: str = "pinhole"  # one of ``LENSES``
@@ -186,8 +186,8 @@ def sense(
 ) -> np.ndarray:
     """Return a noisy depth image in whole millimetres, (height, width) uint16, 0 = no reading.
 
-    depth_m (height, width) float32 true depth along the optical axis, 0 = nothing there; cosine likewise, of the angle
-    between ray and surface normal.
+    depth_m (height, width) float32 true depth along the optical axis, 0 = nothing there; cosine (height, width)
+    float32: of the angle between ray and surface normal.
     """
     if spec.kind == "stereo":
         sensed_m = _sense_stereo(rng, spec, depth_m)

@@ -22,9 +22,10 @@ from anchorpose.simulate.rigged_body import sampled_vertices
 from anchorpose.simulate.rooms.reflections import RoomPicture, take_picture
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 
-CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2  # before the patient: more than an arm's length
+# m; distance in front of the patient, more than an arm's length, half width and height
+CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
 BACKGROUND_FRAMES = 9  # the empty room is the median of this many images
-SAME_SKIN_M: Final = 0.03  # between a point of the skin and the depth of its pixel: a pixel covers 7 mm at 2.5 m
+SAME_SKIN_M: Final = 0.03  # m between a point of the skin and the depth of its pixel; a pixel covers 7 mm at 2.5 m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +53,7 @@ class Studio:
     room_picture: RoomPicture | None = None  # of the camera of a real room
 
     def shoot(self, frame: int) -> Shot:
-        """Return all cameras' images with one number."""
+        """Return the images of all cameras with the same frame number."""
         clinic = self.clinic
         figures = {id(p): p.figures(frame) for p in self.performances}
         images, depths, seen, behind = [], [], [], []
@@ -84,7 +85,7 @@ class Studio:
         return (self.stills_after if moves_at_s is not None and time_s >= moves_at_s else self.stills)[index]
 
     def _reading_mm(self, index: int, frame: int, image: TrueImage) -> np.ndarray:
-        """Return the recorder's stored image; smoothing over time needs the frames before."""
+        """Return the image that the recorder stores; smoothing over time needs the earlier frames."""
         reader = self.readers[index]
         first = max(0, frame - MEMORY + 1) if reader.spec.filtered else frame
         raw = []

@@ -1,4 +1,6 @@
-"""People beside the patient: therapists, who walk in, hold and follow the patient and leave; and people who pass by."""
+"""Draw people beside the patient: therapists, who walk in, hold and follow the patient and leave; and people who pass
+by.
+"""
 
 from __future__ import annotations
 
@@ -56,13 +58,16 @@ class Therapist:
     hold: Hold | None
 
     def bones(self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray) -> np.ndarray:
-        """Return (t, b, 4, 4) T_world_rest, hands on the patient, whose bones (t, b, 4, 4) move."""
+        """Return the motion of every bone, (t, b, 4, 4) T_world_rest; the hands follow the patient, whose bones (t, b,
+        4, 4) move.
+        """
         if self.hold is None:
             return self.actor.bones(times_s)
         person = self.actor.person
         channels = self.actor.channels(times_s)
         place_m, normal = skin_points(patient.person, patient_bones, self.hold.vertices)
-        captured = isinstance(patient, CapturedActor)  # who may sit down: farther than anybody leans and crouches
+        # a captured patient may sit down, farther than a therapist can lean and crouch
+        captured = isinstance(patient, CapturedActor)
         _follow(channels, self.hold, place_m, LEAN_M if captured else FARTHEST_FOLLOW_M)
         if captured:
             lowest = LOWEST_PELVIS_M - standing_pelvis_m(person.body)
@@ -74,7 +79,7 @@ class Therapist:
     def held_joints(
         self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray, bones: np.ndarray
     ) -> np.ndarray:
-        """Return (t, 2) int: the patient's joint that each hand holds, -1 where it does not, or is left behind."""
+        """Return (t, 2) int: the patient's joint that each hand holds, -1 where it holds none or cannot follow."""
         if self.hold is None:
             return np.full((len(times_s), 2), -1)
         person, wrist_bones = self.actor.person, [self.actor.person.body.asset.bone(f"{side}Hand") for side in SIDES]
@@ -188,7 +193,7 @@ def _clear_course(courses: np.ndarray, crossing_m: np.ndarray, others_m: np.ndar
 
 
 def _walker(rng: np.random.Generator, person: Person, footwork: Footwork) -> Therapist:
-    """Return a person who only walks."""
+    """Return a person who does nothing but walk."""
     return Therapist(Actor(person, resting_channels(person, in_frame=False), [], footwork, draw_waves(rng)), None)
 
 

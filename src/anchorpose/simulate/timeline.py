@@ -1,4 +1,4 @@
-"""Smooth movements and steps laid out in time, and the posture that patients and therapists take by them."""
+"""Lay out smooth movements and steps in time, and compute the posture that patients and therapists take by them."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footwork:
-    """Where the feet stand at first (two (x, z) places and yaws, left then right), and the steps in order of time."""
+    """The initial stance of the feet (two (x, z) places and yaws, left then right), and the steps in order of time."""
 
     places_m: np.ndarray
     yaws: np.ndarray
@@ -145,7 +145,9 @@ def foot_track(footwork: Footwork, times_s: np.ndarray) -> FootTrack:
 
 
 def body_course(footwork: Footwork, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the body is, (t, 2) x and z, and which way it faces, (t,): between the feet, smoothed over time."""
+    """Return the place of the body, (t, 2) x and z, and the direction that it faces, (t,): between the feet, smoothed
+    over time.
+    """
     weights = np.hanning(9)[1:-1]
     place, yaw = np.zeros((len(times_s), 2)), np.zeros(len(times_s))
     for weight, lag in zip(weights / weights.sum(), np.linspace(-BODY_LAG_S, BODY_LAG_S, len(weights)), strict=True):
@@ -206,7 +208,7 @@ def stand(middle_m: np.ndarray, yaw: float, stance_m: float) -> Footwork:
 
 
 def stance_places(middle_m: np.ndarray, yaw: float, stance_m: float) -> np.ndarray:
-    """Return (2, 2) x, z of the left and right foot of someone who stands at ``middle_m`` and faces ``yaw``."""
+    """Return x and z, (2, 2), of the left and right foot of a person who stands at ``middle_m`` and faces ``yaw``."""
     right = np.array([np.sin(yaw), np.cos(yaw)])
     return middle_m + np.array([[-0.5], [0.5]]) * stance_m * right
 
@@ -217,7 +219,9 @@ def _wrap(angle: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandGoals:
-    """Where each hand goes while it is pulled: wrist (t, 2, 3) metres and turn of the hand from rest (t, 2, 3, 3)."""
+    """The goal of each hand while it is pulled: wrist (t, 2, 3) metres, and rotation of the hand from rest (t, 2, 3,
+    3).
+    """
 
     wrist_m: np.ndarray
     turn: np.ndarray

@@ -13,9 +13,9 @@ from anchorpose.body.contact_regions import REGIONS, region_of_skin
 from anchorpose.simulate.clinic import Clinic, Performance
 from anchorpose.simulate.render import Figure
 
-TOUCH_M: Final = 0.03  # between two people's skin
-JOINT_REGION_M: Final = 0.12  # a joint is touched where skin this near to it is touched
-# distance of touching skin from a rigid surface: the folds of the clothes, as deep as ``clothing_m`` has them
+TOUCH_M: Final = 0.03  # m between two people's skin
+JOINT_REGION_M: Final = 0.12  # m; a joint is touched where skin this near to it is touched
+# distance of touching skin from a rigid surface: the folds of the clothes, as deep as ``clothing_m`` states
 EQUIPMENT_TOUCH_M: Final = 0.01
 
 

@@ -1,4 +1,4 @@
-"""Writing a simulated recording, which of its images the recorder keeps, and, beside it, its truth."""
+"""Write a simulated recording, with the images that the recorder keeps, and its truth beside it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def simulate_recording(
     progress: Callable[[int, int], None] | None = None,
     programme: Programme | None = None,
 ) -> None:
-    """Write ``out/recording/`` and ``out/truth/``; all of it or nothing.
+    """Write ``out/recording/`` and ``out/truth/``, either completely or not at all.
 
     ``progress(done, total)`` is called after every frame; programme: as in ``draw_clinic``. Raises InputError where
     ``out`` is there and not empty, or a link.
@@ -73,7 +73,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
     _write_documents(recording, clinic)
     studio, records = set_up(clinic), tuple(draw_record(clinic, index) for index in range(config.cameras))
     for index, camera in enumerate(clinic.cameras):
-        if clinic.scene is None:  # nobody empties a real room for a picture
+        if clinic.scene is None:  # nobody would empty a real room for an image
             _write_png(recording / camera.name / "background.png", studio.background_mm(index))
         _write_stamps(recording / camera.name / "timestamps.csv", records[index])
     patient_pixels, contacts, seen, behind = [], [], [], []
@@ -126,7 +126,7 @@ class Sight:
 
 
 def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight: Sight, contacts: list[Touch]) -> None:
-    """Write the truth that tracking is measured against, by frame of the first camera, world frame, metres.
+    """Write the truth with which tracking is compared, by frame of the first camera, world frame, metres.
 
     occluded (t,): a hole was cut, or a person who passes by hides over ``PASSER_HIDES`` of the patient from a camera.
     Beyond the format's own keys: patient_pixels (t,) of all cameras together; seen_share (t, 21, cameras) of the skin
@@ -177,10 +177,11 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """One camera's files by frame number; each (t,).
+    """One camera's files by frame number, arrays (t,).
 
-    kept: bool, the image is on the disk; shown: int64, the number of the image that the file holds (its own or, where
-    doubled, an earlier one); stamp_s: float64, what timestamps.csv says; taken_s: float64, when that image was taken.
+    kept: bool, whether the image is on the disk; shown: int64, the number of the image in the file (its own or, where
+    doubled, that of an earlier image); stamp_s: float64, the time in timestamps.csv; taken_s: float64, when the image
+    in the file was taken.
     """
 
     kept: np.ndarray
@@ -190,7 +191,9 @@ class Record:
 
 
 def draw_record(clinic: Clinic, index: int) -> Record:
-    """Draw which images camera ``index`` writes. The first camera keeps all its images: its frames number the truth."""
+    """Draw which images camera ``index`` writes. The first camera keeps all its images, since its frames number the
+    truth.
+    """
     config = clinic.config
     nominal_s, taken_s = np.arange(config.frames) / config.fps, clinic.true_times_s(index)
     kept = _kept(clinic, index, nominal_s)

@@ -72,14 +72,15 @@ def depth_mode(width: int, height: int) -> DepthMode | None:
 def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
     """Return the depth camera's lens in the pixels of a mode.
 
-    calibration: the text of ``calibration.json``. Raises ValueError with the problem, worded to follow "which".
+    calibration: the text of ``calibration.json``. Raises ValueError with the problem, worded such that it can follow
+    the word "which".
     """
     camera = _depth_camera(calibration)
     cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, centre_x, centre_y, p2, p1 = _parameters(camera)
     if centre_x or centre_y:
         raise ValueError("has a centre of distortion, which this lens model lacks")
     size_px = SENSOR_PX / mode.binning
-    # the document's (0, 0) is the corner of the sensor's first pixel, ours is the centre of the image's first pixel
+    # (0, 0) is the corner of the sensor's first pixel in the document, but the centre of the image's first pixel here
     return Intrinsics(
         fx=fx * size_px,
         fy=fy * size_px,
@@ -122,7 +123,7 @@ def _parameters(camera: dict) -> tuple[float, ...]:
 
 
 def _radius(camera: dict) -> float | None:
-    """Return how far from the axis the lens was calibrated, in units of z; None where the maker gives 0."""
+    """Return the radius, in units of z, up to which the lens was calibrated; None where the maker gives 0."""
     radius = camera.get("MetricRadius")
     if not isinstance(radius, int | float) or not np.isfinite(radius) or radius <= 1e-4:
         return None
@@ -136,7 +137,7 @@ CALIBRATION: Final = "calibration.json"
 
 
 def matches(path: Path, head: bytes) -> bool:
-    """Return whether a file is Matroska; ``open_source`` refuses one that has no depth."""
+    """Return whether a file is Matroska; ``open_source`` refuses a file without depth."""
     return head.startswith(EBML)
 
 
@@ -162,8 +163,8 @@ def open_source(path: Path) -> AzureKinectFile:
 
 @dataclass(slots=True, eq=False)
 class AzureKinectFile:
-    """A recording of one camera. start_us: the device's clock at the file's time 0, microseconds; left_out: damaged
-    depth images, counted while frames are read, for which this is not frozen.
+    """A recording of one camera. start_us: the device's clock at the file's time 0, microseconds; left_out: number of
+    damaged depth images; it is counted while frames are read, so the class is not frozen.
     """
 
     path: Path
@@ -206,7 +207,8 @@ class AzureKinectFile:
                 self.left_out += 1
 
     def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
-        """Leave out the packets whose time is damaged: later than that of the next, or no later than the one before.
+        """Leave out packets with a damaged time, which is later than the next packet's or not later than the previous
+        packet's.
 
         One packet is held back until the next is known, so that a single time far ahead does not cost all later
         packets.

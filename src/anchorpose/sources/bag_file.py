@@ -187,7 +187,7 @@ class Ros1File(_RosbagsFile):
 
 
 def _scan(path: Path) -> Iterator[tuple[int, int, bytes | Channel]]:
-    """Yield messages and connections of a ROS 1 bag without index, chunk by chunk until one is cut off."""
+    """Yield messages and connections of a ROS 1 bag without index, chunk by chunk until a chunk is cut off."""
     from rosbags.rosbag1.reader import Header, decompressors
 
     with open_regular(path) as bag:
@@ -210,7 +210,9 @@ def _scan(path: Path) -> Iterator[tuple[int, int, bytes | Channel]]:
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[Any, bytes]]:
-    """Yield header and data of the records of ROS 1 until one is cut off; the data of the last one may be shorter."""
+    """Yield header and data of the records of ROS 1 until a record is cut off; the data of the last record may be
+    incomplete.
+    """
     from rosbags.rosbag1.reader import Header, ReaderError, read_uint32
 
     try:
@@ -306,7 +308,7 @@ def _open_file(path: Path) -> BagFile:
 
 
 def files_of(folder: Path) -> tuple[Path, ...]:
-    """Return the bags of a ROS 2 folder in the order of their numbers, which rosbag2 writes without leading zeros."""
+    """Return the bags of a ROS 2 folder, sorted by their numbers, which rosbag2 writes without leading zeros."""
     files = (path for path in folder.iterdir() if path.name.endswith(_ENDINGS) and path.is_file())
 
     def order(path: Path) -> tuple[tuple[int, str], ...]:

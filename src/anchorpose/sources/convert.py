@@ -1,4 +1,5 @@
-"""Convert recorders' files to a recording folder: streamed, resumable, and complete or no recording at all.
+"""Convert recorders' files to a recording folder. The conversion is streamed and can be resumed; an incomplete one is
+not a recording.
 
 conversion.json holds the inputs and options, to resume or repeat the conversion.
 """
@@ -34,7 +35,7 @@ CONVERSION_FILE: Final = "conversion.json"
 LOCK_FILE: Final = ".conversion.lock"
 
 BLOCK: Final = 65536
-BLOCKS: Final = 16  # blocks spread over a large file: another recording of the same size has different noise everywhere
+BLOCKS: Final = 16  # blocks sampled in a large file; another recording of the same size has different noise everywhere
 
 SMALL: Final = 65536
 LISTED: Final = 200
@@ -44,7 +45,9 @@ TEXTS: Final = {".json", ".txt", ".csv", ".yaml", ".yml"}
 
 
 def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict[str, Any]:
-    """Return what identifies a conversion: the program's version, the inputs' content and the options."""
+    """Return the content of conversion.json, which identifies a conversion: the program's version, the inputs' content
+    and the options.
+    """
     prints = [(path, fingerprint(path)) for path in inputs]
     return {
         "format": "conversion",
@@ -78,8 +81,8 @@ def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
 
 
 def is_untouched(folder: Path) -> bool:
-    """Return whether a folder with a conversion.json has only the files written into it, as far as names and
-    recording.json show: then it can be made again without losing anybody's work.
+    """Return whether a folder with a conversion.json has only the files that the conversion wrote, as far as names and
+    recording.json show. Then it can be made again without losing anyone's work.
     """
     for file in folder.iterdir():
         of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
@@ -273,7 +276,7 @@ def _json(document: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class DirectInput:
-    """The input of a verb, and the recording that it works with; ready where nothing needs to be done."""
+    """The input of a command, and the recording to use. ready: whether nothing needs to be converted."""
 
     given: Path
     recording: Path
@@ -315,6 +318,8 @@ def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
 
 
 def _may_write(folder: Path) -> bool:
-    """Return whether a folder may be written; one marked as read-only is respected for administrators, too."""
+    """Return whether a folder may be written; a folder marked as read-only may not be written, even by
+    administrators.
+    """
     marked = os.name == "posix" and not folder.stat().st_mode & 0o222
     return not marked and os.access(folder, os.W_OK)

@@ -31,7 +31,7 @@ millimetre at most.
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
-    """A depth image file, on disk or in the archive that is read; time_s as in ``SourceFrame``."""
+    """A depth image file, on disk or in an archive. time_s: as in ``SourceFrame``."""
 
     path: Path
     time_s: float
@@ -65,7 +65,7 @@ class ImageFiles:
         return (*self._notes, damaged)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; skipped ones are decoded as well, to count the damaged ones."""
+        """Yield the depth images in order; skipped images are decoded as well, to count the damaged ones."""
         taken = 0
         for file in self._files:
             grey, problem = self._read(file.path, self.cameras[0])
@@ -123,13 +123,15 @@ def images_in(folder: Path) -> list[Path]:
 
 
 def natural_order(path: Path) -> tuple[tuple[bool, int, str], ...]:
-    """Return a key that sorts names with numbers by the numbers."""
+    """Return a key by which names are sorted by the numbers in them."""
     parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
     return tuple((part[0] in "0123456789", int(part[:18]) if part[0] in "0123456789" else 0, part) for part in parts)
 
 
 def number_of(path: Path) -> int | None:
-    """Return the only number in a file's name; None where there is none, several, or one too long to count images."""
+    """Return the only number in a file's name; None where there is no number, several numbers, or a number too long to
+    count images.
+    """
     numbers = re.findall(r"[0-9]+", path.stem)
     return int(numbers[0]) if len(numbers) == 1 and len(numbers[0]) <= 9 else None
 
@@ -157,10 +159,10 @@ def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, s
 
 
 def scale_of(metres: np.ndarray) -> float | None:
-    """Return metres per grey value that preserve an image: a millimetre where all are whole millimetres; None without a
-    reading.
+    """Return the metres per grey value that preserve an image; None without a reading.
 
-    Otherwise it is the finest of a few scales that reaches a quarter farther than the image.
+    It is a millimetre where all readings are whole millimetres, otherwise the finest of a few scales that reaches a
+    quarter farther than the image.
     """
     given = metres[np.isfinite(metres)].astype(np.float64)
     if given.size == 0:
@@ -182,6 +184,5 @@ def grey_of_metres(metres: np.ndarray, scale: float) -> tuple[np.ndarray, int]:
 
 
 def to_grey(depth_m: np.ndarray) -> np.ndarray:
-    """Convert (height, width) metres to uint16 in steps of ``GREY_M``; 0 where there is no reading, and beyond 16.4
-    m."""
+    """Convert (height, width) metres to uint16 in steps of ``GREY_M``; 0 without a reading, and beyond 16.4 m."""
     return grey_of_metres(np.asarray(depth_m), GREY_M)[0]

@@ -43,7 +43,8 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
-NEAREST_M: Final = 0.1  # depth in metres has a larger median; in millimetres it lies beyond ``FARTHEST_M``
+# m; depth in metres has a larger median, and in millimetres its median lies beyond ``FARTHEST_M``
+NEAREST_M: Final = 0.1
 
 _NPY: Final = b"\x93NUMPY"
 
@@ -77,7 +78,7 @@ def _reader(path: Path, start: int, shape: tuple[int, ...], kind: np.dtype[Any])
     def read(position: int) -> np.ndarray:
         with open_regular(path) as file:
             place = file.seek(start + position * size)
-            data = file.read(min(size, max(0, path.stat().st_size - place)))  # a size may be damaged
+            data = file.read(min(size, max(0, path.stat().st_size - place)))  # the stated size may be damaged
         if len(data) < size:
             raise InputError(path, f"ends within image {position}", "copy or save it again")
         return np.frombuffer(data, kind).reshape(shape)
@@ -91,7 +92,7 @@ def _is_array(path: Path, head: bytes) -> bool:
 
 
 def _open_array(path: Path) -> ImageArray:
-    """Raise InputError where the array is not of depth images."""
+    """Open an array; raises InputError where it does not hold depth images."""
     with open_regular(path) as file:
         try:
             shape, columns, kind = _npy_header(file)
@@ -175,7 +176,7 @@ def _is_images(path: Path, head: bytes) -> bool:
 
 
 def _open_images(path: Path) -> ImageFiles:
-    """Raise InputError where the sidecar cannot be used."""
+    """Open a folder of images; raises InputError where the sidecar cannot be used."""
     images = _images(path)
     width, height = first_size(path, images)
     grey = [file for file in images if grey_size(file) is not None]
@@ -234,7 +235,7 @@ def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndar
 
 
 def file_times(given: SidecarDocument, path: Path, files: Sequence[FrameFile]) -> list[FrameFile] | None:
-    """Return the files, now numbered, with the sidecar's times; None where it has none."""
+    """Return the files, now numbered, with the sidecar's times; None where the sidecar has no times."""
     times = times_of(given, path, np.array([file.time_s for file in files]))
     return None if times is None else [replace(file, time_s=t) for file, t in zip(files, times.tolist(), strict=True)]
 
@@ -260,7 +261,7 @@ def _is_raw_dump(path: Path, head: bytes) -> bool:
 
 
 def _open_raw(path: Path) -> Source:
-    """Raise InputError where the sidecar does not fit."""
+    """Open a raw dump; raises InputError where the sidecar does not fit."""
     sidecar = _sidecar(path)
     given = read_document(sidecar, SidecarDocument)
     if given.width is None or given.height is None:

@@ -112,7 +112,7 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
 
 
 def _is_mat(path: Path, head: bytes) -> bool:
-    """Return whether this is such a file."""
+    """Return whether this is a MATLAB file of level 5."""
     return head.startswith(b"MATLAB 5.0")
 
 

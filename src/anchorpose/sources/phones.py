@@ -73,7 +73,7 @@ def _is_stray(path: Path, head: bytes) -> bool:
 
 
 def _open_stray(path: Path) -> ImageFiles:
-    """Raise InputError where the files do not fit each other."""
+    """Open a folder of Stray Scanner; raises InputError where the files do not fit each other."""
     images = images_in(path / "depth")
     size = first_size(path / "depth", images)
     times, positions_m = _odometry(path / "odometry.csv")
@@ -144,7 +144,7 @@ def _is_record3d(path: Path, head: bytes) -> bool:
 
 
 def _open_record3d(path: Path) -> ImageFiles:
-    """Raise InputError where the file cannot be used, MissingPackage without lzfse."""
+    """Open a file of Record3D; raises InputError where the file cannot be used, MissingPackage without lzfse."""
     try:
         import lzfse  # noqa: F401
     except ImportError:
@@ -208,7 +208,9 @@ def _whole(path: Path, values: dict[str, Any], key: str) -> int:
 
 
 def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list[float], bool]:
-    """Return each image's time, or else its number, and whether these are times: the device's, or by its frame rate."""
+    """Return each image's time or, if times are unknown, its number; and whether these are times. Times are the
+    device's, or follow from its frame rate.
+    """
     stamps = values.get("frameTimestamps")
     if isinstance(stamps, list) and stamps and numbers[-1] < len(stamps):
         times = finite_list(stamps, len(stamps))

@@ -31,8 +31,8 @@ QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraPlan:
-    """A camera to write, upright. model and serial: empty where unknown; fps: None where the images have times; count:
-    None where unknown.
+    """A camera to write, with upright images. model and serial: empty where unknown; fps: None where the images have
+    times; count: number of images, None where unknown.
     """
 
     camera: Camera
@@ -42,14 +42,14 @@ class CameraPlan:
     count: int | None = None
 
     def document(self) -> dict[str, Any]:
-        """Return the camera as recording.json has it."""
+        """Return the camera in the form of recording.json."""
         known = {key: value for key, value in (("model", self.model), ("serial", self.serial)) if value}
         return {**camera_document(self.camera), **known}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The plan of a conversion. cameras: those of each source; notes: decisions, and missing information with its
+    """The plan of a conversion. cameras: the cameras of each source; notes: decisions, and missing information with its
     remedy.
     """
 
@@ -58,7 +58,9 @@ class Plan:
 
 
 def make_plan(sources: Sequence[Source], options: ConvertOptions) -> Plan:
-    """Make the plan; raises InputError where information is missing that only the user has, or is given twice."""
+    """Make the plan; raises InputError where information is missing that only the user can give, or where information
+    is given twice.
+    """
     all_cameras = [camera for source in sources for camera in source.cameras]
     if options.intrinsics is not None and all(camera.intrinsics is not None for camera in all_cameras):
         raise InputError(sources[0].path, "has its own lens", "leave --intrinsics out")
@@ -150,7 +152,7 @@ def folder_name(text: str) -> str:
 def _poses_of_one_world(
     cameras: tuple[tuple[CameraPlan, ...], ...], options: ConvertOptions
 ) -> tuple[tuple[tuple[CameraPlan, ...], ...], tuple[str, ...]]:
-    """Leave out poses that cannot hold: different inputs have different worlds, and a mirrored world is invalid."""
+    """Leave out poses that cannot be valid: different inputs have different worlds, and a mirrored world is invalid."""
     placed = [any(plan.camera.T_world_camera is not None for plan in own) for own in cameras]
     whole = all(plan.camera.T_world_camera is not None for own in cameras for plan in own)
     if not any(placed) or (whole and len(cameras) == 1 and not options.mirror):
@@ -194,8 +196,8 @@ def turn_lens(lens: Intrinsics, size: tuple[int, int], degrees: int, mirror: boo
 
 
 def turn_pose(T_world_camera: np.ndarray, degrees: int) -> np.ndarray:
-    """Return T_world_camera of the camera whose image was turned clockwise: the camera turned the other way about its
-    axis.
+    """Return T_world_camera of a camera whose image was turned clockwise, which rotates the camera the other way about
+    its axis.
     """
     angle = np.deg2rad(degrees)
     cos, sin = np.rint(np.cos(angle)), np.rint(np.sin(angle))
@@ -314,7 +316,7 @@ def encode_grey(grey: np.ndarray) -> bytes:
 
 
 def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
-    """Return number and time of the complete images: all exist, and the last one can be decoded."""
+    """Return numbers and times of the complete images, which all exist and of which the last can be decoded."""
     path = folder / "timestamps.csv"
     if not path.is_file():
         return []

@@ -82,7 +82,7 @@ class BagSource:
         return (*self._said, *self._bag.notes, *counted)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images; if a file is cut off, those before the end, with a note."""
+        """Yield the depth images; if a file is cut off, the images before the end, with a note."""
         self._tallies = tuple(Counter[str]() for _ in self.cameras)
         given = [0] * len(self.cameras)
         try:

@@ -56,7 +56,7 @@ class MessageFields:
         return int(self.number(kind))
 
     def numbers(self, kind: str, count: int) -> np.ndarray:
-        """Return (count,) float64."""
+        """Return the next numbers (count,) float64."""
         size = struct.calcsize("<" + kind)
         if count:
             self._align(size)
@@ -255,8 +255,8 @@ def read_any_image(message: Message) -> Image:
 class DepthStream:
     """The stream of one camera's images.
 
-    in_metres: values are metres, otherwise whole grey values; read: returns the image of a message, with the device's
-    time; metadata_topic: topic of that time, where it is in a message after the image.
+    in_metres: values are metres, otherwise whole grey values; read: function that returns the image of a message, with
+    the device's time; metadata_topic: topic of that time, where it is in a message after the image.
     """
 
     topic: str

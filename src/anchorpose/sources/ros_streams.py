@@ -1,5 +1,5 @@
-"""Choose the depth images that ROS drivers publish: which topics are one camera's, and which ``CameraInfo`` is
-theirs.
+"""Choose the depth images that ROS drivers publish: which topics belong to one camera, and which ``CameraInfo``
+describes them.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], 
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A topic with depth images; words: of its name; message: its first image."""
+    """A topic with depth images; words: words of its name; message: its first image."""
 
     channel: Channel
     words: tuple[str, ...]
@@ -76,8 +76,8 @@ class _Candidate:
 
     @property
     def cost(self) -> tuple[bool, ...]:
-        """Return a cost; the lowest is the most direct: as the sensor saw it, in its own numbers, not moved into the
-        colour image.
+        """Return a cost, lowest for the most direct topic: the sensor's own view and numbers, not moved into the colour
+        image.
         """
         moved = not _MOVED.isdisjoint(self.words)
         return moved, self.in_metres, self.rectified, self.channel.kind == COMPRESSED
@@ -121,7 +121,7 @@ class _Search:
                 continue
             if scale is not None:
                 break
-        scale = scale or 0.001  # no image has a reading
+        scale = scale or 0.001  # where no image has a reading
         self.notes.append(f"Depth of {name} is in metres: it is written in steps of {scale * 1000:g} mm.")
         return scale
 
@@ -138,7 +138,9 @@ class _Search:
         return None
 
     def _infos_of(self, candidate: _Candidate, size: tuple[int, int]) -> list[CameraInfo]:
-        """Return the info beside the images if its size fits, otherwise that of the same optical frame and size."""
+        """Return the ``CameraInfo`` beside the images if its size fits, otherwise one with the same optical frame and
+        size.
+        """
         topic = re.sub(r"/compressed(Depth)?$", "", candidate.channel.topic)
         beside = self.infos.get(f"{topic.rpartition('/')[0]}/camera_info")
         if beside is not None and image_size(beside) == size:
@@ -156,7 +158,7 @@ class _Search:
 
 
 def find_streams(bag: Bag, path: Path) -> Streams:
-    """Find the most direct depth images of each camera. Raises InputError where there are none."""
+    """Find the most direct depth images of each camera. Raises InputError where the bag has no depth images."""
     notes: list[str] = []
     candidates = _candidates(bag, notes)
     if not candidates:
@@ -198,7 +200,7 @@ def _described(bag: Bag, notes: list[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """The intrinsics, or why there are none."""
+    """The intrinsics, or the reason why they are missing."""
 
     intrinsics: Intrinsics | None
     problem: str = ""
@@ -212,7 +214,7 @@ def image_size(info: CameraInfo) -> tuple[int, int]:
 
 
 def lens_of(info: CameraInfo, rectified: bool) -> Lens:
-    """Return the lens of an image; rectified: distortion was removed, so P applies, not K."""
+    """Return the lens of an image. rectified: whether distortion was removed, so that P applies and not K."""
     if rectified and info.P[0] > 0.0:
         focal_centre = info.P[0], info.P[5], info.P[2], info.P[6]
     elif rectified and any(info.D):
@@ -248,7 +250,7 @@ def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, .
 def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tuple[float, float, float, float]:
     """Return the lens of a region of the full image with binned pixels.
 
-    A binned pixel's centre lies between those of its parts, hence the halves.
+    The halves are needed because a binned pixel's centre lies between the centres of its parts.
     """
     column, row, _, _ = info.roi
     across, down = _binning(info)

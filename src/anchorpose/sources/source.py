@@ -20,7 +20,7 @@ MILLIMETRE_M: Final = 0.001
 
 NO_READING: Final = 65535  # the mark, beside 0, that sensors use for "too far" or "too near"
 
-STANDS_STILL_M: Final = 0.03  # a phone on a tripod; its own estimate of its place drifts by some millimetres
+STANDS_STILL_M: Final = 0.03  # m, for a phone on a tripod, whose own estimate of its place drifts by some millimetres
 
 MODULES: Final = (
     "azure_kinect",
@@ -59,8 +59,8 @@ class SourceCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFrame:
-    """One depth image. time_s: by the device's own clock, to the microsecond, or, where the camera has no times, the
-    image's number; depth (height, width) uint16: grey values as in the file, 0 = no reading (65535 and NaN are 0
+    """One depth image. time_s: time on the device's own clock, to the microsecond, or, where the camera has no times,
+    the image's number; depth (height, width) uint16: grey values as in the file, 0 = no reading (65535 and NaN are 0
     already), native byte order.
     """
 
@@ -96,8 +96,9 @@ class Source(Protocol):
 class Reader:
     """A format of a recorder: how it is recognised and opened.
 
-    matches: tests the content, not the ending; it gets a path and the first 4096 bytes of a file, no bytes for a
-    folder. open_source: raises InputError where the header cannot be used, MissingPackage where an extra is missing.
+    matches: function that tests the content, not the ending; it gets a path and the first 4096 bytes of a file, or no
+    bytes for a folder. open_source: function that opens it; it raises InputError where the header cannot be used,
+    MissingPackage where an extra is missing.
     """
 
     matches: Callable[[Path, bytes], bool]
@@ -118,7 +119,7 @@ def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
 def find_reader(path: Path) -> Reader | None:
     """Return the reader that recognises a file or folder by its content, or None.
 
-    Raises InputError where the path cannot be read, or only its vendor's software reads it.
+    Raises InputError where the path cannot be read, or where only its vendor's software can read it.
     """
     if not path.exists():
         raise InputError(path, "there is no such file or folder", "check the path")

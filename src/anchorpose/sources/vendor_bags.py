@@ -130,7 +130,9 @@ def _lens_with(fx: float, fy: float, cx: float, cy: float, D: tuple[float, ...],
 
 
 def _about(bag: Bag, device: str) -> dict[str, str]:
-    """Return name and serial number, among others: one message for each in a bag, one for all in a database."""
+    """Return information on the device, such as name and serial number. A bag has one message per item, a database one
+    message for all.
+    """
     about: dict[str, str] = {}
     for message in bag.messages((f"{device}/info",)):
         try:

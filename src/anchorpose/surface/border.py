@@ -1,7 +1,7 @@
-"""Find what bounds the surface at each node: the patient's own outline, or an object that cuts it off.
+"""Find what bounds the surface at each node: the patient's own outline, or an object that cuts the surface off.
 
 A bar or a therapist's arm in front of the shin ends the surface, and the geodesic extremum there looks like a foot.
-Only the node's surroundings in the depth frame show the difference.
+Only the surroundings of a node in the depth frame show whether the surface really ends there.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from anchorpose.threads import each
 
 REACH_PX = 5  # pixels from an edge to the nodes that it marks: two nodes, and the pixels lost at a depth edge
 SEARCH_PX = 3  # pixels searched across the lost or mixed pixels of an edge
-SUPPORT = 3  # pixels of an edge within 5x5: one noisy reading beside the skin is not an edge
-IN_FRONT_M = 0.04  # a bar that touches the skin is at least this thick; sensor noise is less
-# depth range of a hand that holds the patient: the patient's own depth, plus or minus a hand's thickness
+SUPPORT = 3  # pixels of an edge within 5x5 pixels; one noisy reading beside the skin is not an edge
+IN_FRONT_M = 0.04  # m; a bar that touches the skin is at least this thick, and sensor noise is less
+# m, depth range of a hand that holds the patient: the patient's own depth, plus or minus a hand's thickness
 TOUCHING_M = 0.10
-HOLE_RADIUS_PX = 3  # the rim of lost readings around every silhouette is thinner
+HOLE_RADIUS_PX = 3  # pixels; the rim of lost readings around every silhouette is thinner
 MARGIN_PX = 24  # pixels around the patient that are examined: half a hole of 0.15 m at 2.4 m
 HOLE_ENCLOSED = 0.4  # share of a hole's rim that is patient; half a hole over a limb's end still counts
 
 
 class Border(IntEnum):
-    """The kind of border within reach of a node; the highest that applies."""
+    """The kind of border within reach of a node; if several are, the highest."""
 
     INSIDE = 0  # skin all around, or the patient's own silhouette before farther surfaces
     SELF = 1  # another part of the patient stands in front
@@ -74,7 +74,9 @@ def _border_of_pixels(view: View) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
-    """Return the edge pixels beside others of their kind, or of a higher kind; spots (k,): pixels of any kind."""
+    """Return the edge pixels that have enough neighbours of their own or a higher kind. spots (k,): pixels of any
+    kind.
+    """
     height, width = kind.shape
     kept = np.zeros_like(kind)
     for spot in spots:
@@ -93,7 +95,9 @@ def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.ndarray:
-    """Return the highest kind within a disc (odd, odd) of each pixel; edges are few, so each is spread separately."""
+    """Return the highest kind within a disc (odd, odd) around each pixel. Each edge pixel is spread separately, since
+    there are few.
+    """
     height, width = kind.shape
     reach = len(disc) // 2
     near = np.zeros_like(kind)
@@ -110,8 +114,8 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Classify each patient pixel by the surfaces that it meets within ``SEARCH_PX`` in eight directions.
 
     Floor and foot plate lie in front of every sole, but do not cut the patient's surface. So a surface in front is
-    extrapolated by its slope to the patient's pixel: there the floor has the sole's depth, a bar is well in front of
-    it.
+    extrapolated by its slope to the patient's pixel. There the floor has the sole's depth, while a bar is well in
+    front.
     """
     height, width = depth.shape
     kinds = np.zeros((height, width), np.uint8)
@@ -153,8 +157,8 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _surrounded(depth: np.ndarray, labels: np.ndarray, row: int, col: int, nearest: float) -> bool:
-    """Return whether the patient is all around a pixel and no neighbour is nearer than ``nearest``, as for most
-    pixels.
+    """Return whether all pixels around a pixel show the patient and none is nearer than ``nearest``; this holds for
+    most pixels.
     """
     surrounded = True
     for i in range(row - 1, row + 2):
@@ -168,11 +172,11 @@ def _disc(radius: int) -> np.ndarray:
 
 
 def _holes(labels: np.ndarray) -> np.ndarray | None:
-    """Return (height, width) uint8: lost readings thick enough to hide something and mostly within the patient; None if
-    none.
+    """Return (height, width) uint8: holes, which are regions of lost readings that are thick enough to hide something
+    and mostly within the patient; None without holes.
 
-    Recordings whose background was removed have no readings around the patient; this is not a hole, since it reaches
-    the edge of the examined area.
+    Recordings with a removed background have no readings around the patient. This is not a hole, since it reaches the
+    edge of the examined area.
     """
     lost = (labels == np.uint8(PixelLabel.NO_READING)).astype(np.uint8)
     thick = cv2.morphologyEx(lost, cv2.MORPH_OPEN, _disc(HOLE_RADIUS_PX))
@@ -193,8 +197,8 @@ def _holes(labels: np.ndarray) -> np.ndarray | None:
 
 @njit(cache=True, nogil=True)
 def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.ndarray, count: int) -> tuple:
-    """Return (count,) pixels of the rim (r,) within a disc (5, 5) of each component, and how many of them are the
-    patient's.
+    """Return (count,) how many pixels of the rim (r,) lie within a disc (5, 5) around each component, and how many of
+    these show the patient.
     """
     height, width = component.shape
     length, enclosed = np.zeros(count, np.int64), np.zeros(count, np.int64)

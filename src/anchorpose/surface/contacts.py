@@ -1,6 +1,6 @@
 """Separate parts of the patient's body that touch, such as thigh on thigh or a hand on the trunk, at their creases.
 
-A mesh from a depth frame joins touching parts. The crease decides which of two parts a node between them shows, and the
+A mesh from a depth frame joins touching parts. The crease between touching parts decides which part a node shows. The
 mesh is cut where neighbours show skin that is far apart on the body.
 """
 
@@ -16,10 +16,11 @@ from anchorpose.surface.links import find_root, unite
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
 CREASE_COST: Any = np.float32(20.0)  # a fold of 3 degrees per node makes the path over it twice as long
-# distance on the body between an edge's ends; skin points 3 cm apart blur smaller ones
+# m on the body between an edge's ends; skin points 3 cm apart blur smaller distances
 LEAST_APART_M: Any = np.float32(0.07)
-LEAST_CREASE: Any = np.float32(0.10)  # 6 degrees per node; no smooth skin of an arm predicted elsewhere has this fold
-LEAST_STEP: Final = 0.6  # sine of the angle at which an edge leaves the skin of either end: a hand on the trunk
+# 6 degrees per node; smooth skin, as of an arm predicted elsewhere, never folds so much
+LEAST_CREASE: Any = np.float32(0.10)
+LEAST_STEP: Final = 0.6  # sine of the angle at which an edge leaves the skin of either end, as at a hand on the trunk
 SHOWN_APART_M: Any = np.float32(0.25)  # parts this far apart on the body need no crease between them ...
 SHOWN_NEAR_M: Any = np.float32(0.06)  # ... if both nodes are this near to the skin point that they show ...
 SHOWN_OFF_M: Any = np.float32(0.02)  # ... and to its plane: along the skin the prediction may be half a limb off
@@ -27,11 +28,11 @@ SHOWN_OFF_M: Any = np.float32(0.02)  # ... and to its plane: along the skin the 
 
 @njit(cache=True, nogil=True)
 def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """Return (n,) int32: the one of two candidates (n, 2) int32 that each node shows; -1 = no candidate.
+    """Return (n,) int32: which of two candidates (n, 2) int32 each node shows; -1 = no candidate.
 
-    It grows from nodes with one candidate to nodes with two, which take the candidate nearer on the body to the node
-    that they are reached from; paths over creases count as longer. The algorithm is label correcting, so the order of
-    the nodes does not matter.
+    The decision spreads from nodes with one candidate to nodes with two. These take the candidate that is nearer, on
+    the body, to the node from which they are reached; paths over creases count as longer. The algorithm is label
+    correcting, so the order of the nodes does not matter.
     """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
@@ -76,7 +77,7 @@ def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.nd
 
 
 def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
-    """Return the surface without edges between touching limbs; it must have the ``skin`` of ``assign_skin``.
+    """Return the surface without edges between touching limbs; it needs the ``skin`` of ``assign_skin``.
 
     A contact is a connected set of edges whose ends are far apart on the body; it is cut if at least half of them fold
     inwards, step, or show skin at its expected place.
@@ -138,7 +139,7 @@ def _near_skin(points: np.ndarray, node: Any, skin: SkinArrays, under: int) -> b
 
 @njit(cache=True, nogil=True)
 def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: np.float32) -> bool:
-    """Return whether an edge leaves the skin of either end steeply."""
+    """Return whether an edge rises steeply from the skin at either of its ends."""
     apart2, from_p, from_q = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[q, axis] - points[p, axis]

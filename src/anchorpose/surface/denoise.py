@@ -12,10 +12,10 @@ import numpy as np
 from numba import njit
 
 MAD_TO_SIGMA: Final = 1.4826  # factor from median absolute deviation to standard deviation of a normal distribution
-SECOND_DIFFERENCE_GAIN: Final = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1] over that of z
-MAX_STEP: Final = 0.02  # share of the depth; a larger step is an edge of the body, not a step between grey values
+SECOND_DIFFERENCE_GAIN: Final = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1], divided by that of z
+MAX_STEP: Final = 0.02  # share of the depth; a larger step is an edge of the body and not a step between grey values
 QUANTISED_SHARE: Final = 0.3  # share of equal neighbours above which the spread shows the depth steps, not the noise
-# deviations of the noise at which the biweight ends; twice the usual 3, since the centre pixel is as noisy
+# deviations of the noise at which the biweight ends; twice the usual 3, since the centre pixel is noisy, too
 RANGE_SIGMAS: Final = 6.0
 MAX_SLANT_DEG: Final = 76.0  # skin at a flatter angle is a few pixels wide; arms in front of the trunk jump more
 JUMP_SIGMAS: Final = 2.0  # deviations of the raw noise; at an edge smoothing leaves about half of it
@@ -24,9 +24,9 @@ JUMP_SIGMAS: Final = 2.0  # deviations of the raw noise; at an edge smoothing le
 def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
     """Return the noise coefficient a: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
 
-    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool, the pixels to look at. It comes from the
-    robust spread of second differences along rows, or from the height of the depth steps where these exceed the noise.
-    It is 0 for a frame without noise or without three readings in a row.
+    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the pixels to use. The coefficient comes
+    from the robust spread of second differences along rows, or from the height of the depth steps where these exceed
+    the noise. It is 0 for a frame without noise or without three neighbouring readings.
     """
     bend, step, step_per_z2 = _differences(depth_m, mask)
     if len(bend) == 0:
@@ -35,16 +35,16 @@ def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
     if np.count_nonzero(step == 0) > QUANTISED_SHARE * len(step):
         stepped = step_per_z2[(step > 0) & (step <= MAX_STEP)]
         if len(stepped) > 0:
-            return max(noise, float(np.median(stepped)) / 2.0)  # the rounding error to each side
+            return max(noise, float(np.median(stepped)) / 2.0)  # half a step is the rounding error to each side
     return noise
 
 
 def denoise(depth_m: np.ndarray, mask: np.ndarray, noise: float | None = None, radius_px: int = 2) -> np.ndarray:
-    """Smooth the masked depth by a bilateral filter; pixels outside the mask or without reading are 0.
+    """Smooth the masked depth by a bilateral filter; pixels outside the mask or without a reading are 0.
 
-    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool. noise: coefficient of
-    ``estimate_noise``, estimated here when None; radius_px: of the window. Returns (height, width) float32 metres.
-    Source: Tomasi and Manduchi 1998 (doi:10.1109/ICCV.1998.710815), with Tukey's biweight as range kernel.
+    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool. noise: coefficient of ``estimate_noise``,
+    estimated here when None; radius_px: radius of the window. Return (height, width) float32 metres. Source: Tomasi and
+    Manduchi 1998 (doi:10.1109/ICCV.1998.710815), with Tukey's biweight as range kernel.
     """
     if depth_m.shape != mask.shape:
         raise ValueError(f"depth is {depth_m.shape}, mask is {mask.shape}")
@@ -60,7 +60,9 @@ def denoise(depth_m: np.ndarray, mask: np.ndarray, noise: float | None = None, r
 
 
 def jump_coefficients(focal_px: float, noise: float) -> tuple[float, float]:
-    """Return (slope, spread): neighbouring pixels at depth z are on one skin up to ``slope * z + spread * z**2``."""
+    """Return (slope, spread): neighbouring pixels at depth z are on the same skin if they differ by at most ``slope * z
+    + spread * z**2``.
+    """
     return float(np.tan(np.radians(MAX_SLANT_DEG))) / focal_px, JUMP_SIGMAS * noise
 
 
@@ -76,8 +78,8 @@ def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_sup
 
 @njit(cache=True, nogil=True)
 def extent(mask: np.ndarray) -> tuple:
-    """Return (top, bottom, left, right), past the last, of the True entries of (height, width) bool; all 0 without
-    any.
+    """Return the bounding box (top, bottom, left, right) of the True entries of (height, width) bool; bottom and right
+    are past the last, all are 0 without a True entry.
     """
     height, width = mask.shape
     columns = np.zeros(width, np.uint8)
@@ -102,8 +104,8 @@ def extent(mask: np.ndarray) -> tuple:
 
 @njit(cache=True, nogil=True)
 def _span(depth: np.ndarray, row: int, left: int, right: int) -> tuple:
-    """Return (first, last), past the last, of the positive entries of a row between two columns; (right, right) for
-    none.
+    """Return (first, last) of the positive entries of a row between two columns, where last is past the last entry;
+    (right, right) without any.
     """
     while left < right and not depth[row, left] > 0:
         left += 1
@@ -121,8 +123,8 @@ def _spatial(radius: int) -> np.ndarray:
 
 
 def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return, for three readings in a row about z, (k,) second difference over z**2, step over z, and step over
-    z**2.
+    """Return, for each three neighbouring readings around depth z, (k,): second difference divided by z**2, step
+    divided by z, and step divided by z**2.
     """
     top, bottom, left, right = extent(mask)
     inside = np.s_[top:bottom, left:right]

@@ -1,11 +1,11 @@
 """Assign seen nodes to the expected skin, and add the expected skin that no camera sees.
 
-Parts near each other in space need not be near each other on the body: a hand lies on the trunk, a thigh against the
-other. Where two parts that are far apart on the body are both near a node, both are its candidates until the crease
+Parts near each other in space need not be near each other on the body: a hand may lie on the trunk, one thigh against
+the other. Where two parts that are far apart on the body are both near a node, both are its candidates until the crease
 decides.
 
-Expected skin is added where nothing was seen and nothing contradicts it, linked to the rim of what was seen. It is
-inferred, never a measurement: it lets geodesics run as they do on the body, and shows whether a limb continues.
+Expected skin is added where nothing was seen and nothing contradicts it, and is linked to the rim of the seen surface.
+It is inferred, never a measurement. It lets geodesics run as they do on the body, and shows whether a limb continues.
 Registration, track tree and images of the patient use only seen nodes.
 """
 
@@ -53,26 +53,28 @@ def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32
     return np.float32(row), np.float32(column), z
 
 
-# distance from a node to the skin point it shows: the prediction of a fast hand is this far off
+# m from a node to the skin point that it shows; the prediction of a fast hand is this far off
 REACH_M: Any = np.float32(0.12)
-MAX_TURN_DEG: Final = 70.0  # between their normals; the far side of a wrist faces the other way
+MAX_TURN_DEG: Final = 70.0  # degrees between the normals of node and skin; the far side of a wrist faces the other way
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
 OFF_PLANE_WEIGHT: Any = np.float32(3.0)  # weight of a distance along the normal: skin points are samples of a surface
-AMBIGUOUS_M: Any = np.float32(0.04)  # two skin points whose distances differ by less may be confused
-FAR_ON_BODY_M: Any = np.float32(0.12)  # candidates farther apart than this make a node ambiguous
+AMBIGUOUS_M: Any = np.float32(0.04)  # m; two skin points whose distances differ by less may be confused
+FAR_ON_BODY_M: Any = np.float32(0.12)  # m on the body; candidates farther apart make a node ambiguous
 
-CELL_PX: Final = 6  # side of a cell of skin points: 4 cm at 2.4 m, slightly over their spacing
+CELL_PX: Final = 6  # pixels, side of a cell of skin points: 4 cm at 2.4 m, slightly over their spacing
 # cosine; skin turned more than 120 degrees off the optical axis is on the other side
 LEAST_FACING: Any = np.float32(-0.5)
-# share of a pixel's span at the axis: rays slant, and nodes lie before the nearest skin
+# share of a pixel's span at the axis, since rays slant and nodes lie in front of the nearest skin
 NARROWEST: Any = np.float32(0.75)
 MOST_CANDIDATES: Final = 128  # skin points kept for one node; about fifty are within reach
 
 
 def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
-    """Return (k,) bool: skin points next to skin that is far away on the body; nodes near them are ambiguous.
+    """Return (k,) bool: skin points that are near skin which is far away on the body; nodes near such points are
+    ambiguous.
 
-    Next to means within twice ``AMBIGUOUS_M``: where the prediction is off by more than half of this, some are missed.
+    Near means within twice ``AMBIGUOUS_M``. Where the prediction is off by more than half of this, some points are
+    missed.
     """
     skin = expected.arrays
     order = np.argsort(skin.points_m[:, 1])
@@ -99,7 +101,8 @@ class SkinGrid(NamedTuple):
     """Skin that faces the camera, sorted by the cell of pixels that it falls into.
 
     start (rows * cols + 1,) int32: where each cell begins; which (m,) int32: the skin points; place (6, m) float32:
-    their positions and normals; rows, cols: of the cells; span_m: least span of a pixel, inf without skin.
+    their positions and normals; rows, cols: number of rows and columns of cells; span_m: least span of a pixel, inf
+    without skin.
     """
 
     start: np.ndarray
@@ -114,8 +117,8 @@ class SkinGrid(NamedTuple):
 def _candidates(
     mesh: MeshArrays, pixel: np.ndarray, skin: SkinArrays, ambiguous: np.ndarray, grid: SkinGrid
 ) -> np.ndarray:
-    """Return (n, 2) int32: the nearest skin point of each node and, if that is ambiguous, the nearest one far from it
-    on the body.
+    """Return (n, 2) int32: the nearest skin point of each node and, if this point is ambiguous, the nearest skin point
+    far from it on the body.
 
     The search starts around the node's own pixel, then covers all pixels that may be as near as the point found.
     """
@@ -159,7 +162,7 @@ def _candidates(
 def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any, squared: np.ndarray) -> None:
     """Compute squared distances from a node to skin points, weighted along their normals; inf if turned too far.
 
-    First and last are unsigned, so that no index can count from the end and the loop is vectorised.
+    First and last are unsigned, so that no index is negative and the loop is vectorised.
     """
     points, normals = mesh.points_m, mesh.normals
     steep = OFF_PLANE_WEIGHT * OFF_PLANE_WEIGHT - np.float32(1.0)
@@ -175,7 +178,9 @@ def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any,
 
 @njit(cache=True, nogil=True)
 def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[int, int, int, int]:
-    """Return (top, bottom, left, right), past the last, of the cells within some pixels of a node."""
+    """Return the cells within some pixels of a node, as (top, bottom, left, right), where bottom and right are past the
+    last.
+    """
     row, col, away = int(pixel[n, 0]), int(pixel[n, 1]), int(reach_px) + 1
     top, bottom = max(row - away, 0) // CELL_PX, (row + away) // CELL_PX + 1
     left, right = max(col - away, 0) // CELL_PX, (col + away) // CELL_PX + 1
@@ -229,7 +234,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
         while end < len(x) and y[end] - y[a] <= radius:
             end += 1
         count = 0
-        for b in range(a + 1, end):  # no branch: every tenth would be mispredicted
+        for b in range(a + 1, end):  # without a branch: every tenth would be mispredicted
             squared = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
             near[count] = b
             count += int(squared < radius * radius)
@@ -241,19 +246,20 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     return marked
 
 
-SEEN_THROUGH_M: Any = np.float32(0.05)  # a reading this far behind a skin point shows that no skin is there
-STRETCH: Any = np.float32(0.98)  # paths over neighbours, and over their neighbours, are 2 % longer than straight ones
+SEEN_THROUGH_M: Any = np.float32(0.05)  # m; a reading this far behind a skin point shows that no skin is there
+# factor on paths over neighbours and their neighbours, which are 2 % longer than straight paths
+STRETCH: Any = np.float32(0.98)
 
 
 def add_hidden_skin(
     surface: Surface, expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]
 ) -> Surface:
-    """Return the surface with hidden skin as further nodes, after the seen ones: they have links, but no grid.
+    """Return the surface with hidden skin as further nodes after the seen nodes; they have links, but no grid.
 
-    depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point that no node
-    shows and some camera sees through is left out. Nodes at the rim of the seen surface are linked to the skin point
-    that they show, which then becomes a node too, even if a camera sees through it: there the predicted outline is a
-    few pixels too wide.
+    depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point is left out
+    if no node shows it and some camera sees through it. Nodes at the rim of the seen surface are linked to the skin
+    point that they show. This point then becomes a node, too, even if a camera sees through it, since the predicted
+    outline may be a few pixels too wide there.
     """
     body, first = expected.map, len(surface)
     absent = _seen_through(expected, depths_m, cameras)
@@ -279,7 +285,9 @@ def add_hidden_skin(
 
 
 def _seen_through(expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]) -> np.ndarray:
-    """Return (k,) bool: skin points that are not there, since a camera sees farther surfaces."""
+    """Return (k,) bool: skin points that cannot be at their expected place, since a camera sees a farther surface
+    there.
+    """
     absent = np.zeros(len(expected.points_m), np.bool_)
     for depth, camera in zip(depths_m, cameras, strict=True):
         _mark_seen_through(expected.points_m, pinhole(camera), depth, absent)
@@ -288,7 +296,7 @@ def _seen_through(expected: ExpectedSkin, depths_m: Sequence[np.ndarray], camera
 
 @njit(cache=True, nogil=True)
 def _mark_seen_through(skin: np.ndarray, camera: Pinhole, depth: np.ndarray, absent: np.ndarray) -> None:
-    """Mark in ``absent`` (k,) the skin points in front of the camera's readings."""
+    """Mark in ``absent`` (k,) the skin points that lie in front of the camera's readings."""
     for k in range(len(skin)):
         high, left, z = into_camera(camera, skin, k)
         if z <= 0.0:
@@ -320,10 +328,11 @@ class Paths(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return place (k,), the new node of each skin point, -1 for none; and shown (k,), the piece of mesh that shows it,
-    -1 for none.
+    """Return place (k,), the new node of each skin point, -1 for none; and shown (k,), the piece of mesh that shows the
+    point, -1 for none.
 
-    A skin point that the mesh shows becomes a node next to hidden ones and where a rim shows it.
+    A skin point that the mesh shows becomes a node only next to hidden skin points, and where a node at the rim shows
+    it.
     """
     skin, first = seen.skin, len(seen.skin)
     shown = np.full(len(absent), -1, np.int32)
@@ -357,7 +366,7 @@ def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np
 
 @njit(cache=True, nogil=True)
 def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return links (m, 2) among new nodes and from the rim to them, and their lengths (m,) float32.
+    """Return links (m, 2) among the new nodes and from the rim to the new nodes, and their lengths (m,) float32.
 
     Two skin points shown by one piece of mesh are not linked: the mesh connects them.
     """

@@ -1,6 +1,6 @@
-"""Link parts of the surface that the depth frame separates although the body is one.
+"""Link parts of the surface that are separate in the depth frame but connected on the body.
 
-A bar in front of the shins hides a strip of leg but does not cut the leg; a chin stands in front of the neck.
+For example, a bar in front of the shins hides a strip of the leg, and a chin stands out in front of the neck.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from scipy.spatial import KDTree
 from anchorpose.surface.links import add_links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
-# departure from either tangent plane, over the gap's width: a shin bends less, two legs far more
+# departure from either tangent plane, divided by the gap's width: one shin has less, two different legs have far more
 MAX_DEPARTURE: Final = 0.35
-SLACK_M: Final = 0.015  # soft tissue and noise beside a narrow bar
-MARGIN_PX: Final = 4  # pixels of readings lost or removed beside the bar
+SLACK_M: Final = 0.015  # m, soft tissue and noise beside a narrow bar
+MARGIN_PX: Final = 4  # pixels beside a bar whose readings are lost or removed
 
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
 """Row and column offset of ring places E, NE, N, NW: every pair of grid neighbours once."""
 
-# times the smallest jump, up to which a pair belongs to the seam; elsewhere the pieces merely overlap
+# times the smallest jump; pairs with larger jumps do not belong to the seam: there the pieces only overlap
 SPREAD: Final = 1.5
 
 
@@ -42,7 +42,7 @@ def bridge_pairs(
     length. Returns (m, 2) int32.
     """
     step, max_width_m = config.step, config.bridge_max_width_m
-    spacing_m = step * float(points_m[:, 2].min()) / focal_px  # the smallest distance of two neighbours on the grid
+    spacing_m = step * float(points_m[:, 2].min()) / focal_px  # smallest distance between two neighbours on the grid
     longest = int(np.ceil(max_width_m / max(spacing_m, 1e-4))) + 1
     return _facing_pairs(index, hidden, points_m, normals, step, longest, -(-MARGIN_PX // step), float(max_width_m))
 
@@ -107,10 +107,10 @@ def _belong(points: np.ndarray, normals: np.ndarray, p: int, q: int, max_width: 
 
 
 def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
-    """Return one camera's surface, on the grid of every ``step``-th pixel, with its pieces joined where they come
-    nearest.
+    """Return one camera's surface, on the grid of every ``step``-th pixel, with its pieces joined where they are
+    nearest to each other.
 
-    Pieces that show known skin count as one: hidden skin joins them better than the shortest gap would.
+    Pieces that show expected skin count as one piece, since hidden skin joins them better than the shortest gap.
     """
     piece = pieces(surface)
     known = np.unique(piece[surface.skin >= 0])
@@ -126,9 +126,9 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
 
 
 def join_rest(surface: Surface, max_gap_m: float) -> Surface:
-    """Return the surface with seen pieces, which nothing joins to the largest, linked to it where they are nearest.
+    """Return the surface after separate seen pieces were linked to the largest piece, where they are nearest to it.
 
-    Links are at most ``max_gap_m`` long; a piece farther away stays apart, with infinite distances.
+    Links are at most ``max_gap_m`` long; a piece farther away stays separate, with infinite distances.
     """
     seen = surface.seen_count
     if seen == 0:
@@ -156,8 +156,8 @@ def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_g
     apart.
 
     index (rows, cols) int32: node on the grid, -1 = none; points_m (n, 3); piece (n,) int32 of ``pieces``. Two pieces
-    are joined once, by the shortest gap (Kruskal's rule), so that an arm before the trunk stays apart from it as long
-    as the shoulder connects them. Returns (m, 2) int32.
+    are joined once, across the shortest gap (Kruskal's rule). So an arm in front of the trunk is not joined to it
+    directly if the shoulder connects them. Returns (m, 2) int32.
     """
     pair = _seams(index, piece)
     gap = np.linalg.norm(points_m[pair[:, 0]] - points_m[pair[:, 1]], axis=1)

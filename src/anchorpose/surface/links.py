@@ -1,4 +1,4 @@
-"""Handle links, the edges that the pixel grid does not have, and the connected pieces of a mesh.
+"""Handle links, which are edges outside the pixel grid, and the connected pieces of a mesh.
 
 Links lead between cameras, across bars and over hidden skin.
 """
@@ -14,7 +14,7 @@ from anchorpose.surface.surface import MeshArrays, Surface
 
 
 def links(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """Return every link once, (l, 2) int32 with the smaller index first, and its length (l,) float32 in metres."""
+    """Return every link once, (l, 2) int32 with the smaller index first, and the lengths (l,) float32 in metres."""
     source = np.repeat(np.arange(len(surface), dtype=np.int32), np.diff(surface.link_start))
     once = source < surface.link_node
     return np.stack([source[once], surface.link_node[once]], axis=1), surface.link_length_m[once]
@@ -29,8 +29,8 @@ def straight_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Convert undirected pairs (m, 2) with lengths (m,) to compressed rows (link_start, link_node, link_length_m).
 
-    The rows are symmetric (each link once per end), in the order of the pairs; of repeated pairs the shorter length
-    counts.
+    The rows are symmetric (each link appears once per end), in the order of the pairs; for repeated pairs the shorter
+    length counts.
     """
     none = np.empty(0, np.int32)
     return _compress(
@@ -41,8 +41,8 @@ def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple
 def add_links(
     surface: Surface, pairs: np.ndarray, length_m: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the surface's own links followed by those of ``compress_links``, for count nodes, at least the
-    surface's.
+    """Return the surface's own links followed by those of ``compress_links``, for ``count`` nodes, at least as many as
+    the surface has.
 
     pairs (m, 2) int32, length_m (m,) float32.
     """
@@ -58,7 +58,7 @@ def _compress(
     length: np.ndarray,
     count: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Append pairs to own_start (o + 1,), the rows of the first o nodes."""
+    """Append pairs to the compressed rows of the first o nodes, own_start (o + 1,)."""
     owners = len(own_start) - 1
     room = np.zeros(count + 1, np.int32)
     for n in range(owners):
@@ -94,7 +94,9 @@ def _compress(
 
 
 def pieces(surface: Surface) -> np.ndarray:
-    """Return the number (n,) int32 of each node's connected piece, in the order of the pieces' first nodes."""
+    """Return the number (n,) int32 of each node's connected piece; pieces are numbered in the order of their first
+    nodes.
+    """
     return _connected_pieces(surface.arrays)
 
 
@@ -127,7 +129,7 @@ def _connected_pieces(mesh: MeshArrays) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def unite(root: np.ndarray, one: Any, other: Any) -> None:
-    """Join the sets of two nodes under the smaller root; root (n,) int32: a union-find forest."""
+    """Join the sets of two nodes under the smaller root. root (n,) int32: a union-find forest."""
     one, other = find_root(root, one), find_root(root, other)
     if one < other:
         root[other] = one

@@ -13,7 +13,8 @@ from anchorpose.surface.joins import bridge_pairs
 from anchorpose.surface.links import compress_links, links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
-TILE = 256  # pixels of a row processed at once; a tile's sums, at fixed places in one array, stay in the fastest cache
+# pixels of a row processed at once, so that a tile's sums, at fixed places in one array, stay in the fastest cache
+TILE = 256
 S, SU, SV, SUU, SUV, SVV, SW, SUW, SVW, LIMIT, NX, NY, NZ = (np.uint64(TILE * place) for place in range(13))
 
 
@@ -25,8 +26,8 @@ def estimate_normals(
 
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
     pixel (n, 2) int16: row and column, each with a reading; raster order is fastest. slope, spread: the jump limit per
-    pixel of ``jump_coefficients``. Returns (n, 3) float32. Raises ValueError on a pixel without a reading. A plane's
-    inverse depth is linear in the rays, so the fit is exact for planes at any slant, and with noise that grows as z**2
+    pixel, from ``jump_coefficients``. Return (n, 3) float32. Raises ValueError on a pixel without a reading. A plane's
+    inverse depth is linear in the rays. So the fit is exact for planes at any slant, and with noise that grows as z**2
     all pixels have the same variance.
     """
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
@@ -38,7 +39,8 @@ def estimate_normals(
 
 
 class Window(NamedTuple):
-    """The part of the depth frame that holds every reading, with a margin, so that neighbours need no bounds test.
+    """The part of the depth frame that holds every reading, with a margin, so that access to neighbours needs no bounds
+    test.
 
     z, inverse (rows, cols) float32: depth and its inverse, both 0 without a reading; u, v (rows, cols) float32: rays.
     """
@@ -98,8 +100,8 @@ def _plane_normals(
 
 @njit(cache=True, nogil=True)
 def _tap_weight(i: int, j: int, radius: int) -> Any:
-    """Return the weight of a neighbour i rows and j columns away; 0 beyond the window, whose odd rows are taken in
-    pairs.
+    """Return the weight of a neighbour i rows and j columns away. It is 0 beyond the window, since neighbours of an odd
+    row are processed in pairs.
     """
     return np.float32(1.0 - (i**2 + j**2) / (2.0 * (radius + 1) ** 2)) if j <= radius else np.float32(0.0)
 
@@ -108,11 +110,11 @@ def _tap_weight(i: int, j: int, radius: int) -> Any:
 def _add_taps(
     window: Window, sums: np.ndarray, own_place: Any, tap_place: Any, count: Any, apart: Any, weight: Any
 ) -> None:
-    """Add two neighbours of each pixel, relative to the pixel's own ray and inverse depth, which keeps float32
-    exact.
+    """Add two neighbours of each pixel to the sums, relative to the pixel's own ray and inverse depth, which keeps
+    float32 exact.
 
-    own_place, tap_place: row and column of the tile's first pixel, and of its first neighbour a; b is the next to the
-    right. apart, weight: distance in pixels (for the jump limit) and weight of a and b.
+    own_place, tap_place: row and column of the tile's first pixel, and of its first neighbour a; the second neighbour b
+    is the next to the right. apart, weight: distance in pixels (for the jump limit) and weight of a and b.
     """
     (apart_a, apart_b), (weight_a, weight_b) = apart, weight
     z, inverse, u, v = window
@@ -141,7 +143,7 @@ def _add_taps(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> None:
-    """Solve the plane a u + b v + c = 1 / z in the camera's own rays; NaN where the seen pixels are on a point or
+    """Solve the plane a u + b v + c = 1 / z in the camera's own rays; NaN where the seen pixels lie on a point or a
     line.
     """
     _, inverse, u, v = window
@@ -159,7 +161,7 @@ def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> N
         sums[NX + k], sums[NY + k], sums[NZ + k] = a / length, b / length, c / length
 
 
-NORMAL_RADIUS_PX: Final = 3  # pixels; a plane over 4 cm at 2.4 m: wider than wrinkles, narrower than a wrist
+NORMAL_RADIUS_PX: Final = 3  # pixels, for a plane over 4 cm at 2.4 m: wider than wrinkles, narrower than a wrist
 
 RING = np.array([[0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0], [1, 1]], dtype=np.int64)
 """Row and column offset of the eight ring places, E NE N NW W SW S SE."""
@@ -176,8 +178,8 @@ def build_surface(
 
     depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the patient. bridge (height, width) bool:
     pixels hidden by equipment; None = nothing is bridged. Pieces of surface smaller than
-    ``min_piece_m2`` are left out, and so are nodes without a normal. An empty mask gives a surface of no nodes.
-    Raises ValueError on frames of another size than the camera's, or a camera without pose.
+    ``min_piece_m2`` are left out, and so are nodes without a normal. An empty mask gives a surface of no nodes. Raises
+    ValueError for a frame whose size differs from the camera's, and for a camera without a pose.
     """
     config = config or SurfaceConfig()
     T_world_camera, lens, step = camera.require_pose(), camera.intrinsics, config.step
@@ -220,7 +222,8 @@ def faces(surface: Surface) -> np.ndarray:
     """Return triangles (f, 3) int32, counter-clockwise as the camera sees them; each grid cell is cut along one
     diagonal.
 
-    Links have no triangles. A cell takes the diagonal that gives more triangles, on a tie the one down to the right.
+    Links have no triangles. A cell is cut along the diagonal that gives more triangles; on a tie along the diagonal
+    down to the right.
     """
     right, down_left, down, down_right = surface.ring[:, 0], surface.ring[:, 5], surface.ring[:, 6], surface.ring[:, 7]
     left = surface.ring[:, 4]
@@ -250,13 +253,13 @@ def faces(surface: Surface) -> np.ndarray:
 
 
 def keep_nodes(surface: Surface, keep: np.ndarray) -> Surface:
-    """Return the part of a surface where keep (n,) bool is true; edges to dropped nodes are removed, the order
-    stays.
+    """Return the part of a surface where keep (n,) bool is True; edges to dropped nodes are removed, and the order of
+    nodes stays.
     """
     if keep.all():
         return surface
     old = np.flatnonzero(keep)
-    new = np.full(len(keep) + 1, -1, np.int32)  # the last entry stands for the -1 of an empty ring place
+    new = np.full(len(keep) + 1, -1, np.int32)  # the last entry maps the -1 of an empty ring place to itself
     new[old] = np.arange(len(old))
     source = np.repeat(np.arange(len(keep)), np.diff(surface.link_start))
     stay = keep[source] & keep[surface.link_node]
@@ -299,8 +302,8 @@ def _place_nodes(depth: np.ndarray, rays: np.ndarray, pixel: np.ndarray) -> np.n
 
 
 def _moved(T_target_source: np.ndarray, vectors: np.ndarray, point: float) -> np.ndarray:
-    """Return (n, 3) float32 points turned and shifted (point 1), or directions turned (point 0), in double
-    precision.
+    """Return (n, 3) float32: points that are rotated and translated (point 1), or directions that are rotated (point
+    0), in double precision.
     """
     x, y, z = vectors.T.astype(np.float64)
     moved = [row[0] * x + row[1] * y + row[2] * z + point * row[3] for row in T_target_source[:3]]
@@ -316,20 +319,20 @@ def _large_pieces(surface: Surface, patch_m2: np.ndarray, min_piece_m2: float) -
 def _link_ring(
     depth: np.ndarray, index: np.ndarray, pixel: np.ndarray, ring: np.ndarray, step: int, slope: float, spread: float
 ) -> np.ndarray:
-    """Link neighbours if every pixel step between them confirms it; a single lost reading between may not hide a
-    jump.
+    """Link neighbours if every pixel step between them is within the jump limit; a single lost reading between them
+    must not hide a jump.
     """
     rows, cols = index.shape
     linked = np.full((len(pixel), 8), -1, np.int32)
     for node in range(len(pixel)):
         row, col = np.int64(pixel[node, 0]), np.int64(pixel[node, 1])
         own, here_row, here_col = depth[row, col], row // step, col // step
-        for place in range(4):  # the other four are the same edges from their other ends
+        for place in range(4):  # the other four places are the same edges, seen from their other ends
             down, right = ring[place, 0], ring[place, 1]
             i, j = here_row + down, here_col + right
             if i < 0 or i >= rows or j < 0 or j >= cols or index[i, j] < 0:
                 continue
-            far = max(own, depth[i * step, j * step])  # the larger of both, so that the test is symmetric
+            far = max(own, depth[i * step, j * step])  # the larger depth of both, so that the test is symmetric
             limit = slope * far + spread * far * far
             last, whole = own, True
             for walk in range(1, step + 1):

@@ -1,7 +1,8 @@
 """Turn one frame's labelled depth images into the patient's surface: mesh, cut, fuse the cameras, add hidden skin.
 
-Of two nodes on the same skin, the node that its camera sees less squarely or from farther away is dropped. A border of
-two rings of them is kept, and each of its nodes is linked to the corners of the other camera's cell that contains it.
+If two cameras have nodes on the same skin, the nodes that are seen less squarely or from farther away are dropped,
+except for a border of two rings. Each node of this border is linked to the corners of the other camera's cell that
+contains it.
 """
 
 from __future__ import annotations
@@ -23,10 +24,11 @@ from anchorpose.surface.mesh import build_surface, keep_nodes
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geodesic_lower_bound
 from anchorpose.threads import each
 
-MAX_OFF_PLANE_M: Any = np.float32(0.015)  # along the normal: clothes and noise; an arm before the trunk is farther
+# m along the normal, for clothes and noise; an arm in front of the trunk is farther away
+MAX_OFF_PLANE_M: Any = np.float32(0.015)
 MAX_TURN_DEG: Final = 60.0  # normals of the same skin differ only by noise between cameras 45 degrees apart
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# a thigh against the other is farther; the blur of skin points 3 cm apart is less
+# m on the body; a thigh against the other is farther apart, and skin points 3 cm apart blur by less
 MAX_ON_BODY_M: Any = np.float32(0.09)
 
 
@@ -38,9 +40,10 @@ def fuse(
 ) -> Surface:
     """Join all cameras' nodes to one surface, in the order given, without nodes that another camera sees better.
 
-    surfaces: one per camera, each in the world frame, as from ``build_surface``. ``camera`` of the result numbers the
-    arguments. expected: the skin that ``skin`` of the surfaces refers to; nodes that show skin far apart on the body
-    are never merged. Raises ValueError where cameras or the expected skin are missing.
+    surfaces: one per camera, each in the world frame, as from ``build_surface``. The field ``camera`` of the result
+    numbers these surfaces. expected: the skin that ``skin`` of the surfaces refers to; nodes that show skin far apart
+    on the body are never merged. Raises ValueError where cameras are missing, or where the expected skin is missing but
+    needed.
     """
     config = config or SurfaceConfig()
     if len(surfaces) != len(cameras) or len(surfaces) == 0:
@@ -102,8 +105,8 @@ class Nodes(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """A camera's nodes on their grid: node (rows, cols) int32, one at every ``step``-th pixel, -1 where there is
-    none.
+    """A camera's nodes on their grid. node (rows, cols) int32: the node at every ``step``-th pixel, -1 where there is
+    no node.
     """
 
     node: np.ndarray
@@ -120,8 +123,8 @@ def _same_skin(
 ) -> np.ndarray:
     """Return pairs (m, 2) int32: each node of the source with the corners of the target's cell that contains it.
 
-    source, target (2,): first node and the one after the last; cameras: those of source and target. Marks in
-    ``dropped`` the nodes of the source that the target's camera sees better.
+    source, target (2,): first node, and the node after the last; cameras: the cameras of source and target. Nodes of
+    the source that the target's camera sees better are marked in ``dropped``.
     """
     begin, end = target.tolist()
     if source[0] == source[1] or begin == end:
@@ -136,7 +139,7 @@ def _same_skin(
 
 
 def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
-    """Return the pixels between neighbours on the grid the surface was made from."""
+    """Return the number of pixels between neighbours on the grid from which the surface was made."""
     east = np.flatnonzero(ring[:, 0] >= 0)
     if len(east) == 0:
         return 1
@@ -151,7 +154,7 @@ def _lengths_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: the nodes to keep, which are not dropped or within two rings of such nodes."""
+    """Return (n,) bool: the nodes to keep: nodes that are not dropped, and dropped nodes within two rings of these."""
     stay = ~dropped
     for _ in range(2):
         stay = stay | np.append(stay, False)[ring].any(axis=1)
@@ -162,8 +165,8 @@ def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
 def _pair_corners(
     nodes: Nodes, begin: int, end: int, grid: Grid, camera: Pinhole, eyes: np.ndarray, max_apart: np.float32
 ) -> np.ndarray:
-    """Compute ``_same_skin`` for the nodes from begin to end; eyes (2, 3) float32: positions of their camera and the
-    other.
+    """Compute ``_same_skin`` for the nodes from begin to end; eyes (2, 3) float32: positions of their own camera and of
+    the other camera.
     """
     points, shown, step = nodes.points_m, nodes.skin, grid.step
     rows, cols = grid.node.shape
@@ -198,7 +201,7 @@ def _pair_corners(
 
 @njit(cache=True, nogil=True)
 def _far_on_body(landmarks: np.ndarray, one: int, other: int) -> bool:
-    """Return whether two skin points are too far apart on the body to be the same; unknown points (-1) never are."""
+    """Return whether two skin points are too far apart on the body to be the same; False for unknown points (-1)."""
     if one < 0 or other < 0 or one == other:
         return False
     return bool(geodesic_lower_bound(landmarks, one, other) > MAX_ON_BODY_M)
@@ -221,7 +224,9 @@ def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
 
 @njit(cache=True, nogil=True)
 def _squareness(nodes: Nodes, p: int, q: int, eye: np.ndarray) -> np.float32:
-    """Return how many readings a camera at a place (3,) has per square metre of skin at p and q, up to a constant."""
+    """Return the number of readings per square metre of skin at p and q that a camera at a place (3,) has, up to a
+    constant factor.
+    """
     points, normals = nodes.points_m, nodes.normals
     along, away2 = np.float32(0), np.float32(0)
     for axis in range(3):
@@ -240,7 +245,7 @@ def patient_surface(
     """Build the patient's surface of one frame: seen nodes of all cameras, then hidden skin where the body is
     expected.
 
-    views: one per camera, in the order of the cameras; a blank one for a camera without a depth frame. expected: the
+    views: one per camera, in the order of the cameras; a camera without a depth frame has a blank view. expected: the
     patient's predicted skin; without it bars are bridged and pieces joined by their planes and distances, nothing is
     cut, and no hidden skin is added.
     """

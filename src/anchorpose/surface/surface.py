@@ -1,6 +1,6 @@
-"""The surface mesh M = {V, E} (paper, Section III), organised as the camera's pixel grid, and its settings.
+"""Define the surface mesh M = {V, E} (paper, Section III), organised as the camera's pixel grid, and its settings.
 
-The module also has the patient's predicted skin, which is what is known of the body before registration.
+The module also defines the patient's expected skin, the knowledge of the body before registration.
 """
 
 from __future__ import annotations
@@ -24,17 +24,22 @@ class SurfaceConfig:
     """Settings of the step from labelled depth images to one surface."""
 
     by_body: bool = True  # the predicted body cuts and closes the mesh; False: the depth images alone, as in the paper
-    step: Count = 2  # pixels per node: 13 mm at 2.4 m; 3 mm more geodesic error than 1, in a quarter of the time
+    # pixels per node, 13 mm at 2.4 m; it has 3 mm more geodesic error than 1 pixel, and takes a quarter of the time
+    step: Count = 2
     min_piece_m2: NotNegative = 0.0020  # m2, half a palm; smaller pieces are left out: bits of clothes, bars and floor
     max_join_m: NotNegative = 0.10  # m, widest gap that joins pieces: chin to neck in depth; 0: pieces stay apart
-    denoise_radius_px: Count = 2  # 5x5 pixels: less than a finger's width at 2.4 m; reduces path error to about 1 %
-    min_support: Annotated[int, Field(ge=0, le=8)] = 3  # neighbours on the same surface: as a fingertip 2 px wide has
-    bridge_max_width_m: NotNegative = 0.15  # m, widest bar bridged: knee pad with shadow; beyond, bends are unknown
+    # 5x5 pixels, less than a finger's width at 2.4 m; this reduces path error to about 1 %
+    denoise_radius_px: Count = 2
+    # neighbours on the same surface; a fingertip 2 px wide has as many
+    min_support: Annotated[int, Field(ge=0, le=8)] = 3
+    # m, widest bar that is bridged: knee pad with its shadow; behind wider bars the bends of the skin are unknown
+    bridge_max_width_m: NotNegative = 0.15
     fusion_max_apart_m: Positive = 0.03  # m; calibration error of about 1 cm, plus half a mesh cell seen at a slant
 
 
 class MeshArrays(NamedTuple):
-    """The mesh as compiled kernels take it: fields of ``Surface`` with the same names, each in one C-ordered block.
+    """The mesh in the form for compiled kernels: fields of ``Surface`` with the same names, each in one C-ordered
+    block.
 
     points_m, normals (n, 3), link_length_m (m,) float32; ring (n, 8), link_start (n + 1,), link_node (m,) int32.
     """
@@ -52,7 +57,7 @@ class Nodes:
     """Places on skin that cameras saw.
 
     points_m (n, 3) float32, world frame; normals (n, 3) float32, unit, towards the camera that saw the node; camera
-    (n,) uint8 and pixel (n, 2) int16, row and column: where it was seen.
+    (n,) uint8 and pixel (n, 2) int16 (row and column): where the node was seen.
     """
 
     points_m: np.ndarray
@@ -79,10 +84,10 @@ def join_nodes(parts: Sequence[Nodes]) -> Nodes:
 class Surface(Nodes):
     """Nodes on the patient's skin and the edges between them, from one camera or several.
 
-    camera, pixel: ``HIDDEN_SKIN`` and -1 of a node that no camera saw: such nodes are inferred, come last, and only
+    camera, pixel: ``HIDDEN_SKIN`` and -1 for a node that no camera saw. Such nodes are inferred, come last, and only
     lead geodesics from one seen place to another. ring (n, 8) int32: the node's neighbours on its camera's grid in
-    circular order (E, NE, N, NW, W, SW, S, SE), -1 where there is none. Consecutive neighbours that both exist form a
-    triangle with the node. link_start (n + 1,) int32, link_node (m,) int32 and link_length_m (m,) float32: edges
+    circular order (E, NE, N, NW, W, SW, S, SE), -1 for a missing neighbour. Consecutive neighbours that both exist form
+    a triangle with the node. link_start (n + 1,) int32, link_node (m,) int32 and link_length_m (m,) float32: edges
     outside the grid, to nodes of other cameras and across hidden skin, as symmetric compressed rows. skin (n,) int32:
     the expected skin point that the node shows, -1 where unknown.
     """
@@ -134,11 +139,11 @@ def seen_part(surface: Surface) -> Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyMap:
-    """Distances along the body between k sampled skin points, seen or not; they hold in every pose.
+    """Distances along the body between k sampled skin points, seen or not; they are valid in every pose.
 
-    landmarks_m (k, l) float32: geodesic distance of each point to l landmarks: the paper's descriptor (Definition 3) on
-    the body itself. pairs (e, 2) int32: neighbours; via (e,) int32: the common neighbour that a pair's path passes (for
-    direct neighbours the first of the two); straight (e,) float32: the pair's distance over its path's length.
+    landmarks_m (k, l) float32: geodesic distance of each point to l landmarks, the paper's descriptor (Definition 3) on
+    the complete body. pairs (e, 2) int32: neighbours; via (e,) int32: the common neighbour that a pair's path passes
+    (for direct neighbours the first of the two); straight (e,) float32: the pair's distance over its path's length.
     """
 
     landmarks_m: np.ndarray
@@ -148,7 +153,9 @@ class BodyMap:
 
 
 class SkinArrays(NamedTuple):
-    """Expected skin as compiled kernels take it: points_m, normals (k, 3) and landmarks_m (k, l) float32, C-ordered."""
+    """Expected skin in the form for compiled kernels: points_m, normals (k, 3) and landmarks_m (k, l) float32,
+    C-ordered.
+    """
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -157,8 +164,8 @@ class SkinArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedSkin:
-    """The skin where it is expected: points_m, normals (k, 3) float32, world, pointing outwards; map: of the same k
-    points.
+    """The skin at its expected place. points_m, normals (k, 3) float32, world, pointing outwards; map: distances
+    between the same k points.
     """
 
     points_m: np.ndarray
@@ -177,7 +184,7 @@ class ExpectedSkin:
 
 @njit(cache=True, nogil=True)
 def geodesic_lower_bound(landmarks: np.ndarray, a: Any, b: Any) -> np.float32:
-    """Return a lower bound of the distance of two skin points along the body's mesh, by the triangle inequality.
+    """Return a lower bound on the distance between two skin points along the body's mesh, by the triangle inequality.
 
     landmarks (k, l) float32 of ``BodyMap``.
     """

@@ -45,7 +45,7 @@ def specific_force(joints: JointTable, segment: str) -> Signals:
     """Return the specific force, m/s2, in the segment's axes: what an accelerometer on it measures (acceleration less
     gravity).
 
-    values (g, 3), NaN in gaps. At rest it is the reaction to gravity, upwards.
+    values (g, 3), NaN in gaps. At rest this is the reaction to gravity, which points upwards.
     """
     time_s, middle_m, axes = _motion(joints, segment)
     acceleration = _derivative(_derivative(middle_m)) + GRAVITY_M_S2 * UP
@@ -64,8 +64,8 @@ def angular_velocity(joints: JointTable, segment: str) -> Signals:
 def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float) -> float:
     """Return the sigma that errors of the segment's direction add to an offset found from ``from_s`` to ``to_s``.
 
-    In a one-way movement, such as sitting down, a segment tracked too far forward midway seems early. On the way back
-    it seems late, so that only the change from the first to the last posture counts. It is NaN where the segment is
+    In a one-way movement, such as sitting down, a segment that is tracked too far forward midway seems early. On the
+    way back it seems late, so only the change from the first to the last posture counts. It is NaN where the segment is
     unknown.
     """
     time_s, _, axes = _motion(joints, segment)

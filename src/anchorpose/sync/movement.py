@@ -1,8 +1,8 @@
 """Find another clock from the movement of one segment and the sensor that is strapped to it.
 
-The sensor's mounting is unknown. At each lag, the best rotation of its axes to those of the segment is found
-(Schönemann 1966, doi:10.1007/BF02289451), so that the correlation does not depend on it. A sensor whose axes are
-left-handed is accepted, and a single axis is enough.
+The sensor's mounting is unknown. So at each lag, the best rotation of the sensor's axes to those of the segment is
+found (Schönemann 1966, doi:10.1007/BF02289451), and the correlation does not depend on the mounting. A sensor whose
+axes are left-handed is accepted, and a single axis is enough.
 """
 
 from __future__ import annotations
@@ -53,11 +53,12 @@ ROUNDS: Final = 3
 
 
 def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = None, has_gravity: bool = False) -> Clock:
-    """Find the sensor's clock: ours (g, 3) in the segment's axes, theirs (h, k), k of 1 to 3, in the sensor's.
+    """Find the sensor's clock.
 
-    Units are arbitrary. near_s: an offset that is right within half a second, None where unknown. has_gravity: both are
-    accelerations of three axes. Raises NoCommonMovement where the best offset explains too little, or another one as
-    much.
+    ours (g, 3): signals in the segment's axes; theirs (h, k), k from 1 to 3: signals in the sensor's axes. Units are
+    arbitrary. near_s: an offset that is correct within half a second, None where unknown. has_gravity: whether both are
+    accelerations of three axes. Raises NoCommonMovement where the best offset explains too little, or where another
+    offset explains as much.
     """
     r, overlap = rotated_correlations(ours.values[::COARSE], theirs.values[::COARSE])
     clock = starting_clock(*offset_of_peak(ours, theirs, r, overlap, LEAST_OVERLAP_S, near_s))
@@ -106,15 +107,15 @@ def _centred(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sums(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return (n + m - 1,) sums of products at each lag."""
+    """Return the sums of products (n + m - 1,) at each lag."""
     return np.asarray(correlate(second, first, method="fft"))
 
 
 def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray, float]:
-    """Return the rotation and scale (k, 3) from the sensor's axes and unit to the segment's, and the correlation
-    then.
+    """Return the rotation and scale (k, 3) from the sensor's axes and unit to the segment's, and the correlation after
+    it.
 
-    clock: nearly right. Raises NoCommonMovement where nothing is common.
+    clock: a clock that is nearly correct. Raises NoCommonMovement where the two have nothing in common.
     """
     x, y = (each - each.mean(axis=0) for each in _in_common(ours, theirs, clock))
     u, common, vt = np.linalg.svd(y.T @ x, full_matrices=False)
@@ -123,7 +124,9 @@ def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray,
 
 
 def _mean_misfit(ours: Signals, turned: Signals, clock: Clock) -> float:
-    """Return the distance of the mean vectors over the mean size of ours; turned: the sensor's in our axes and unit."""
+    """Return the distance between the mean vectors, divided by the mean size of ours. turned: the sensor's vectors in
+    our axes and unit.
+    """
     x, y = _in_common(ours, turned, clock)
     return float(np.linalg.norm(x.mean(axis=0) - y.mean(axis=0)) / np.linalg.norm(x, axis=1).mean())
 

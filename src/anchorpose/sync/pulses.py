@@ -1,4 +1,4 @@
-"""Find another clock from pulses that both recorded, by matching the onsets."""
+"""Find another device's clock from pulses that both devices recorded, by matching their onsets."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ HIGH, LOW = 0.6, 0.4
 
 
 def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the times (p,) at which pulses begin in a signal (n,) at times (n,); NaN is no pulse.
+    """Return the times (p,) at which pulses begin in a signal (n,) at times (n,); NaN does not count as a pulse.
 
-    The rarer of its two levels is the pulse, so pulses may go down. The onset lies midway between two samples,
+    The rarer of the signal's two levels is the pulse, so pulses may go down. The onset lies midway between two samples,
     unless the signal rises slowly.
     """
     known = np.isfinite(values)
@@ -63,7 +63,8 @@ def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None = None) -> tuple[OtherClock, int]:
-    """Find the other clock, and the number of matched pulses; ours (n,) and theirs (m,) are onsets, rising.
+    """Find the other clock, and the number of matched pulses. ours (n,), theirs (m,): onsets of the pulses on either
+    clock, increasing.
 
     near_s: an offset that is right within half a second, None where unknown. Raises NoCommonMovement where too
     few pulses match, or another offset matches nearly as many.
@@ -88,7 +89,9 @@ def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | N
 
 
 def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) -> np.ndarray:
-    """Return candidate offsets and our times (c, 2) at which they hold: onsets of the other clock less one of ours."""
+    """Return candidate offsets, each an onset of the other clock minus an onset of ours, and our times at which they
+    are valid, (c, 2).
+    """
     anchors = ours_s[np.unique(np.linspace(0, len(ours_s) - 1, ANCHORS).astype(int))]
     tried = np.array([(theirs - anchor, anchor) for anchor in anchors for theirs in theirs_s])
     return tried if near_s is None else tried[np.abs(tried[:, 0] - near_s) <= RIVAL_DISTANCE_S]
@@ -97,7 +100,9 @@ def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) 
 def _matched(
     ours_s: np.ndarray, theirs_s: np.ndarray, offset_s: float, anchor_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices (k,) of matching onsets of both clocks; far from the anchor clocks may have drifted."""
+    """Return the indices (k,) of matching onsets of both clocks. The tolerance grows with the distance from the anchor,
+    since clocks drift.
+    """
     within_s = TOLERANCE_S + 2.0 * DRIFT_SIGMA * np.abs(ours_s - anchor_s)
     found = nearest_within(ours_s + offset_s, theirs_s, within_s)
     return np.flatnonzero(found >= 0), found[found >= 0]
@@ -121,7 +126,7 @@ def _fitted(ours_s: np.ndarray, theirs_s: np.ndarray) -> OtherClock:
     middle_s, ahead_s = float(ours_s.mean()), theirs_s - ours_s
     since_s, offset_s = ours_s - middle_s, float(ahead_s.mean())
     sigma_s, drift, information = TOLERANCE_S / 2.0, 0.0, DRIFT_SIGMA**-2
-    for _ in range(ROUNDS):  # the first round has no sigma yet
+    for _ in range(ROUNDS):  # sigma is unknown in the first round
         information = float((since_s**2).sum()) / sigma_s**2 + DRIFT_SIGMA**-2
         drift = float((since_s * (ahead_s - offset_s)).sum()) / sigma_s**2 / information
         left_s = ahead_s - offset_s - drift * since_s

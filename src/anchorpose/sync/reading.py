@@ -1,4 +1,4 @@
-"""Read the file of another device, by its ending."""
+"""Read the file of another device; its ending states the format."""
 
 from __future__ import annotations
 

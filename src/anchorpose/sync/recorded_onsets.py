@@ -20,7 +20,7 @@ EVENTS_REMEDY: Final = "give an events.tsv, whose first line begins with onset, 
 
 
 def recorded_onsets(path: Path, results: Path, joints: JointTable, column: str, kind: str | None) -> np.ndarray:
-    """Return (p,) seconds on the clock of the first camera, rising.
+    """Return (p,) seconds on the clock of the first camera, in increasing order.
 
     path: an events.tsv, whose onsets count from the recording's first frame, or a .csv on the recording's clock, with
     the signal ``column``, or with times alone, one per pulse. kind: the trial_type to take, None for all. Raises
@@ -39,7 +39,7 @@ def recorded_onsets(path: Path, results: Path, joints: JointTable, column: str, 
 
 
 def _times(path: Path) -> np.ndarray:
-    """Read one time per line below the name."""
+    """Read one time per line below the column's name."""
     cells = read_text(path, LARGEST_TABLE).split()[1:]
     return np.unique([_number(path, cell) for cell in cells])
 

@@ -119,8 +119,8 @@ def distinct(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def usable(path: Path, streams: Iterable[Stream], markers: Sequence[Markers], notes: Sequence[str]) -> OtherFile:
-    """Return the file with the streams that ``checked`` accepts, and a note on each other one; raises InputError where
-    none is left.
+    """Return the file with the streams that ``checked`` accepts, and a note on each other stream; raises InputError
+    where no stream is left.
     """
     kept, left_out = list[Stream](), list[InputError]()
     for stream in streams:

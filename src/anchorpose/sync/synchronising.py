@@ -34,9 +34,9 @@ STAMP_SIGMA_S: Final = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Synchronised:
-    """Results and another file with the clock that joins them.
+    """Results and another file, with the clock that relates them.
 
-    method: how it was found; compared: the two compared things; notes: sentences for the user.
+    method: how the clock was found; compared: names of the two compared signals; notes: sentences for the user.
     """
 
     results: Path
@@ -58,8 +58,8 @@ def synchronise(results: Path, other: Path, settings: SyncSettings) -> Synchroni
 
 
 def _way(settings: SyncSettings) -> str:
-    """Return the option that selects the comparison; raises AnchorposeError unless exactly one is given, with all that
-    it needs.
+    """Return the option that selects the comparison; raises AnchorposeError unless exactly one such option is given,
+    with all other options that it needs.
     """
     given = [way for way in WAYS if getattr(settings, way)]
     if len(given) != 1:
@@ -155,7 +155,9 @@ def _by_stamps(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def _common(joints: JointTable, other: OtherFile, offset_s: float) -> tuple[float, float]:
-    """Return our times between which both recorded; raises InputError where there are none."""
+    """Return the times, on our clock, between which both devices recorded; raises InputError where they have no time in
+    common.
+    """
     times_s = [*(each.time_s for each in other.streams), *(each.time_s for each in other.markers)]
     ends = [each[[0, -1]] - offset_s for each in times_s]
     from_s = max(float(joints.time_s[0]), min(float(first) for first, _ in ends))

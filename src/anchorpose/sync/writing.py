@@ -1,4 +1,6 @@
-"""Write the other clock, joints and events on it, and the other signals at the joints' times."""
+"""Write three things: the other clock, joints and events with times of the other clock, and the other device's signals
+at the joints' times.
+"""
 
 from __future__ import annotations
 

@@ -27,18 +27,18 @@ from anchorpose.track_tree.hypotheses import (
 from anchorpose.track_tree.parts import ITERATIONS, joints_of_parts, register_parts
 from anchorpose.track_tree.tree import Support, TrackResult, TreeConfig, best_branches
 
-PART_REACH_M = 0.08  # a node farther from the skin moves with no part
-PAIR_SIGMA_M = 0.04  # the descriptor's own error: 17 to 40 mm with the best subset
-ANCHOR_SIGMA_M = 0.05  # the paper's bound on the anchors' localisation error
+PART_REACH_M = 0.08  # m; a node farther from the skin does not move with any part
+PAIR_SIGMA_M = 0.04  # m, the descriptor's own error: 17 to 40 mm with the best subset
+ANCHOR_SIGMA_M = 0.05  # m, the paper's bound on the anchors' localisation error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GlobalHypothesis:
-    """The best branch's pairs: node (m,) of frame t, part (m,) bone, point (m,) skin point, and its place in frame t +
-    1.
+    """The pairs of the best branch.
 
-    matched_m (m, 3): node of t + 1, NaN where missed; predicted_m (m, depth, 3): expectation of the motion dynamics,
-    used where missed; ``tree.support`` states where and why.
+    node (m,): node of frame t; part (m,): its bone; point (m,): its skin point. matched_m (m, 3): place of the node's
+    match in frame t + 1, NaN where missed; predicted_m (m, depth, 3): place expected by the motion dynamics, used where
+    the match is missed; ``tree.support`` states where and why.
     """
 
     node: np.ndarray
@@ -50,14 +50,16 @@ class GlobalHypothesis:
 
     @property
     def matched_share(self) -> float:
-        """Return the share of nodes whose place in the next frame some subset of anchors supports; 0 where there are
-        none.
+        """Return the share of nodes whose place in the next frame is supported by some subset of anchors; 0 without
+        nodes.
         """
         return float((self.tree.support == Support.MATCHED).mean()) if len(self.node) else 0.0
 
 
 class SeenFrame(Protocol):
-    """A frame as the tree needs it; descriptor (n, 5): of its surface's nodes, as in ``anchor_descriptor``."""
+    """A frame with the data that the tree needs. descriptor (n, 5): descriptor of its surface's nodes, as in
+    ``anchor_descriptor``.
+    """
 
     @property
     def surface(self) -> Surface: ...
@@ -68,10 +70,11 @@ class SeenFrame(Protocol):
 
 
 def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: GateConfig) -> Matcher:
-    """Return the hypotheses of a frame's nodes in the next, one column per subset of the anchors found in both.
+    """Return the hypotheses of a frame's nodes in the next frame, one column per subset of the anchors found in both
+    frames.
 
-    Five anchors in subsets of three give ten columns; with fewer anchors than a subset needs there is one subset with
-    all of them; with no anchor there is no column.
+    Five anchors in subsets of three give ten columns. With fewer anchors than a subset needs, there is one subset with
+    all of them; without anchors there are no columns.
     """
     if config.feature is Feature.POSITION:
         nearest = nearest_hypotheses(now.surface, following.surface, gate)
@@ -115,8 +118,8 @@ def global_hypothesis(
 
 
 def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return the matches of the chosen nodes, then, level by level, those of the nodes that they lead to, with their
-    costs.
+    """Return the matches of the chosen nodes with their costs, then, level by level, those of the nodes to which these
+    matches lead.
     """
     matches = [links[0].ask(chosen)]
     for link_ in links[1:]:
@@ -127,7 +130,7 @@ def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndar
 
 
 def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Return (m, depth, 3): places of nodes that move with their parts from one pose to the predicted ones."""
+    """Return (m, depth, 3): places of nodes that move with their parts from one pose to the predicted poses."""
     T_world_rest = body.transforms(pose)
     places = np.empty((len(nodes_m), len(predicted), 3))
     for level, later in enumerate(predicted):
@@ -144,7 +147,9 @@ def part_motion(T_world_rest_now: np.ndarray, T_world_rest_next: np.ndarray) -> 
 def held_by(
     body: Body, pose: Pose, predicted: Pose, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame]
 ) -> Constraints:
-    """Return the tree's pairs and the anchors as rows of the registration to the second frame of the window."""
+    """Return constraint rows from the tree's pairs and the anchors, for the registration to the second frame of the
+    window.
+    """
     now = pose_points(body, pose)
     pairs = pairs_of(now, hypothesis, window, part_motion(now.transforms, body.transforms(predicted)))
     return join([pairs, anchor_constraints(body.points, window[1].anchors, ANCHOR_SIGMA_M)])
@@ -164,11 +169,11 @@ def pairs_of(
 def skin_places(
     now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> np.ndarray:
-    """Return (m, 3) the target of the skin point beside each node: the node's match, less their distance along the
-    skin.
+    """Return (m, 3) the target of the skin point beside each node: the place of the node's match, minus the offset of
+    node and skin point along the skin.
 
-    The distance off the skin is not kept, so a body that has drifted from the surface is brought back. NaN where the
-    node is missed.
+    The offset perpendicular to the skin is not kept, so a body that has drifted from the surface is pulled back. NaN
+    where the node's match is missed.
     """
     skin, normals = now.points_m[hypothesis.point], now.normals[hypothesis.point]
     beside = skin - window[0].surface.points_m[hypothesis.node]

@@ -1,6 +1,7 @@
 """Make subset hypotheses: where a node may be in the next frame (paper, Section IV, track tree construction).
 
-The gate is how far apart the descriptors of one skin point may be in two frames (paper, error analysis; Section V).
+The gate limits how far apart the descriptors of the same skin point may be in two frames (paper, error analysis;
+Section V).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ class Feature(StrEnum):
     """The evidence that two nodes are the same place on the skin."""
 
     GEODESIC = "geodesic"  # distances to the anchors (paper, Definition 3)
-    POSITION = "position"  # nearness to the node's former place: used without a descriptor, for comparison
+    POSITION = "position"  # nearness to the node's former place; used instead of a descriptor, for comparison
 
 
 @settings
@@ -32,7 +33,7 @@ class HypothesisConfig:
 
     feature: Feature = Feature.GEODESIC
     subset_size: Count = 3  # N_S, anchors per hypothesis; three suffice (paper, Section IV-D); 5: all in one hypothesis
-    always: bool = False  # match every frame with the next ones, as the paper does; False: match none
+    always: bool = False  # match every frame with the next ones, as the paper does; False: match no frame
     trusted_only: bool = True  # leave out distances that a hole lengthens; False: the subsets decide, as in the paper
 
 
@@ -42,9 +43,10 @@ class GateConfig:
     surface noise.
     """
 
-    anchor_bound_m: NotNegative = 0.020  # e_1, m: 3 cm with e_2 at 1 m; the paper's 5 cm matched a quarter worse
+    # e_1, m; 3 cm with e_2 at 1 m; with the paper's 5 cm, matches were a quarter worse
+    anchor_bound_m: NotNegative = 0.020
     surface_bound_per_m: NotNegative = 0.010  # e_2, m per m of path to the anchor: geodesic noise left after smoothing
-    search_radius_m: Positive = 0.12  # m about the predicted place: a hand at 3.6 m/s over one frame of 33 ms
+    search_radius_m: Positive = 0.12  # m around the predicted place: a hand at 3.6 m/s in one frame of 33 ms
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,8 +63,8 @@ class Hypotheses:
 def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
     """Return S_A,m: every subset of ``size`` of the found anchors, as rows of anchor indices in ascending order.
 
-    found (5,) bool: anchors found in both frames. Returns (C(N_A, size), size) int64; with fewer anchors than ``size``
-    one subset with all of them, with no anchor a (0, size) array. Three suffice (paper, Section IV-D).
+    found (5,) bool: anchors found in both frames. Return (C(N_A, size), size) int64. With fewer anchors than ``size``,
+    this is one subset with all of them; without anchors it is a (0, size) array. Three suffice (paper, Section IV-D).
     """
     if size < 1:
         raise ValueError(f"size must be at least 1, got {size}")
@@ -91,13 +93,14 @@ def match_hypotheses(
     predicted_m: np.ndarray | None = None,
     config: GateConfig | None = None,
 ) -> Hypotheses:
-    """Match every source node under every subset: return the node of psi closest to the average position of psi.
+    """Match every source node under every subset of anchors: return the node of psi closest to the average position of
+    psi.
 
-    source_descriptor (m, 5), target_descriptor (n, 5) float32 metres, NaN = missed anchor, inf = unreachable: neither
-    is ever within the gate. subsets (s, n_s) of ``anchor_subsets``. predicted_m (m, 3) world: where each source node is
+    source_descriptor (m, 5), target_descriptor (n, 5) float32 metres; NaN (missed anchor) and inf (unreachable) are
+    never within the gate. subsets (s, n_s) of ``anchor_subsets``. predicted_m (m, 3) world: where each source node is
     expected in the target frame; psi is then searched within ``search_radius_m`` of it, and a node whose prediction is
-    NaN has no match. Without it psi is searched on the whole surface, as in the paper, which is about four times
-    slower. psi(v) holds the nodes whose descriptor distance over the subset is below ``error_bound``. Source: the
+    NaN has no match. Without predictions psi is searched on the whole surface, as in the paper, which is about four
+    times slower. psi(v) holds the nodes whose descriptor distance over the subset is below ``error_bound``. Source: the
     paper, Section IV (error analysis: psi and its average) and Section V (track tree construction).
     """
     config = config or GateConfig()
@@ -121,7 +124,7 @@ def match_hypotheses(
 def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> Hypotheses:
     """Match each node by position: the nearest node of the target within ``search_radius_m``, else missed.
 
-    It uses no anchor, so its one subset is empty.
+    No anchors are used, so the only subset is empty.
     """
     match = np.full((len(source), 1), -1, np.int32)
     if len(source) and len(target):
@@ -131,14 +134,13 @@ def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> 
 
 
 class Matcher:
-    """The matches of one frame's nodes in the next, each computed when first needed.
-
-    With several cameras the track tree reaches only half of the nodes.
+    """The matches of one frame's nodes in the next frame, each computed when it is first needed: with several cameras
+    the track tree reaches only half of the nodes.
     """
 
     def __init__(self, find: Callable[[np.ndarray], np.ndarray], node_count: int, subsets: np.ndarray) -> None:
-        """Store ``find``, which returns the matches (k, s) of nodes (k,) by each of s subsets, one node independently
-        of others.
+        """Make a matcher. find: function that returns the matches (k, s) of nodes (k,) by each of s subsets; the match
+        of a node must not depend on the other nodes.
         """
         self.subsets = subsets
         # as in ``Hypotheses``; also -1 where not computed yet

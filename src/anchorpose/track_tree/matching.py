@@ -20,8 +20,8 @@ class Target(NamedTuple):
 class Balls(NamedTuple):
     """The balls in which matches are searched, one per source node.
 
-    centres (m, 3) float32; radius; low, high (m, 3) int64: the first and last voxels that each ball touches, high[0] -1
-    where it touches none or has no centre; order (m,) int64: the nodes, grouped by voxels.
+    centres (m, 3) float32; radius; low, high (m, 3) int64: the first and last voxels that each ball touches; high[0] is
+    -1 where it touches no voxel or has no centre; order (m,) int64: the nodes, grouped by voxels.
     """
 
     centres: np.ndarray
@@ -32,9 +32,10 @@ class Balls(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory for the search of one node. spots (n,), distances (5, n): the target nodes of its voxels; close (n,): bit
-    set of the anchors to which each has a similar distance; near (n + 1,), offset2 (5, n + 1): nodes of its ball; psi
-    (n + 1,), distance2 (n,): nodes within the gate of a subset.
+    """Memory for the search of one node. spots (n,), distances (5, n): the target nodes in the ball's voxels, and their
+    distances to the anchors; close (n,): bit set of the anchors to which a target node has a similar distance as the
+    source node; near (n + 1,), offset2 (5, n + 1): nodes in the ball, and their squared differences of distance; psi (n
+    + 1,), distance2 (n,): nodes within the gate of a subset.
     """
 
     spots: np.ndarray
@@ -81,9 +82,9 @@ def match_all(
 ) -> np.ndarray:
     """Return the match (m, s) int32 of each source node under each subset, -1 = none.
 
-    source (m, 5) float32 distances to the anchors; limit2 (m, s) float32: the squared gate; subsets (s, n_s) int64;
-    enough: of ``hold_subset``. Nodes whose balls touch the same voxels are processed together, with targets laid out
-    once.
+    source (m, 5) float32: distances to the anchors; limit2 (m, s) float32: the squared gate; subsets (s, n_s) int64;
+    enough: result of ``hold_subset``. Nodes whose balls touch the same voxels are processed together, so that their
+    targets are laid out once.
     """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     low, high, points = balls.low, balls.high, target.points_m
@@ -111,7 +112,8 @@ def match_all(
 
 @njit(cache=True)
 def _pick(source: np.ndarray, largest: np.float32, enough: np.ndarray, laid_out: int, scratch: Scratch) -> int:
-    """Fill psi with the laid out nodes that may be within the gate of some subset; return how many.
+    """Fill psi with those of the laid-out target nodes that may be within the gate of any subset, and return their
+    number.
 
     source (5,) float32: the distances of the source node; largest: its largest squared gate.
     """
@@ -136,7 +138,7 @@ def _scratch(count: int, anchors: int) -> Scratch:
 
 @njit(cache=True)
 def _largest(limits2: np.ndarray) -> np.float32:
-    """Return the largest finite gate, 0 without any."""
+    """Return the largest finite gate, 0 without a finite gate."""
     largest = np.float32(0.0)
     for limit2 in limits2:
         if np.isfinite(limit2):
@@ -146,7 +148,9 @@ def _largest(limits2: np.ndarray) -> np.float32:
 
 @njit(cache=True)
 def _lay_out(low: np.ndarray, high: np.ndarray, voxels: Voxels, target: np.ndarray, scratch: Scratch) -> int:
-    """Fill spots with the target nodes of some voxels, and distances with theirs, anchor by anchor; return how many."""
+    """Fill spots with the target nodes in some voxels, and distances with their distances, anchor by anchor; return the
+    number of nodes.
+    """
     start, shape, count = voxels.start, voxels.shape, 0
     spots, distances = scratch.spots, scratch.distances
     for i in range(low[0], high[0] + 1):
@@ -174,7 +178,7 @@ def _compare(
 def _within(
     offset2: np.ndarray, subset: np.ndarray, limit2: np.float32, count: int, distance2: np.ndarray, psi: np.ndarray
 ) -> int:
-    """Fill psi with the near nodes that are within the gate of one subset; return how many."""
+    """Fill psi with the near nodes that are within the gate of one subset; return their number."""
     distance2[:count] = 0.0
     for k in subset:
         for c in range(count):

@@ -1,6 +1,7 @@
 """Register every body part separately, by ICP from the predicted pose, as in the paper (Section IV).
 
-The rows of a part are contiguous; part k has rows start[k] to start[k + 1], start (k + 1,) int64.
+In all arrays of points the rows of a part are contiguous: part k has rows start[k] to start[k + 1], start (k + 1,)
+int64.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from anchorpose.camera import transform_points
 from anchorpose.rotations import COLLINEAR_RATIO, ONE_PLACE_M2, rotate, rotation_matrices
 from anchorpose.surface.surface import Nodes
 
-LEAST_PAIRS: Final = 6  # pairs of a part; with fewer a rigid motion follows the noise of single nodes
+LEAST_PAIRS: Final = 6  # pairs of a part; with fewer pairs, a rigid motion follows the noise of single nodes
 PAIR_ROUNDS: Final = 8  # rounds of reweighting the pairs; the fit settles in five
-LEAST_SCALE_M: Final = 0.01  # pairs within a node's spacing of their fit are equally good
-# distance of a node from its part's skin: clothes, sensor, and shared errors of neighbours
+LEAST_SCALE_M: Final = 0.01  # m; pairs whose residual is below the spacing of nodes are equally good
+# m, sigma of a node's distance from its part's skin: clothes, sensor, and shared errors of neighbours
 SURFACE_SIGMA_M: Final = 0.02
-# radians, largest departure of a step from the pairs, with SHIFT_SIGMA_M: unconstrained directions must not slide
+# radians, with SHIFT_SIGMA_M the sigma of a step away from the pairs: unconstrained directions must not slide
 TURN_SIGMA: Final = 0.15
 SHIFT_SIGMA_M: Final = 0.02  # metres, see TURN_SIGMA
 ALIKE: Final = 0.5  # cosine of 60 degrees between normals: excludes the other side of a limb
@@ -34,11 +35,11 @@ ALIKE: Final = 0.5  # cosine of 60 degrees between normals: excludes the other s
 def fit_pairs(
     skin_m: np.ndarray, matched_m: np.ndarray, start: np.ndarray, transforms: np.ndarray, robust: bool
 ) -> np.ndarray:
-    """Return (k,) bool: the parts whose pairs determine a motion, which replaces the predicted one in transforms (k, 4,
-    4).
+    """Return (k,) bool: the parts whose pairs determine a motion; this motion replaces the predicted motion in
+    transforms (k, 4, 4).
 
-    skin_m, matched_m (n, 3) float64, metres. robust: pairs are reweighted by Cauchy's function of the residual over its
-    median, starting from the prediction, so that mismatches have no influence.
+    skin_m, matched_m (n, 3) float64, metres. robust: whether pairs are reweighted, starting from the prediction, by
+    Cauchy's function of the residual divided by its median, so that mismatches have no influence.
     """
     fitted = np.zeros(len(transforms), np.bool_)
     for k in range(len(transforms)):
@@ -114,11 +115,12 @@ def carry(skin: Oriented, start: np.ndarray, transforms: np.ndarray) -> Oriented
 def plane_steps(
     moved: Oriented, start: np.ndarray, nodes: Oriented, nearest: np.ndarray, near: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Take one step of point-to-plane ICP: return the step (k, 6), turn about the centre and shift, NaN where too few
-    nodes are near, and the centre (k, 3).
+    """Take one step of point-to-plane ICP.
 
-    nearest (n,): the node nearest to each point of the skin, near (n,) bool: within reach. The plane's normal is the
-    mean of both, as in ``surface_constraints``; directions without constraint do not move.
+    Return the step (k, 6), which is a rotation about the centre and a translation, NaN where too few nodes are near;
+    and the centre (k, 3). nearest (n,): the node nearest to each point of the skin; near (n,) bool: whether this node
+    is within reach. The plane's normal is the mean of both normals, as in ``surface_constraints``; parts do not move in
+    directions without a constraint.
     """
     steps, centres = np.full((len(start) - 1, 6), np.nan), np.zeros((len(start) - 1, 3))
     planes, rows = np.empty((len(near), 4)), np.empty(len(near), np.int64)
@@ -177,7 +179,7 @@ def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.
 
 
 ITERATIONS: Final = 5  # iterations of ICP after the pairs
-REACH_M: Final = 0.06  # a limb's radius: farther nodes belong to the next limb
+REACH_M: Final = 0.06  # m, a limb's radius; farther nodes belong to the next limb
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,13 +201,14 @@ def register_parts(
     iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> PartRegistration:
-    """Register each part: the global hypothesis' pairs start it, the nearest nodes end it. tau-hat = ICP(tau, phi).
+    """Register each part, first by the pairs of the global hypothesis, then by the nearest nodes: tau-hat = ICP(tau,
+    phi).
 
     skin: points of the body's skin in frame t; part (n,): their bone index; matched_m (n, 3): their places in t+1 by
-    the tree, NaN where none was found; surface: that of t+1; T_predicted (b, 4, 4): predicted motion of each part;
-    iterations: of ICP after the pairs; robust: whether pairs that do not fit lose their influence. The skin is
-    registered, not the last frame's nodes, whose error would add up. A part that is hardly seen keeps its prediction,
-    and ``registered`` is False.
+    the tree, NaN where no match was found; surface: surface of frame t+1; T_predicted (b, 4, 4): predicted motion of
+    each part; iterations: number of ICP iterations after the pairs; robust: whether pairs that do not fit lose their
+    influence. The skin is registered and not the last frame's nodes, whose errors would accumulate. A part that is
+    hardly seen keeps its prediction, and ``registered`` is False.
     """
     order = np.argsort(part, kind="stable")
     bones, first = np.unique(part[order], return_index=True)
@@ -223,10 +226,10 @@ def register_parts(
 
 
 def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.ndarray, iterations: int) -> np.ndarray:
-    """Return (k,) bool: the parts, with rows from start (k + 1,), that ICP moved; it changes their transforms (k, 4,
-    4).
+    """Refine the transforms (k, 4, 4) of the parts, whose rows begin at start (k + 1,), by ICP, in place; return (k,)
+    bool: the parts that moved.
 
-    A part stops moving at the first step that has too few nodes near it.
+    A part stops moving at the first step with too few nodes near it.
     """
     tree, nodes = cKDTree(surface.points_m), Oriented(surface.points_m, surface.normals)
     refined, active = np.zeros(len(transforms), bool), np.ones(len(transforms), bool)
@@ -244,8 +247,8 @@ def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.nd
 
 
 def joints_of_parts(asset: BodyAsset, body: BodyMesh, T_world_rest: np.ndarray) -> np.ndarray:
-    """Return the joints (21, 3), metres, by the rule J: each joint is the mean of where its two adjacent parts put
-    it.
+    """Return the joints (21, 3), metres, by the rule J: each joint is the mean of its places on its two adjacent
+    parts.
     """
     bones = joint_bones(asset)
     rest = body.rest_joints()

@@ -1,4 +1,6 @@
-"""Search the track tree: which chain of hypotheses over N_Tr frames follows the prediction best (paper, Section IV)."""
+"""Search the track tree for the chain of hypotheses over N_Tr frames that follows the prediction best (paper, Section
+IV).
+"""
 
 from __future__ import annotations
 
@@ -15,22 +17,22 @@ from anchorpose.settings import Count, Positive, settings
 
 @settings
 class TreeConfig:
-    """Settings of the tree. missed_cost_m: cost of a frame without a match; max_branches: the tree size above which a
-    tree is pruned.
+    """Settings of the tree. missed_cost_m: cost of a frame without a match; max_branches: number of visited branches
+    above which a tree is pruned.
     """
 
     missed_cost_m: Positive = 0.10  # m per frame, twice the anchor bound; a branch that costs more is not a match
-    # branches that are visited at most; on 3650 nodes with ten noisy subsets no exact search visited 50
+    # most branches that are visited; on 3650 nodes with ten noisy subsets, exact searches visited fewer than 50
     max_branches: Count = 200
 
 
 class Support(IntEnum):
-    """The support of the place that a node is given in the next frame."""
+    """The kind of support for a node's place in the next frame."""
 
     MATCHED = 0  # a hypothesis on the best branch
-    TOO_FAR = 1  # the prediction: all hypotheses lead too far away from it
-    NO_HYPOTHESIS = 2  # the prediction: no subset of anchors finds the node in the next frame
-    UNKNOWN = 3  # nothing: there is no prediction to choose by
+    TOO_FAR = 1  # the place is the prediction, since all hypotheses lead too far away from it
+    NO_HYPOTHESIS = 2  # the place is the prediction, since no subset of anchors finds the node in the next frame
+    UNKNOWN = 3  # there is no place, since there is no prediction by which to choose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,16 +59,18 @@ def best_branches(
     config: TreeConfig,
     costs_m: Sequence[np.ndarray] | None = None,
 ) -> TrackResult:
-    """Score every branch R = sum of ed(node, predicted node) over the levels and keep the best of each source node.
+    """Score every branch, R = sum of ed(node, predicted node) over the levels, and keep the best branch of each source
+    node.
 
     matches: level l holds (n_l, s_l) int, the match in surface l + 1 of each node of surface l under each subset, -1 =
-    missed; surface 0 is the source, and levels may know different numbers of subsets. positions_m: level l holds the
+    missed; surface 0 is the source, and levels may have different numbers of subsets. positions_m: level l holds the
     (n_(l+1), 3) nodes of surface l + 1, world. predicted_m (m, depth, 3): where each source node should be, level by
-    level; NaN = unknown. costs_m: as matches, (n_l, s_l) metres that a match adds to its distance, such as how unlike
-    the two nodes are; None = nothing. A missed node has no children: its branch ends and costs ``missed_cost_m`` for
-    each remaining level, and every branch may be given up at this cost. The search is branch and bound: children in
-    order of distance, a branch is left as soon as it cannot win; so the optimum is exact unless the tree is pruned.
-    Ties go to the lower subset. Raises ValueError where the shapes do not fit or a match points outside its surface.
+    level; NaN = unknown. costs_m: for each entry of matches, (n_l, s_l) metres to add to the distance, such as the
+    dissimilarity of the two nodes; None = nothing is added. A missed node has no children: its branch ends and costs
+    ``missed_cost_m`` for each remaining level, and every branch may be given up at this cost. The search is branch and
+    bound: children are visited in order of distance, and a branch is left as soon as it cannot win. So the optimum is
+    exact unless the tree is pruned. Ties go to the lower subset. Raises ValueError where the shapes do not fit or a
+    match points outside its surface.
     """
     _check(matches, positions_m, predicted_m)
     costs = [np.zeros(level.shape, np.float32) for level in matches] if costs_m is None else costs_m
@@ -124,10 +128,10 @@ def _children(
     cost: np.ndarray,
     subset: np.ndarray,
 ) -> int:
-    """List distinct children by rising distance to ``target`` plus extra cost (insertion sort, stable); return how
-    many.
+    """List distinct children by increasing distance to ``target`` plus extra cost (insertion sort, stable); return
+    their number.
 
-    Of subsets that lead to the same child, the cheapest counts; on a tie, the lower one.
+    If several subsets lead to the same child, the cheapest counts; on a tie, the lower subset.
     """
     count = 0
     for s in range(len(row)):
@@ -152,7 +156,7 @@ def _children(
 
 class _Levels(NamedTuple):
     """All levels one after another: matches (sum of n_l, s) int32, rows of level l from first[l]; costs_m and
-    positions_m likewise.
+    positions_m in the same way.
     """
 
     matches: np.ndarray
@@ -163,7 +167,7 @@ class _Levels(NamedTuple):
 
 
 class _Branch(NamedTuple):
-    """The branch under search, by level: children by rising cost, their number, the next child, cost so far."""
+    """The branch under search, by level: children by increasing cost, their number, the next child, the cost so far."""
 
     node: np.ndarray
     cost: np.ndarray
@@ -213,7 +217,7 @@ def _best_branch(
     while level >= 0:
         k = branch.following[level]
         if k >= branch.children[level] or branch.so_far[level] + branch.cost[level, k] >= best:
-            level -= 1  # children come by rising cost: the rest cannot be better
+            level -= 1  # children come by increasing cost: the rest cannot be better
             continue
         total = branch.so_far[level] + branch.cost[level, k]
         branch.following[level] += 1

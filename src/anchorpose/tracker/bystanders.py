@@ -1,7 +1,8 @@
 """Follow every bystander with a rough body, so that each pixel is compared with all predicted skins.
 
 Remembered skin alone cannot separate a therapist's forearm from the patient's forearm that it passes or holds, and a
-mistake repeats itself; a body can, since an arm is attached to one person only (Section III, transient occlusion).
+mistake repeats itself in later frames. A body can separate them, since an arm is attached to one person only (Section
+III, transient occlusion).
 """
 
 from __future__ import annotations
@@ -65,24 +66,25 @@ WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # uncertainty
 
 TALLEST_CHILD_M: Final = 1.5  # a taller person has an adult's proportions
 STATURE_STEP_M: Final = 0.05  # m, error of a stature that is estimated from one frame
-HEIGHT_SIGMA_M: Final = 0.01  # m, uncertainty of a child's given height: it is taken as given
-LEAST_EXPLAINED: Final = 0.75  # share of a person's nodes that the body must account for; otherwise there is no body
+HEIGHT_SIGMA_M: Final = 0.01  # m, uncertainty of a child's height; small, so that the given height is kept
+LEAST_EXPLAINED: Final = 0.75  # share of a person's nodes that the body must explain; with less, no body is used
 # largest share of a trunk that a camera may see past: rough bodies are a few centimetres off
 MOST_TRUNK_PAST: Final = 0.25
-MOST_LIMB_PAST: Final = 0.5  # the same for a limb; one limb may exceed it, since it may have been placed wrongly
-LEAST_NODES: Final = 150  # fewest nodes to start following a person: a third of a front that is four metres away
+# share of a limb that a camera may see past; one limb may exceed it, since it may be misplaced
+MOST_LIMB_PAST: Final = 0.5
+LEAST_NODES: Final = 150  # fewest nodes to start following a person: a third of a person's front at 4 m
 SKIN_SIGMA_M: Final = 0.03  # m, uncertainty of predicted skin: clothes, hair, and a body of ordinary shape
 GROWTH_M_S: Final = 0.4  # m/s, growth of that uncertainty with time: a hand moves faster than predicted
 DAMPING: Final = 0.8  # factor by which the last movement is continued: movements slow down
-FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between searches for a body that fail, doubled each time
+FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between failing searches for a body; doubled each time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystander:
-    """A bystander with a body: label, shape and pose; ``change`` (POSE_SIZE,) is the pose's change in the last
-    ``elapsed_s``.
+    """A bystander with a body: label, shape and pose.
 
-    hidden_s: how long too little of the person was seen to fit the body.
+    change (POSE_SIZE,): change of the pose in the last ``elapsed_s``. hidden_s: time in which too little of the person
+    was seen to fit the body.
     """
 
     label: int
@@ -95,7 +97,9 @@ class Bystander:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """A bystander for whom no body was found: frames to wait for the next search, and how many after its failure."""
+    """A bystander for whom no body was found: number of frames until the next search, and until the search after that
+    if it fails.
+    """
 
     label: int
     wait: int
@@ -158,7 +162,7 @@ def follow_bystanders(
     """Return the bystanders of the next frame, from the pixels with each person's label.
 
     A body that no longer explains the person's pixels is dropped and searched for again. A hidden person is kept for
-    ``MEMORY_S``, as long as no camera sees past the body: a person who reappears there is this bystander, not the
+    ``MEMORY_S``, as long as no camera sees past the body. So a person who reappears there is this bystander, not the
     patient.
     """
     known = {one.label: one for one in before.followed}
@@ -195,7 +199,7 @@ def label_by_bodies(
     bystanders: Bystanders,
     cameras: Sequence[Camera],
 ) -> tuple[View | None, ...]:
-    """Return the label the pixels of an initial frame again, by the bodies that were fitted to the first labels.
+    """Label the pixels of an initial frame again, by the bodies that were fitted to the first labels.
 
     Where people touch, the first labels may give an arm or leg to the wrong person; the bodies correct it.
     """
@@ -219,7 +223,8 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
-    """Return the nodes of one person, to fit a body to. The outline is left out: half of it is an occluder's edge.
+    """Return the nodes of one person, to which a body can be fitted. The outline is left out, since half of it is an
+    occluder's edge.
 
     Nodes are closer together where few pixels show the person.
     """
@@ -232,7 +237,9 @@ def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], lab
 
 
 def _is_person(body: Body, pose: Pose, evidence: Evidence) -> bool:
-    """Return whether no camera sees past the body. Pixels alone may be a part of another person."""
+    """Return whether the pixels are a person: no camera sees past the body. Without this check they may be a part of
+    another person.
+    """
     past = np.nan_to_num(seen_past(body.points, pose_points(body, pose), evidence.views, evidence.cameras))
     return bool(past[TRUNK] <= MOST_TRUNK_PAST and (np.delete(past, TRUNK) > MOST_LIMB_PAST).sum() <= 1)
 
@@ -247,7 +254,9 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
 
 
 def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander | None:
-    """Keep a hidden person where the body was last; None where a camera sees past it, or after ``MEMORY_S``."""
+    """Keep a hidden person where the body was last; return None where a camera sees past the body, or after
+    ``MEMORY_S``.
+    """
     hidden_s = one.hidden_s + abs(elapsed_s)
     if hidden_s > MEMORY_S or not _is_person(one.body, one.belief.pose, evidence):
         return None
@@ -262,7 +271,9 @@ class RoughPerson(NamedTuple):
 
 
 def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughPerson | None:
-    """Fit a body of ordinary shape and the seen stature to the person with this label; None if too little is seen."""
+    """Fit a body of ordinary shape and of the person's seen stature to the person with this label; return None if too
+    little is seen.
+    """
     evidence, matches = person_evidence(views, cameras, label), matches_of(views, cameras, label)
     if len(evidence.surface) < LEAST_NODES or len(matches) < LEAST_MATCHES:
         return None
@@ -277,7 +288,9 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
 
 @lru_cache(maxsize=16)
 def ordinary_body(points: SkinPoints, steps: int) -> Body:
-    """Build the body of an adult or a child from the height alone, given in steps of ``STATURE_STEP_M``."""
+    """Build the body of an adult or a child from the height alone. steps: the height, in units of
+    ``STATURE_STEP_M``.
+    """
     height_m = steps * STATURE_STEP_M
     if height_m >= TALLEST_CHILD_M:
         return build_body(points, shape_of_height(points.asset, height_m))
@@ -285,7 +298,7 @@ def ordinary_body(points: SkinPoints, steps: int) -> Body:
 
 
 def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystander | None:
-    """Start following a person with a rough body; None where that body does not explain the person."""
+    """Start following a person with a rough body; return None where the body does not explain the person."""
     if person is None:
         return None
     body, found = person
@@ -295,5 +308,5 @@ def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystan
 
 
 def _ahead(one: Bystander, points: SkinPoints, elapsed_s: float) -> Pose:
-    """Predict a bystander's pose ``elapsed_s`` after the last fit: the movement continues, slightly slower."""
+    """Predict a bystander's pose ``elapsed_s`` after the last fit, if the movement continues slightly slower."""
     return one.belief.pose.moved(DAMPING * elapsed_s / one.elapsed_s * one.change, points.moving)

@@ -28,9 +28,9 @@ HEIGHTS_M: Final = (1.2, 2.2)  # m; a height outside is beyond the shape model a
 
 
 class Method(StrEnum):
-    """The way in which a frame's matches become a pose."""
+    """The method that turns a frame's matches into a pose."""
 
-    ARTICULATED = "articulated"  # all parts are registered at once, joined, on the learnt body
+    ARTICULATED = "articulated"  # all parts of the learnt body are registered at once, joined to each other
     PARTS = "parts"  # the paper's method: every part separately, from frame to frame
 
 
@@ -44,7 +44,7 @@ class FollowConfig:
     samples: Count = 16  # frames read beforehand to find the background and the people who stay
     lost_sigma_m: Positive = 0.25  # m, half a forearm; a joint with a larger sigma is lost, not estimated
     lost_after_s: Positive = 1.0  # s without any evidence, after which the whole patient is searched for again
-    bystanders: bool = True  # follow other people with a body each; False: only remember where they were
+    bystanders: bool = True  # follow other people, each with a body; False: only remember where their skin was
 
 
 @settings
@@ -53,11 +53,12 @@ class TrackConfig:
 
     method: Method = Method.ARTICULATED
     start: int = 0  # first frame to track
-    stop: int | None = None  # frame to stop before; None = the end
+    stop: int | None = None  # frame before which tracking stops; None = the end
     smooth: bool = False  # also track backward in time and combine both passes; takes twice as long, not for live use
     height_m: float | None = None  # m, the patient's standing height; None = that of recording.json, or unknown
-    patient_xz_m: tuple[float, float] | None = None  # m, x and z of the patient on the floor; None = found
-    patient_frame: int | None = None  # number of the frame in which the patient stands there; None = when first seen
+    patient_xz_m: tuple[float, float] | None = None  # m, x and z of the patient on the floor; None = to be found
+    # number of the frame in which the patient stands there; None = the first with a person there
+    patient_frame: int | None = None
     motions: str | None = None  # file of reference movements; None = those that ship with the package
     clocks: ClockConfig = field(default_factory=ClockConfig)
     placing: PlacingConfig = field(default_factory=PlacingConfig)

@@ -42,12 +42,13 @@ TOO_UNCERTAIN: Final = "no joint is known to the width of half a forearm"
 class Estimate:
     """The estimate of one frame: joints_m (21, 3) and sigma_m (21,), NaN where lost; states; the pose, None where lost.
 
-    observation and shape are None where no patient was searched for or found. matched_share: share of the nodes that
-    have a match in this frame, None where no matching was done (the first frame, or nothing seen). explanation: how
-    well the pose explains the depth images, None where lost. why_lost: why all joints are lost, else empty. poor: why
-    depth images are too poor for joints, else empty. moved: limbs were found elsewhere than earlier frames had them.
-    ends: lost hands and feet, as in ``lost_ends``. rivals: poses that explain the images almost as well. shown: the
-    states by the images alone; a joint that is lost because its sigma is too large keeps the state of a hidden one.
+    observation and shape are None where the patient was not found or not searched for. matched_share: share of the
+    nodes that have a match in this frame, None without matching (in the first frame, or where nothing is seen).
+    explanation: how well the pose explains the depth images, None where lost. why_lost: why all joints are lost, else
+    empty. poor: why depth images are too poor for joints, else empty. moved: whether limbs were found elsewhere than in
+    earlier frames. ends: lost hands and feet, as in ``lost_ends``. rivals: other poses that explain the images almost
+    as well. shown: the joint states by the images alone; a joint that is lost only because its sigma is too large keeps
+    the state hidden.
     """
 
     frame_set: FrameSet
@@ -69,8 +70,8 @@ class Estimate:
 
 
 class Earlier(NamedTuple):
-    """State carried over from earlier frames: rivals, poses that explain the images almost as well; ends, lost hands
-    and feet; unseen_s (PARTS, 2), seconds since each part of a limb was seen, as in ``vague_belief``.
+    """State carried over from earlier frames. rivals: other poses that explain the images almost as well; ends: lost
+    hands and feet; unseen_s (PARTS, 2): seconds since each part of a limb was seen, as in ``vague_belief``.
     """
 
     rivals: Sequence[Rival] = ()
@@ -108,8 +109,8 @@ def estimate_of(
 ) -> Estimate:
     """Estimate the joints by the rule J, their states from the depth images, and their sigma from the posterior.
 
-    corrected: joints that a reviewer placed. Where the images contradict a place they are hidden, not lost, and their
-    sigma is at least their distance from that place.
+    corrected: joints that a reviewer placed. Where the images contradict a corrected place, the joint is hidden, not
+    lost, and its sigma is at least its distance from that place.
     """
     belief, evidence = registration.belief, observation.evidence
     posed = pose_points(body, belief.pose)
@@ -185,7 +186,9 @@ def _as_placed(
 
 
 def displaced(estimate: Estimate, displaced_m: float) -> Estimate:
-    """Add to sigma how far the cameras are known to displace the patient, in any direction."""
+    """Add a displacement to sigma. displaced_m: by how much errors of the camera poses displace the patient, in any
+    direction.
+    """
     if not displaced_m:
         return estimate
     return replace(estimate, sigma_m=np.hypot(estimate.sigma_m, displaced_m / np.sqrt(3.0)))
@@ -198,7 +201,7 @@ def _details(observation: Observation) -> list[DepthDetail | None]:
 def _smeared_sigma(
     body: Body, pose: Pose, observation: Observation, sigma_m: np.ndarray, config: TrackConfig
 ) -> np.ndarray:
-    """Return sigma_m (21,), larger where every camera that shows the patient has filters that blur depth edges."""
+    """Return sigma_m (21,), increased where every camera that shows the patient has filters that blur depth edges."""
     edges = []
     for view, detail in zip(observation.evidence.views, _details(observation), strict=True):
         distance_m = None if view is None else distance_of(view)
@@ -220,7 +223,9 @@ def _states(
     poor: Sequence[PoorDepth | None],
     config: TrackConfig,
 ) -> tuple[JointState, ...]:
-    """Return the joint states. A joint is ``observed`` only in a camera that resolves limbs, else it is hidden."""
+    """Return the joint states. A joint is ``observed`` only if it is seen by a camera that resolves limbs; otherwise it
+    is hidden.
+    """
 
     def by(views: Sequence[View | None]) -> tuple[JointState, ...]:
         return joint_states(body.points, posed, explanation.covering, views, evidence.cameras, config.visibility)

@@ -1,4 +1,4 @@
-"""Follow a patient through all frames: find, track, and search again after a loss."""
+"""Follow a patient through all frames: find the patient, track, and search again after a loss."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ FIRST_PAUSE, LONGEST_PAUSE = 5, 15
 
 
 def follow_patient(run: Run, frames: Iterable[FrameSet], known: FittedShape | None) -> Iterator[Estimate]:
-    """Yield an estimate for every frame, in order: lost until the patient is found, searched for again when lost.
+    """Yield an estimate for every frame, in order. The patient is lost until found, and is searched for again after a
+    loss.
 
-    frames: in the order of time, or against it; the first one should be the room's initial frame. known: the learnt
-    shape; None where it is still to be learnt.
+    frames: all frames in the order of time, or against it; the first should be the room's initial frame. known: the
+    learnt shape; None where it is still to be learnt.
     """
     choice = run.room.initial_frame.choice if run.room.initial_frame else None
     for estimate, _ in follow_openly(run, frames, choice, known):
@@ -74,11 +75,11 @@ class Follower:
         self.run = run
         self.tracker = None
         self._choice, self._known, self._begin = choice, known, begin
-        self._search = None  # set once a patient who was followed is lost
+        self._search = None  # set after a followed patient was lost
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
-        """Yield the estimates that this frame completes: its own, or those of frames before it."""
+        """Yield the estimates that this frame completes: that of the frame itself, or those of earlier frames."""
         if self.tracker is not None:
             yield from self._follow(self.tracker, frame_set)
         else:
@@ -129,7 +130,7 @@ class Follower:
 
 
 def _poor_at(choice: PatientChoice | None, frame_set: FrameSet, run: Run) -> tuple[PoorDepth, ...]:
-    """Return why depth is too poor for joints where a lost patient should be; empty where that place is unknown."""
+    """Return why depth is too poor to find joints where a lost patient should be; empty where that place is unknown."""
     if choice is None:
         return ()
     place = np.array([choice.ground_xz_m[0], 0.0, choice.ground_xz_m[1]])

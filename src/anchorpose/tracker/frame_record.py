@@ -1,4 +1,6 @@
-"""Make the stored record of a frame: joints, pose, anchors, person labels, nearness of others, explained share."""
+"""Make the stored record of a frame: joints, pose, anchors, person labels, nearness of other people, explained
+share.
+"""
 
 from __future__ import annotations
 
@@ -25,15 +27,15 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import PassResult
 
-LEAST_BONE_M: Final = 1e-6  # m; a shorter bone is a missing one, which has no length
+LEAST_BONE_M: Final = 1e-6  # m; a shorter bone counts as missing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
     """The stored values of one frame: joints; pose; how well the pose explains the depth images; anchors; share of
-    matched nodes; nearness of others (None where the patient is lost); problems of the depth images; why the patient is
-    lost (else empty); why depth is too poor for joints (else empty); gaps to the equipment (None where the patient is
-    lost or the equipment unknown).
+    matched nodes; nearness of other people (None where the patient is lost); problems of the depth images; why the
+    patient is lost (else empty); why depth is too poor for joints (else empty); gaps to the equipment (None where the
+    patient is lost or the equipment unknown).
     """
 
     joints: JointFrame
@@ -61,7 +63,7 @@ Kept = TrackedFrame | PassResult | tuple[TrackedFrame, PassResult]
 
 
 def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
-    """Return the record of an estimate; ``body`` is the learnt body, None where there is none.
+    """Return the record of an estimate. body: the learnt body, None where no body is learnt.
 
     The record of a frame that a reviewer marked as unusable has no values; its problems state why.
     """
@@ -87,7 +89,9 @@ def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
 def smoothed_record(
     record: FrameRecord, answer: PassResult, body: Body, explanation: Explanation | None
 ) -> FrameRecord:
-    """Return the record with the combined answer of both passes; ``explanation`` is that of the smoothed pose."""
+    """Return the record with the combined result of both passes. explanation: how well the smoothed pose explains the
+    frame.
+    """
     lost = np.array([state is JointState.LOST for state in answer.states])
     position = np.where(lost[:, None], np.nan, answer.joints_m)
     joints = replace(record.joints, position_m=position, sigma_m=answer.sigma_m, state=answer.states)
@@ -150,7 +154,9 @@ def _gaps(estimate: Estimate, body: Body | None, near: Nearness | None, run: Run
 def body_pose(
     body: Body | None, frame: int, time_s: float, pose: Pose | None, axial_sigma_rad: np.ndarray | None
 ) -> BodyPose:
-    """Return the bones of a pose in the world, all NaN without a pose. axial_sigma_rad (21,) is None where unknown."""
+    """Return the bones of a pose in the world; all are NaN without a pose. axial_sigma_rad (21,): None where
+    unknown.
+    """
     count = len(MOVING_BONES)
     head_m, quaternion, sigma = np.full((count, 3), np.nan), np.full((count, 4), np.nan), np.full(count, np.nan)
     if body is not None and pose is not None:
@@ -163,9 +169,9 @@ def body_pose(
 
 
 def axial_sigma(body: Body, pose: Pose, covariance: np.ndarray, inflation: float) -> np.ndarray:
-    """Return (21,) radians: standard deviation of each bone's turn about its long axis, relative to its parent.
+    """Return (21,) radians: standard deviation of each bone's rotation about its long axis, relative to its parent.
 
-    covariance (POSE_SIZE, POSE_SIZE): of the pose; inflation: as for the joints (``UncertaintyConfig``).
+    covariance (POSE_SIZE, POSE_SIZE): covariance of the pose; inflation: as for the joints (``UncertaintyConfig``).
     """
     mesh, moving = body.mesh, body.points.moving
     along = mesh.bone_tails[moving] - mesh.bone_heads[moving]

@@ -1,8 +1,9 @@
-"""Check the camera poses that a recording gives, before tracking, by floor, equipment and the other cameras.
+"""Check the camera poses that a recording gives before tracking: by the floor, by the equipment and by the other
+cameras.
 
-A contradiction far beyond noise refuses the recording; a smaller one is noted and widens every sigma. A single camera
-can be checked by its floor and its equipment only: where it sees neither, a wrong pose displaces all joints alike and
-stays unnoticed.
+If poses are contradicted by far more than noise, the recording is refused; a smaller contradiction is noted and
+increases every sigma. A single camera can be checked only by floor and equipment. If it sees neither, a wrong pose
+stays unnoticed and displaces all joints alike.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
 
-# share of one camera's error by which joints are displaced where other cameras see the patient as well
+# share of one camera's error by which joints are displaced if other cameras see the patient, too
 AMONG_OTHERS: Final = 0.5
 REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
@@ -35,8 +36,8 @@ MOVED: Final = "the cameras agree with each other, so it stands elsewhere than e
 
 @dataclass(frozen=True, slots=True)
 class PosesAsked:
-    """The results of asking all cameras: ``pairs`` compares every two of them, empty if no pose is given; ``doubts``
-    holds all contradictions.
+    """The results of checking all camera poses. pairs: the comparison of every two cameras, empty if no pose is given;
+    doubts: all contradictions.
     """
 
     pairs: tuple[CameraPair, ...]
@@ -58,7 +59,7 @@ def agreeing_poses(
 def ask_poses(
     recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> PosesAsked:
-    """Return the doubts of the calibration and those that cameras raise about each other.
+    """Return the calibration's doubts about camera poses, and the doubts that cameras raise about each other.
 
     scenes: one per camera, with the poses that are used; samples: frames of all cameras, on one clock. Poses that were
     found, not given, are checked in ``calibration``.
@@ -75,8 +76,8 @@ def ask_poses(
 
 
 def _excused(doubt: PoseDoubt) -> PoseDoubt:
-    """Excuse a camera from a doubt by the equipment where all cameras agree with each other: the equipment was
-    moved.
+    """Remove the consequences of a doubt that the equipment raises about a camera. Call it where all cameras agree with
+    each other: then the equipment was moved.
     """
     if doubt.source is not DoubtSource.EQUIPMENT:
         return doubt
@@ -84,8 +85,8 @@ def _excused(doubt: PoseDoubt) -> PoseDoubt:
 
 
 def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequence[Scene]) -> None:
-    """Raise InputError where poses are contradicted by far more than noise: what contradicts, by how much, what to
-    do.
+    """Raise InputError where poses are contradicted by far more than noise; it states what contradicts, by how much,
+    and a remedy.
     """
     refuted = [doubt for doubt in asked.doubts if doubt.refuted]
     if not refuted:
@@ -109,7 +110,9 @@ def remedy_of(doubt: PoseDoubt) -> str:
 
 
 def exchanged_cameras(scenes: Sequence[Scene]) -> tuple[str, str] | None:
-    """Return two cameras whose rooms fit all others' if their poses and lenses are exchanged, else None."""
+    """Return two cameras whose rooms fit those of all other cameras if the poses and lenses of the two are exchanged;
+    else None.
+    """
     for a, b in combinations(range(len(scenes)), 2):
         first, second = scenes[a].camera, scenes[b].camera
         if (first.width, first.height) != (second.width, second.height):

@@ -28,7 +28,7 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-# frames, half a minute of work, from the initial frame to the inspected one; beyond it a nearer start is used
+# most frames from the initial to the inspected frame, half a minute of work; beyond it a nearer start is used
 MOST_FOLLOWED = 60
 NEARBY, NEARBY_SAMPLES = 45, 10  # frames before the inspected one, and how many of them are tried as initial frame
 
@@ -47,8 +47,8 @@ class Inspection:
     """The results of every stage for one frame.
 
     observation: the stages up to geodesics, None where no patient could be searched for. estimate: None where the
-    patient was not found. next: None where the recording ends or the patient is not found. height_m: the height that
-    scales anchor distances. account: sentences on what was done and why results are missing.
+    patient was not found. next: None where the recording ends here or the patient was not found. height_m: the height
+    that scales anchor distances. account: sentences on what was done and why results are missing.
     """
 
     room: Room
@@ -81,7 +81,7 @@ class InspectedCamera:
 
     @property
     def scene(self) -> Scene:
-        """Return what isolation knew of the camera beforehand."""
+        """Return the camera's scene, which isolation learnt before tracking."""
         return self.inspection.room.scenes[self.number]
 
 
@@ -95,7 +95,7 @@ class _Reached:
 
 
 def position_of(recording: Recording, frame: int) -> int:
-    """Return the position of a frame number in the first camera's stream; raises InputError where there is none."""
+    """Return the position of a frame number in the first camera's stream; raises InputError for an unknown number."""
     numbers = recording.streams[0].frame
     found = np.flatnonzero(numbers == frame)
     if not len(found):
@@ -109,10 +109,11 @@ def inspect_frame(
 ) -> Inspection:
     """Return the results of all stages for the frame with this number.
 
-    as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does: the joints are the same
-    to the last digit, and it takes as long. Otherwise tracking starts nearby with a first guess of the body.
-    config.patient_xz_m: where the patient stands; with as_tracked at the start, otherwise here. tick is called for
-    every frame that is read. Raises InputError where there is no such frame.
+    as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does; the joints are then the
+    same to the last digit, and it takes as long. Otherwise tracking starts at a nearby frame with a first guess of the
+    body. config.patient_xz_m: where the patient stands, in the initial frame with as_tracked, else in the inspected
+    frame. tick is called for every frame that is read. Raises InputError where the recording has no frame with this
+    number.
     """
     position, room = position_of(recording, frame), prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
@@ -166,8 +167,8 @@ def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None
 
 
 def _initial_frames_nearby(route: Route, position: int, room: Room, config: TrackConfig) -> list[InitialFrame]:
-    """Return where tracking may start: the recording's initial frame if near, else the best frames before; then the
-    frame.
+    """Return the frames where tracking may start: the recording's initial frame if it is near, else the best frames
+    before the inspected frame; then the inspected frame itself.
     """
     here = _choose(route, [position], room, config)
     if config.patient_xz_m is not None or room.initial_frame is None:
@@ -193,7 +194,7 @@ def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedSha
     frames = route.frames(_course(initial.frame, position, route, run))
     for estimate, tracker in follow_openly(run, frames, initial.choice, shape):
         if tracker is None and shape is None:
-            return None  # without a known body the search is slow: another initial frame is tried
+            return None  # without a known body the search is slow, so another initial frame is tried
         if estimate.frame_set.frame == _number(run.room, position):
             if tracker is None or estimate.belief is None:
                 return None
@@ -202,8 +203,8 @@ def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedSha
 
 
 def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
-    """Return the positions from the first frame to the inspected one and over its look-ahead, within the tracked
-    range.
+    """Return the positions of the frames to track: from the first frame to the inspected frame and its look-ahead,
+    within the tracked range.
     """
     initial = run.room.initial_frame.frame if run.room.initial_frame else position
     direction = 1 if position >= initial else -1

@@ -1,12 +1,13 @@
-"""Store the frames of a run as it goes, so that a killed run goes on: values as bytes, in blocks that are checked.
+"""Store the frames of a run while it runs, so that a killed run can continue: values become bytes, in blocks that are
+checked on reading.
 
-The bytes cannot name code to run: the class of an object follows from the annotation of the attribute that holds it.
-Every stored class therefore declares its attributes (dataclasses and named tuples do so anyway). The tree has null,
-booleans, numbers and texts as they are, the value of an enumeration's member, a list for each container, and for all
-else an object with one key: ``{"Pose": {"root_m": ...}}`` an object of a class, ``{"again": 3}`` the fourth of them
-once more, ``{"shared": "run"}`` an object that the reader has, ``{"array": 5}`` an array, ``number`` and ``bytes`` a
-scalar of numpy and bytes that are stored as an array. Objects and arrays keep their identity within one value,
-containers do not.
+The bytes cannot name any code to run: the class of an object follows from the annotation of the attribute that holds
+it. Every stored class therefore declares its attributes (dataclasses and named tuples do so anyway). A value is stored
+as a JSON tree. Null, booleans, numbers and texts are themselves, a member of an enumeration is its value, and a
+container is a list. Anything else is a JSON object with one key: ``{"Pose": {"root_m": ...}}`` is an object of a class,
+``{"again": 3}`` is the fourth stored object once more, ``{"shared": "run"}`` is an object that the reader has,
+``{"array": 5}`` is an array; the keys ``number`` and ``bytes`` mark a numpy scalar and bytes, both stored as an array.
+Objects and arrays keep their identity within one value, containers do not.
 
 The digest of a file covers its name. Each pass stores its frames in blocks and, with each block, the state that the
 next frame needs. A run always continues from the values that it stored and read back, so that a killed and resumed run
@@ -43,7 +44,7 @@ ALSO: Final = {float: (int, np.floating, np.integer), int: (np.integer,), bool: 
 
 
 def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) -> None:
-    """Write a value at the end of ``stream``; ``shared`` are objects by name, of which only the name is stored."""
+    """Write a value at the end of ``stream``. shared: objects by name, of which only the name is stored."""
     writer = _Writer(shared)
     tree = np.frombuffer(json.dumps(writer.node(value), separators=(",", ":")).encode(), np.uint8)
     for array in (tree, *writer.arrays):
@@ -51,14 +52,15 @@ def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) ->
 
 
 def read_value(stream: BytesIO, kind: Any, shared: Mapping[str, object]) -> Any:
-    """Read a value that ``write_value`` wrote, from here to the end of ``stream``, as the type ``kind``.
+    """Read a value that ``write_value`` wrote, from the present position to the end of ``stream``, as the type
+    ``kind``.
 
-    Raises ValueError where it holds no such value.
+    Raises ValueError where the content is not such a value.
     """
     try:
         tree, *arrays = _read_arrays(stream)
         return _Reader(arrays, shared).value(parse_json(tree.tobytes()), kind)
-    except Exception as error:  # of json, of numpy, or of a tree that has something else at a place
+    except Exception as error:  # raised by json, by numpy, or by a malformed tree
         raise ValueError(f"holds no value of the type {kind} ({error!r})") from error
 
 
@@ -96,7 +98,7 @@ class _Writer:
             return self._array("number", np.asarray(value))
         if id(value) not in self._known:
             return self._array("array", value) if isinstance(value, np.ndarray) else self._object(value)
-        return self._known[id(value)]  # met before, or shared
+        return self._known[id(value)]  # stored before, or shared
 
     def _array(self, word: str, array: np.ndarray) -> dict[str, Any]:
         self._known[id(array)] = node = {word: len(self.arrays)}
@@ -167,12 +169,12 @@ class _Reader:
             return {self.value(key, of[0]): self.value(item, of[1]) for key, item in node}
         if make is tuple and of[-1] is not ...:
             return tuple(self._items(node, of))
-        if _declared(make):  # a named tuple
+        if _declared(make):  # the class is a named tuple
             return make(*self._items(node, _declared(make).values()))
         return make(self._items(node, repeat(of[0])))
 
     def _items(self, node: list[Any], kinds: Iterable[Any]) -> list[Any]:
-        """Return the values of a list's nodes; ``kinds`` has a type for each node, or one type for all."""
+        """Return the values of a list's nodes; kinds: one type per node, or a single type for all nodes."""
         return [self.value(item, kind) for item, kind in zip(node, kinds, strict=not isinstance(kinds, repeat))]
 
 
@@ -195,9 +197,9 @@ COUNT: Final = "count"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Journal:
-    """A folder of stored values by name; each file is whole or absent, and checked when it is read.
+    """A folder of stored values by name; each file is either complete or absent, and is checked when it is read.
 
-    Reading runs no code but the program's. shared: objects of the run by name, which a resumed run makes again; only
+    Reading runs no code from the file. shared: objects of the run by name; a resumed run makes them again, so only
     their names are stored.
     """
 
@@ -214,7 +216,7 @@ class Journal:
         return Journal(folder, self.shared)
 
     def require_whole(self, other: Collection[str] = ()) -> None:
-        """Check all stored values, also in subfolders; ``other`` names files that ``write`` did not store.
+        """Check all stored values, also in subfolders. other: names of files that ``write`` did not store.
 
         Raises InputError where a file is damaged, or was stored under another name.
         """
@@ -226,7 +228,7 @@ class Journal:
                 Journal(path.parent)._stored(path.name)
 
     def write(self, name: str, value: object) -> None:
-        """Store a value, with one copy of it in memory, not several."""
+        """Store a value, with only one copy of it in memory at a time."""
         stored = io.BytesIO()
         stored.write(bytes(DIGEST_BYTES))
         write_value(stored, value, self.shared)
@@ -237,7 +239,8 @@ class Journal:
     def read(self, name: str, kind: Any) -> Any:
         """Read the value of this name, which is of the type ``kind``.
 
-        Raises KeyError where none is stored, InputError where the file is damaged or holds no such value.
+        Raises KeyError where no value of this name is stored, InputError where the file is damaged or holds a value of
+        another type.
         """
         path = self.folder / name
         if not is_there(path):
@@ -267,11 +270,13 @@ class Journal:
         return f"remove {self.folder} and give the same command again"
 
     def damaged(self, name: str) -> InputError:
-        """Return the refusal of an unusable value: everything stored with it has to be made again."""
+        """Return the error for an unusable value: everything stored with it has to be made again."""
         return InputError(self.folder / name, "is damaged", self._remedy)
 
     def once(self, name: str, kind: Any, make: Callable[[], Item]) -> Item:
-        """Return the value of this name and of the type ``kind``; if it is not stored, make, store and read it."""
+        """Return the value of this name and of the type ``kind``. If it is not stored yet, make it, store it and read
+        it back.
+        """
         try:
             found: Item = self.read(name, kind)
         except KeyError:
@@ -281,7 +286,7 @@ class Journal:
 
 
 class Blocks(Generic[Item]):
-    """The frames of one pass in order, several per file; only those of one file are in memory."""
+    """The frames of one pass in order, several per file; only the frames of one file are in memory."""
 
     def __init__(self, journal: Journal, kind: Any) -> None:
         """Take ``kind``, the type of a stored frame."""
@@ -298,11 +303,13 @@ class Blocks(Generic[Item]):
                 raise self._journal.damaged(_block_name(number))
 
     def write(self, number: int, items: list[Item]) -> None:
-        """Store a block, in place of an earlier one with this number."""
+        """Store a block; it replaces an earlier block with this number."""
         self._journal.write(_block_name(number), items)
 
     def write_count(self, count: int) -> None:
-        """Store the number of blocks where nothing else states it, so that a lost last block is noticed."""
+        """Store the number of blocks, so that a lost last block is noticed. It is needed where nothing else states this
+        number.
+        """
         self._journal.write(COUNT, count)
 
     def _count(self) -> int:
@@ -312,7 +319,9 @@ class Blocks(Generic[Item]):
             return 0
 
     def read(self, backward: bool = False) -> Iterator[Item]:
-        """Yield all frames, in the order of the pass or against it; raises InputError where a block is missing."""
+        """Yield all frames, in the order of the pass or in reverse order; raises InputError where a block is
+        missing.
+        """
         paths = sorted(self._journal.folder.glob("*.frames"), reverse=backward)
         self.require(max(len(paths), self._count()))
         for path in paths:
@@ -325,7 +334,7 @@ def _block_name(number: int) -> str:
 
 
 def write_whole(path: Path, data: bytes | memoryview) -> None:
-    """Write a file so that it holds all of ``data`` or its earlier content, also after a power cut.
+    """Write a file so that it holds either all of ``data`` or its earlier content, even after a power cut.
 
     Raises InputError where the folder is gone, OSError with the folder's name where the disk is full.
     """

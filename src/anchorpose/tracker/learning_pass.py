@@ -31,13 +31,15 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, starts_turned
 
-# times as many frames of a window are kept as it is learnt from; the most different poses among them are used
+# times as many frames of a window are kept as are used; the most different poses among them are used
 CANDIDATES: Final = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """The values kept of a frame until its window is learnt from: a whole estimate is three times as large."""
+    """The part of a frame's estimate that is kept until its window is learnt from; a whole estimate is three times as
+    large.
+    """
 
     time_s: float
     belief: PoseBelief
@@ -57,9 +59,10 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearntPatient:
-    """The belief in the patient's shape at the end and after the first window; ``seconds`` is the time learnt from.
+    """The belief in the patient's shape, at the end of learning and after the first window.
 
-    contradiction: how statements about the patient contradict the images, else empty.
+    seconds: the time learnt from. contradiction: how statements about the patient contradict the images, empty if they
+    do not.
     """
 
     belief: ShapeBelief
@@ -74,11 +77,11 @@ class LearntPatient:
 
 
 class Stretch(NamedTuple):
-    """A part of the recording that the body is learnt from: where the patient stands in its first frame, and its
-    frames.
+    """A part of the recording that the body is learnt from.
 
-    choice: None if no patient is to be searched for. start: the patient as already found in the first frame, if so.
-    frames: reads the frames forward or backward in time, from the first one at each call.
+    choice: where the patient stands in its first frame; None if no patient is to be searched for. start: the patient as
+    already found in the first frame, else None. frames: function that reads the frames, forward or backward in time;
+    each call begins with the first frame.
     """
 
     choice: PatientChoice | None
@@ -90,8 +93,8 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
     """Return the patient's shape, or None where the patient is never found.
 
     Each stretch is followed for its share of ``learning.longest_s``, from the first frame in which the patient is
-    found. Tracking uses the shape learnt so far, and each window of frames refines it. Only the frames of
-    the first and of the last window are kept, of either facing.
+    found. Tracking uses the shape learnt so far, and each window of frames refines it. For each facing, only the frames
+    of the first and of the last window are kept.
     """
     learnt: LearntPatient | None = None
     for stretch in stretches:
@@ -101,11 +104,11 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Window:
-    """A window of frames to learn from at once, and the time (s) that the patient was followed by its end.
+    """A window of frames to learn from at once.
 
-    tracker: its state after the window, None where tracking ends there. turned: starts with the person facing the other
-    way that the first frame cannot exclude; frame: that frame. moved: the cost, in nats, of a body that turned round
-    between two frames.
+    seconds: time for which the patient was followed until its end. tracker: the tracker's state after the window, None
+    where tracking ends there. turned: starts in which the person faces the other way, as far as the first frame cannot
+    exclude them; frame: number of that frame. moved: the cost, in nats, of a body that turned round between two frames.
     """
 
     kept: list[_Seen]
@@ -117,7 +120,7 @@ class _Window:
 
 
 def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, run: Run) -> LearntPatient | None:
-    """Learn from one more stretch; ``before`` is the result of earlier stretches, None for the first."""
+    """Learn from one more stretch. before: the result of earlier stretches, None for the first."""
     windows = _windows(run, stretch, before, longest_s)
     first = next(windows, None)
     if first is None:
@@ -144,7 +147,7 @@ _Learning = Iterator[tuple[LearntPatient, _Window]]
 
 
 def _window_by_window(windows: Iterator[_Window], before: LearntPatient | None, run: Run) -> _Learning:
-    """Yield the learnt state after each window, with the window."""
+    """Yield each window with the learnt state after it."""
     learnt, so_far_s = before, 0.0 if before is None else before.seconds
     for window in windows:
         learnt = _learn_more(learnt, window.kept, so_far_s + window.seconds, run)
@@ -154,10 +157,11 @@ def _window_by_window(windows: Iterator[_Window], before: LearntPatient | None, 
 
 
 def likelier(one: _Learning, other: _Learning, run: Run) -> _Learning:
-    """Choose between learning with either facing; return the more probable one, from where that is decided.
+    """Choose between the results of learning with either facing; return the more probable one, from the window in which
+    that is decided.
 
-    One frame may show too little to decide. One body has to explain all windows and has to have a human shape; a person
-    whose facing was mistaken turns round at some time.
+    One frame may show too little to decide. A single body has to explain all windows and needs a human shape. With a
+    mistaken facing, the person seems to turn round at some time.
     """
     lead, chosen = 0.0, one
     for mine in one:
@@ -173,7 +177,7 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> _Learning:
 
 
 def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the mean log probability of a window's frames with the body learnt from them, nats.
+    """Return the mean log probability, in nats, of a window's frames, given the body learnt from them.
 
     It is the mean, not the sum, since errors of shape are common to all frames.
     """
@@ -198,7 +202,7 @@ def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s
     learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
     known = None if before is None else before.shape
-    begin = stretch.start if before is None else None  # with the first pose's body, not the learnt one
+    begin = stretch.start if before is None else None  # begin with the first pose's body, not the learnt body
     kept, began_s, frame, turned = list[_Seen](), None, 0, tuple[Start, ...]()
     moved, last, by = 0.0, None, None
     for estimate, tracker in follow_openly(run, stretch.frames(), stretch.choice, known, begin):
@@ -216,7 +220,7 @@ def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s
         if kept and _apart_s(kept[0], seen) > learning.window_s:
             yield _Window(kept, abs(kept[-1].time_s - began_s), moved, tracker, turned, frame)
             kept, moved = [], 0.0
-        # ``by``: the tracker that found a lost patient again
+        # by: the tracker that found a lost patient again
         if last is not None and (estimate.moved or tracker is not by):
             moved += _moved(last, seen)
         last, by = seen, tracker
@@ -229,7 +233,7 @@ def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s
 
 
 def _moved(before: _Seen, after: _Seen) -> float:
-    """Return the cost of a body that turned round since the frame before, nats; 0 where only limbs moved."""
+    """Return the cost, in nats, of a body that turned round since the frame before; 0 where only limbs moved."""
     expected = expected_joints(before.body, before.belief.later(before.pose, _apart_s(before, after)))
     joints_m = after.body.joints(after.pose)
     return expected.moved(joints_m) if parts_apart(expected.joints_m, joints_m) >= PARTS - 1 else 0.0
@@ -245,19 +249,19 @@ def _seen(estimate: Estimate, run: Run) -> _Seen | None:
 
 
 def _fixed(shape: FittedShape, run: Run) -> LearntPatient:
-    """Return the body of the first pose, where nothing is to be learnt."""
+    """Return the body of the first pose as the result, for settings without learning."""
     beliefs = known_beliefs(run.room.recording.subject, run.config)
     fixed = replace(likeliest(beliefs, shape), shape=shape)
     return LearntPatient(fixed, fixed, 0.0)
 
 
 def _apart_s(one: _Seen, other: _Seen) -> float:
-    """Return the time between two frames; the learning pass may go backward."""
+    """Return the time between two frames, never negative: the learning pass may go backward."""
     return abs(other.time_s - one.time_s)
 
 
 def _learn_more(learnt: LearntPatient | None, kept: Sequence[_Seen], seconds: float, run: Run) -> LearntPatient:
-    """Learn from one more window; ``seconds`` is the total time that the patient was followed."""
+    """Learn from one more window. seconds: total time for which the patient was followed."""
     with run.stage("body shape"):
         if learnt is None:
             return _learn_first(seconds, kept, run)
@@ -266,7 +270,9 @@ def _learn_more(learnt: LearntPatient | None, kept: Sequence[_Seen], seconds: fl
 
 
 def _learn_first(seconds: float, kept: Sequence[_Seen], run: Run) -> LearntPatient:
-    """Learn from the first window; where statements about the patient contradict the images, the images count."""
+    """Learn from the first window. Where statements about the patient contradict the images, the statements are
+    ignored.
+    """
     subject, config = run.room.recording.subject, run.config
     shape = kept[0].shape
 

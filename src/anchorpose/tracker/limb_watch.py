@@ -20,16 +20,16 @@ from anchorpose.tracker.room import Run
 
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing; a search takes as long as three frames
 NAMED_PAUSE: Final = 8  # frames between checks of the descriptor's limb names, which take a third of a frame's time
-# nats per limb; rightly tracked people, real and simulated, have more (``measure_named_places``)
+# nats per limb; correctly tracked people, real and simulated, have more (``measure_named_places``)
 MISNAMED: Final = -1.0
-MORE: Final = 1.5  # times the uncovered area that the last search left: this much more starts a new search at once
+MORE: Final = 1.5  # times the uncovered area left by the last search; a larger area starts a new search at once
 # m, anchor to limb end; a hand on a bar ends at the bar, so its anchor may be at the wrist or elbow
 ELSEWHERE_M: Final = 0.25
 LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet
 
 
 class LimbWatch:
-    """The state that decides when limbs are searched for, and when a search would only cost time."""
+    """The state by which it is decided when to search for limbs, and when a search would only cost time."""
 
     run: Run
     search_wait: int
@@ -40,15 +40,16 @@ class LimbWatch:
     def __init__(self, run: Run) -> None:
         self.run = run
         self.search_wait, self.search_pause = 0, SEARCH_PAUSE  # frames until the next search for limbs
-        self.left_uncovered_m2 = 0.0  # after the last search without a result
+        self.left_uncovered_m2 = 0.0  # uncovered area after the last search without a result
         self.named_wait = 0  # frames until the descriptor's limb names are checked against the pose again
 
     def look(
         self, body: Body, found: Registration, explanation: Explanation, predicted: PoseBelief, seen: Observation
     ) -> Search | None:
-        """Search for limbs where seen skin stays uncovered or the descriptor names a limb otherwise; else None.
+        """Search for limbs if seen skin stays uncovered or the descriptor assigns skin to another limb; else return
+        None.
 
-        explanation: the registered pose's, for that frame.
+        explanation: how well the registered pose explains the frame.
         """
         self.search_wait -= 1
         waiting = self.search_wait >= 0 and explanation.uncovered_m2 < MORE * self.left_uncovered_m2
@@ -60,7 +61,9 @@ class LimbWatch:
         return self._search(body, found, predicted, explanation, seen)
 
     def _misnamed(self, body: Body, found: Registration, seen: Observation, sources: Sequence[Source]) -> bool:
-        """Return whether the descriptor names a limb's skin otherwise than the pose does; checked every few frames."""
+        """Return whether the descriptor assigns a limb's skin to another limb than the pose does; this is checked every
+        few frames.
+        """
         self.named_wait -= 1
         if self.named_wait >= 0 or Source.DESCRIPTOR not in sources:
             return False
@@ -68,7 +71,9 @@ class LimbWatch:
         return bool(named_nats(body, found.belief.pose, seen.evidence).sum(axis=1).min() < MISNAMED)
 
     def look_for_whole(self, body: Body, lost: Registration, predicted: PoseBelief, seen: Observation) -> Search | None:
-        """Search where a body explains nothing: it may have turned round, or its limbs are elsewhere; else None."""
+        """Search again for a body that explains nothing: it may have turned round, or its limbs may be elsewhere.
+        Return None if no search is due or it finds nothing.
+        """
         self.search_wait -= 1
         config = self.run.config.registration
         if self.search_wait >= 0 or len(seen.surface) < config.least_nodes:
@@ -83,7 +88,7 @@ class LimbWatch:
     def _search(
         self, body: Body, found: Registration, predicted: PoseBelief, explanation: Explanation, seen: Observation
     ) -> Search:
-        """Run a search; after one without a result the next has to wait longer."""
+        """Run a search. After a search without a result the next search has to wait longer."""
         config = self.run.config.registration
         search = search_limbs(body, found, predicted, seen.evidence, config, seen.seen_anchors)
         if search.taken:
@@ -95,7 +100,7 @@ class LimbWatch:
 
 
 def hidden_limbs(body: Body, explanation: Explanation) -> list[Chain]:
-    """Return the limbs whose end is not seen."""
+    """Return the limbs whose end (hand or foot) is not seen."""
     return [chain for chain in CHAINS if explanation.covering[end_points(body.points, chain)].mean() < LEAST_SHARE]
 
 

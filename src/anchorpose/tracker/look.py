@@ -1,7 +1,7 @@
-"""Examine sampled frames before tracking: find the people, mirror images among them, and possible initial frames.
+"""Examine sampled frames before tracking: find people, recognise mirror images, and list possible initial frames.
 
-A person seen beyond a wall is in the next room or is a mirror image. A mirror image has a twin: reflected in the wall's
-plane, it lies where another person stands, in most of the sampled frames, however both move.
+A person seen beyond a wall is in the next room or is a mirror image. A mirror image has a twin: a person who stands, in
+most of the sampled frames and however they move, where the image lies when it is reflected in the wall's plane.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
 TWIN_M: Final = 0.35  # m over the floor, reflection to twin: bodies seen from front and back differ by this much
-LEAST_TWINS: Final = 3  # frames; two people who pass each other may look like twins in one or two frames
+LEAST_TWINS: Final = 3  # frames with a twin; two people who pass each other may look like twins in one or two frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mirror:
-    """A gap (height, width) in a wall of one scene that shows mirror images: in ``twins`` of the ``shown`` frames with
-    a person beyond it, the twin is seen as well.
+    """A gap (height, width) in a wall of one scene that shows mirror images. shown: number of frames with a person
+    beyond the gap; twins: number of these in which the twin is seen, too.
     """
 
     scene: int
@@ -42,7 +42,7 @@ class Mirror:
     shown: int
 
     def is_in(self, other: Mirror) -> bool:
-        """Return whether two planes of one wall have the same gap."""
+        """Return whether both mirrors are the same gap, found in two planes of one wall."""
         return self.scene == other.scene and bool((self.gap & other.gap).any())
 
     @property
@@ -58,7 +58,9 @@ class Mirror:
 def find_mirrors(
     sightings: Sequence[Sighting], scenes: Sequence[Scene], patient_xz_m: tuple[float, float] | None
 ) -> list[Mirror]:
-    """Find mirrors in which people are seen; a wall beyond which the user placed the patient is no mirror."""
+    """Find mirrors in which people are seen; a wall beyond which the user placed the patient is not taken for a
+    mirror.
+    """
     if max((len(sighting.people) for sighting in sightings), default=0) < 2:
         return []
     found = list[Mirror]()
@@ -80,7 +82,7 @@ def with_mirrors(scenes: Sequence[Scene], mirrors: Sequence[Mirror]) -> tuple[Sc
 
 
 def through_a_gap(choice: PatientChoice, sightings: Sequence[Sighting], scenes: Sequence[Scene]) -> str | None:
-    """Return a note if the chosen patient is seen through a gap in a wall, else None."""
+    """Return a note for the user if the chosen patient is seen through a gap in a wall, else None."""
     people = next(sighting.people for sighting in sightings if sighting.frame == choice.frame)
     patient = min(people, key=lambda one: float(np.linalg.norm(one.person.ground_xz_m - choice.ground_xz_m)))
     for scene in scenes:
@@ -95,15 +97,15 @@ def through_a_gap(choice: PatientChoice, sightings: Sequence[Sighting], scenes: 
 
 
 def _gap_before(one: SeenPerson, wall: Wall) -> np.ndarray | None:
-    """Return the gap (height, width, bool) in a wall through which a person is seen; None if the person is before
-    it.
+    """Return the gap (height, width, bool) in a wall through which a person is seen; None if the person is in front of
+    the wall.
     """
     middle = _middle(one)
     return wall.gap_before(middle) if wall.beyond_m(middle) > TWIN_M else None
 
 
 def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> list[Mirror]:
-    """Return each gap of a wall that has a twin in most of the frames that could show one."""
+    """Return each gap of a wall whose mirror images have a twin in most of the frames that could show the twin."""
     gaps, twins, shown = list[np.ndarray](), list[int](), list[int]()
     for sighting in sightings:
         for one in sighting.people:

@@ -1,7 +1,7 @@
 """Track back from a frame in which a limb or the patient was found again, against the direction of the pass.
 
-A limb or patient that was lost and found again was often in view meanwhile, but not where the prediction had it. From
-the frame that shows it, the patient is tracked back until both directions agree, or nothing is seen. Each frame is then
+A limb or patient that was lost and found again was often in view in between, but not at the predicted place. From the
+frame that shows it, the patient is tracked back until both directions agree, or nothing is seen. Each frame is then
 taken from the direction in which more of the body is seen at its place, so that images decide, not predictions.
 """
 
@@ -22,16 +22,16 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import APART_M, PassResult, cheapest_course, course_of, pass_result, seen_less
 from anchorpose.tracker.start import turn_round
 
-AGREEING: Final = 3  # frames in a row in which both directions agree on all joints: they will not diverge again
-IN_VAIN: Final = 10  # frames in a row in which the backward direction sees no more of the body
+AGREEING: Final = 3  # successive frames in which both directions agree on all joints: they will not diverge again
+IN_VAIN: Final = 10  # successive frames in which tracking back sees no more of the body: then it stops
 ELSEWHERE_M: Final = 0.15  # m since the frame before: a limb that was found again moves farther than a small correction
-FIRST_PAUSE, LONGEST_PAUSE = 4, 64  # frames until the next look back, doubled after one that changes nothing
+FIRST_PAUSE, LONGEST_PAUSE = 4, 64  # frames until the next look back; doubled after a look that changes nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passed:
-    """A frame of a pass: its position in the recording, the pass's answer (None where no body is learnt), and its
-    values to store.
+    """A frame of a pass: its position in the recording, the pass's result for it (None where no body is learnt), and
+    its values to store.
     """
 
     position: int
@@ -41,7 +41,9 @@ class Passed:
 
 @dataclass(slots=True)
 class Waiting:
-    """The frames of a pass that are not stored yet, in order; wait, pause: frames until the next look back."""
+    """The frames of a pass that are not stored yet, in order. wait: frames until the next look back; pause: value to
+    which wait is set then.
+    """
 
     frames: list[Passed] = field(default_factory=list)
     wait: int = 0
@@ -89,9 +91,10 @@ def look_back(
     run: Run,
     keep: Callable[[Estimate], Kept],
 ) -> list[Passed]:
-    """Return the frames before one in which something was found again, in order, some of them tracked back from it.
+    """Return the frames before a frame in which something was found again, in order; some of them are replaced by
+    frames tracked back from it.
 
-    frame: reads the frame at a position.
+    frame: function that reads the frame at a position.
     """
     start = turn_round(found, run.config)
     again = [] if start is None else _seen_again(PatientTracker(run, start), before, frame, run, keep)
@@ -113,7 +116,9 @@ def _seen_again(
     run: Run,
     keep: Callable[[Estimate], Kept],
 ) -> list[Passed]:
-    """Track back through the last frames of ``before`` as long as they show more; return them in order."""
+    """Track back through the last frames of ``before`` as long as this shows more of the body; return these frames in
+    order.
+    """
     again, agreeing, in_vain = list[Passed](), 0, 0
     estimates = _tracked_back(tracker, (frame(one.position) for one in reversed(before)))
     for one, estimate in zip(reversed(before), estimates, strict=False):

@@ -1,4 +1,4 @@
-"""Hold the values of one frame: where the patient was expected, who is who, surface, anchors, evidence."""
+"""Hold the values of one frame: where the patient was expected, person labels, surface, anchors, evidence."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from anchorpose.surface.surface import ExpectedSkin, Surface
 from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
-# anchors; three identify a node (paper, Section IV-D), four make two subsets; with fewer a node keeps all
+# anchors; three identify a node (paper, Section IV-D), and four give two subsets; a node with fewer keeps all distances
 LEAST_TRUSTED = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectation:
-    """Where the patient is expected: skin, uncertainty of each skin point (p,), anchors_m (5, 3), heading (3,) as a
-    unit vector; frames since the last fit.
+    """The expected patient: skin, uncertainty of each skin point (p,), anchors_m (5, 3), heading (3,) as a unit vector;
+    number of frames since the last fit.
     """
 
     skin: ExpectedSkin
@@ -38,11 +38,13 @@ class Expectation:
     frames_without_fit: int
 
     def apart_m(self, other: Expectation) -> float:
-        """Return the distance between two expectations: nine tenths of the skin points are moved by less."""
+        """Return the distance between two expectations: the 90th percentile of the distances between their skin
+        points.
+        """
         return float(np.quantile(np.linalg.norm(self.skin.points_m - other.skin.points_m, axis=1), 0.9))
 
     def moved(self, step: np.ndarray) -> Expectation:
-        """Return the expectation at another place; ``step`` is (3,) metres, world."""
+        """Return the expectation moved by ``step`` (3,) metres, world."""
         skin = replace(self.skin, points_m=self.skin.points_m + step.astype(np.float32))
         return replace(self, skin=skin, anchors_m=self.anchors_m + step)
 
@@ -50,7 +52,7 @@ class Expectation:
 @dataclass(frozen=True, slots=True, eq=False)
 class Isolated:
     """The people of one frame: per camera the people's pixels and all labels (None without a depth image), the memory
-    of everybody's skin, and the bystanders' bodies.
+    of all people's skin, and the bystanders' bodies.
     """
 
     pieces: tuple[Pieces | None, ...]
@@ -63,9 +65,9 @@ class Isolated:
 class SeenSurface:
     """The patient's surface in one frame.
 
-    whole: with hidden skin, which is inferred; seen: without it. border (n,) uint8 of ``Border``: what bounds the
-    surface at each node of the whole. evidence: the data that the body is registered to, which include the seen
-    surface.
+    whole: surface including hidden skin, which is inferred; seen: only the seen surface. border (n,) uint8 of
+    ``Border``: what bounds the surface at each node of the whole. evidence: the data to which the body is registered,
+    including the seen surface.
     """
 
     whole: Surface
@@ -75,7 +77,9 @@ class SeenSurface:
 
 
 class AnchorDistances:
-    """The distances from the seen nodes to the anchors, computed only when they are used: most frames need none."""
+    """The distances from the seen nodes to the anchors, computed only when they are used, which most frames do not
+    need.
+    """
 
     _surface: SeenSurface
     _anchors: Anchors
@@ -109,7 +113,7 @@ class AnchorDistances:
 class Observation:
     """One frame after the stages up to geodesics.
 
-    surface: the seen skin of the patient; whole: with hidden skin, which is inferred. expected: where the patient was
+    surface: the seen skin of the patient; whole: seen skin and inferred hidden skin. expected: where the patient was
     expected, None in a frame without expectation. border (n,) uint8 of ``Border``: what bounds the surface at each seen
     node.
     """
@@ -131,7 +135,7 @@ class Observation:
         """Return (n, 5) metres: the distance from each seen node to each anchor, inf where not reached, NaN where
         missed.
 
-        A distance that a hole lengthens is NaN too if the node has enough other distances.
+        A distance that a hole lengthens is also NaN if the node has enough other distances.
         """
         return self.distances.of_seen_nodes()
 

@@ -40,20 +40,22 @@ from anchorpose.tracker.room import FACING, UP, Run
 from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
-LOOSEST_SKIN_M = 0.05  # half of a limb's width: less precisely predicted skin is left out of the likelihood
-UNFITTED_M = 0.04  # growth of the skin's uncertainty per frame without a fit: 1.2 m/s at 30 Hz, a fast leg
+LOOSEST_SKIN_M = 0.05  # m, half of a limb's width; skin predicted less precisely is left out of the likelihood
+UNFITTED_M = 0.04  # m per frame without a fit, growth of the skin's uncertainty: 1.2 m/s at 30 Hz, a fast leg
 
 
 def observe_first(
     frame_set: FrameSet, choice: PatientChoice, height_m: float, run: Run, crowd: Crowd | None = None
 ) -> Observation:
-    """Observe a frame in which only the patient's place is known; ``crowd`` are its people, where they are known."""
+    """Observe a frame in which only the patient's place is known. crowd: the people in the frame, None where
+    unknown.
+    """
     isolated = isolate_first(frame_set, choice, run, crowd)
     return observe(frame_set, isolated, None, height_m, run)
 
 
 def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run, crowd: Crowd | None = None) -> Isolated:
-    """Label the people of a frame in which only the patient's place is known; ``crowd`` as in ``observe_first``."""
+    """Label the people of a frame in which only the patient's place is known. crowd: as in ``observe_first``."""
     cameras, bystanders = run.room.cameras, Bystanders()
     with run.stage("isolation"):
         crowd = crowd or see_people_apart(find_all_pieces(frame_set, run.room.scenes), cameras)
@@ -71,7 +73,7 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run, crowd: C
 def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> tuple[Isolated, np.ndarray]:
     """Label the people of a frame from the patient's expected place and the bystanders of the frame before.
 
-    Returns also the step (3,) over the ground from the expected place to the patient's place in the frame; 0 where they
+    Also return the step (3,) over the ground from the patient's expected place to the place in the frame; 0 where they
     agree.
     """
     with run.stage("isolation"):
@@ -88,8 +90,8 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
 
 
 def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
-    """Return the bystanders who do not overlap the patient at a place (3,); one who does was fitted to the patient's
-    surface.
+    """Return the bystanders who do not overlap the patient at a place (3,). A bystander who overlaps was fitted to the
+    patient's surface.
     """
     apart = [
         np.linalg.norm((one.belief.pose.root_m - place_m)[[0, 2]]) > IN_EACH_OTHER_M for one in bystanders.followed
@@ -98,7 +100,7 @@ def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
 
 
 def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
-    """Return the memory of a frame, moved to where the next frame's pixels (``pieces``) show each person."""
+    """Return the bystander memory of a frame, moved to where the next frame's pixels (``pieces``) show each person."""
     memory = before.memory
     return memory.moved(find_steps(memory.seen_last, pieces, run.room.cameras))
 
@@ -114,10 +116,10 @@ def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pie
 
 
 def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
-    """Return the likelihood that a place is the patient's, by the predicted skin.
+    """Return the likelihood that a place belongs to the patient, by the predicted skin.
 
-    A limb that has been hidden for long has no likelihood: anything near its predicted place would be taken for it.
-    When it reappears, it is connected to the patient's surface.
+    A limb that has been hidden for long has no likelihood, since anything near its predicted place would be taken for
+    it. When it reappears, it is connected to the patient's surface.
     """
     spread = config.skin_sigma_m + UNFITTED_M * expected.frames_without_fit
     sure = expected.sigma_m < LOOSEST_SKIN_M
@@ -163,7 +165,9 @@ def _isolated(
 def observe(
     frame_set: FrameSet, isolated: Isolated, expected: Expectation | None, height_m: float, run: Run
 ) -> Observation:
-    """Compute surface and anchors of a frame whose people are isolated; ``height_m`` scales the anchors' distances."""
+    """Compute surface and anchors of a frame whose people are isolated. height_m: the patient's height, which scales
+    the anchors' distances.
+    """
     surface = see_surface(isolated, expected, run)
     anchors = see_anchors(surface, expected, height_m, run)
     return gather(frame_set, expected, isolated, surface, anchors, run)
@@ -220,9 +224,10 @@ Associate = Callable[[Observation, Observation, TrackConfig], Matcher]
 
 
 class Window:
-    """The last registered frame and the later ones, of which some are observed already.
+    """The last registered frame and the later frames, some of which are observed already.
 
-    frames: all of them; seen: observations of the first frames. Frames are matched when the track tree needs it.
+    frames: all of these frames; seen: observations of the first of them. Frames are matched when the track tree needs
+    it.
     """
 
     run: Run
@@ -251,7 +256,7 @@ class Window:
         self.frames.append(frame_set)
 
     def see(self, seen: Observation) -> None:
-        """Add the observation of the first frame that has none."""
+        """Add the observation of the first frame that is not observed yet."""
         self._matchers.append(None)
         self.seen.append(seen)
 
@@ -279,7 +284,7 @@ class Window:
         return found
 
     def global_hypothesis(self, body: Body, pose: Pose, predicted: Sequence[Pose]) -> GlobalHypothesis:
-        """Search the track tree over all observed frames; ``pose`` is that of the first, ``predicted`` has the
+        """Search the track tree over all observed frames. pose: pose of the first frame; predicted: poses of all
         others.
         """
         config = self.run.config

@@ -38,7 +38,7 @@ from anchorpose.tracker.start import find_start, turn_round
 BLOCK: Final = 48
 """Frames per stored block: two to six seconds of work. The state stored with it has ten to fifty megabytes."""
 
-STRETCHES: Final = 3  # most stretches that the body is learnt from: each costs a first pose
+STRETCHES: Final = 3  # largest number of stretches that the body is learnt from; each needs a search for a first pose
 STRETCHES_APART_S: Final = 60.0  # s between stretches: patients sit or stand for about a minute
 
 
@@ -58,7 +58,7 @@ class Route:
             self.tick()
 
     def frame(self, position: int) -> FrameSet:
-        """Return one frame, without depth images that show another place than this room."""
+        """Return one frame, without depth images that do not show this room."""
         return without_other_places(read_frame(self.room.recording, position), self.room.scenes)
 
     def stretches(self) -> tuple[Stretch, ...]:
@@ -77,7 +77,7 @@ class Route:
         return tuple(Stretch(one.choice, one.start, frames) for one, frames in zip(chosen, sides, strict=True))
 
     def _longer_side(self, position: int) -> Sequence[int]:
-        """Return the positions from this one to the end that is farther away."""
+        """Return the positions from a given position to the farther end of the tracked range."""
         last, first = self.forward[-1], self.backward[-1]
         forward, backward = range(position, last + 1), range(position, first - 1, -1)
         return max(forward, backward, key=len)
@@ -86,14 +86,14 @@ class Route:
         return float(self.room.recording.streams[0].time_s[position])
 
     def skip(self, count: int) -> None:
-        """Count frames as read that were tracked before the run was stopped."""
+        """Count frames that were tracked before the run was stopped as read."""
         for _ in range(count):
             self.tick()
 
 
 def plan_route(room: Room, config: TrackConfig, tick: Callable[[], None]) -> Route:
-    """Plan the route from the initial frame to both ends of the tracked range; from its start where no patient was
-    seen.
+    """Plan the route from the initial frame to both ends of the tracked range; without an initial frame it begins at
+    the start of the range.
     """
     recording = room.recording
     positions = range(*slice(config.start, config.stop).indices(len(recording.streams[0].files)))
@@ -113,7 +113,7 @@ def track_on(route: Route, run: Run, shape: FittedShape | None, journal: Journal
     """Track all frames when the first is requested, then yield them in the order of time.
 
     Every block is stored in the journal; if the journal has frames already, tracking continues after them. Raises
-    InputError at once where it cannot.
+    InputError at once where it cannot continue.
     """
     passes = _Passes(route, run, shape, None if shape is None else build_body(body_points(), shape), journal)
     passes.require_readable()
@@ -122,10 +122,11 @@ def track_on(route: Route, run: Run, shape: FittedShape | None, journal: Journal
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PassState:
-    """The state of a pass: frames read, blocks and frames stored, and the tracker to continue with, None at its end.
+    """The state of a pass: number of frames read, of blocks and frames stored, and the tracker to continue with, None
+    at the end of the pass.
 
-    waiting: frames that are not stored yet, since later ones may show a limb that they lost; turned: the start of a
-    pass in the other direction, once this one has ended; seconds: spent in each stage so far.
+    waiting: frames that are not stored yet, since later frames may show a limb that they lost; turned: the start of a
+    pass in the other direction, once this pass has ended; seconds: time spent in each stage so far.
     """
 
     frames: int
@@ -139,7 +140,7 @@ class _PassState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Passes:
-    """The shared state of the passes over both sides of the initial frame; each pass has its own folder."""
+    """The state that the passes over both sides of the initial frame share; each pass has its own folder."""
 
     route: Route
     run: Run
@@ -148,7 +149,7 @@ class _Passes:
     journal: Journal
 
     def require_readable(self) -> None:
-        """Raise InputError where a stored pass cannot be continued, or lacks one of its blocks."""
+        """Raise InputError where a stored pass cannot be continued because a file is damaged or a block is missing."""
         with suppress(KeyError):
             self.journal.read("start", Start | None)
         for folder in sorted(path.parent.name for path in self.journal.folder.glob("*/state")):
@@ -160,7 +161,7 @@ class _Passes:
         if both:
             self.side("backward", self.route.backward)
         self.side("forward", self.route.forward)
-        if both:  # leave out the initial frame, which both sides have
+        if both:  # leave out the initial frame here, since both sides have it
             yield from islice(self.stored("backward", backward=True), len(self.route.backward) - 1)
         yield from self.stored("forward")
 
@@ -172,13 +173,13 @@ class _Passes:
             self._follow(name, positions, self._start, self._tracked, 0 if self.body is None else BLOCK)
 
     def stored(self, name: str, backward: bool = False) -> Iterator[TrackedFrame]:
-        """Yield the frames of a finished side, in the order of the pass or against it."""
+        """Yield the frames of a finished side, in the order of the pass or in reverse order."""
         yield from self._blocks(name).read(backward=backward)
 
     def _both_ways(self, name: str, positions: Sequence[int], body: Body) -> None:
         """Track to one end and back to the initial frame, and combine both passes.
 
-        The frames are read a third time, to state how well the smoothed poses explain them.
+        The frames are read a third time, to compute how well the smoothed poses explain them.
         """
         usable = self.run.room.review.why_unusable
 
@@ -205,7 +206,7 @@ class _Passes:
             smoothed.write(number, [self._smoothed(row, *pair, frame, smoothing) for row, (pair, frame) in rows])
 
     def _smoothing(self, there: str, back: str, count: int) -> Smoothing:
-        """Compute how both passes are combined in all frames; few of them are fully in memory at a time."""
+        """Compute how both passes are combined in all frames; only a few frames are completely in memory at a time."""
         time_s, frame = np.zeros(count), np.zeros(count, np.int64)
         for row, (tracked, _) in enumerate(self._blocks(there).read()):
             time_s[row], frame[row] = tracked.record.joints.time_s, tracked.record.joints.frame
@@ -241,9 +242,10 @@ class _Passes:
         keep: Callable[[Estimate], Kept],
         wait: int = 0,
     ) -> Start | None:
-        """Run one pass, from where the journal has it to its end; return the start of a pass in the other direction.
+        """Run one pass, from the last frame in the journal to its end; return the start of a pass in the other
+        direction.
 
-        wait: how many frames stay open to changes by a limb that is found again.
+        wait: number of frames that may still change when a limb is found again.
         """
         journal, blocks = self.journal.inside(name), self._blocks(name)
         initial = self.run.room.initial_frame
@@ -282,7 +284,7 @@ class _Passes:
             yield from follower.finish()
 
     def _start(self) -> Start | None:
-        """Find the patient in the initial frame, where both sides begin; None where nobody is found in it."""
+        """Find the patient in the initial frame, where both sides begin; return None where nobody is found in it."""
         return self.journal.once("start", Start | None, lambda: _start_of(self.route, self.run, self.shape))
 
     def _blocks(self, name: str) -> Blocks[Any]:

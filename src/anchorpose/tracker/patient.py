@@ -39,17 +39,18 @@ from anchorpose.tracker.observing import Window, gather, isolate, see_anchors, s
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
-IN_VIEW: Final = 0.25  # least share of joints in an image to count as in view: a hip stays longest when people walk out
-# m; skin expected this far from its place in an earlier tree is observed again: half a forearm's width
+# least share of joints in an image for a patient in view; a hip stays longest when people walk out
+IN_VIEW: Final = 0.25
+# m, half a forearm's width; a frame is observed again if its skin is now expected this far from where it was
 SEE_AGAIN_M: Final = 0.03
 
 
 class PatientTracker:
-    """The tracker of one patient. Its window holds the frame last registered and up to ``look_ahead`` later ones.
+    """The tracker of one patient. Its window holds the last registered frame and up to ``look_ahead`` later frames.
 
-    ahead: predicted poses; rivals: poses that explain the last frames almost as well; moved: limbs were found elsewhere
-    than earlier frames had them; ends: hands and feet that were lost and not seen since; limb_seen_s (PARTS, 2): when
-    each limb was last seen, up to elbow or knee and beyond, NaN: never.
+    ahead: predicted poses; rivals: other poses that explain the last frames almost as well; moved: whether limbs were
+    found elsewhere than in earlier frames; ends: hands and feet that were lost and not seen since; limb_seen_s (PARTS,
+    2): when each limb was last seen, up to elbow or knee and beyond (NaN: never).
     """
 
     run: Run
@@ -113,7 +114,7 @@ class PatientTracker:
         return len(self.window) >= (2 if frame_set is None else 1 + self.config.follow.look_ahead)
 
     def _advance(self) -> tuple[Registration, Observation, GlobalHypothesis | None]:
-        """Register the body to the second frame of the window, and make it the first."""
+        """Register the body to the second frame of the window, and make this frame the first."""
         # predict, isolate, surface, anchors: what the second frame of the window shows; it is estimated now
         poses, elapsed_s = self._observe_until(1), self._elapsed_s()
         # register: fit the body, all parts at once, to everything seen of the patient; where it does not explain the
@@ -132,8 +133,8 @@ class PatientTracker:
 
     @property
     def has_left(self) -> bool:
-        """Return whether the patient is leaving the image or left it within a frame: whoever enters there next may be
-        another person.
+        """Return whether the patient is leaving the image or left it between two frames. A person who enters there next
+        may be another person.
         """
         views = self.window[0].evidence.views
         gone = not self._in_view and not any(view.patient.any() for view in views if view is not None)
@@ -150,7 +151,7 @@ class PatientTracker:
         return float(np.ptp(self.body.mesh.vertices[:, 1]))
 
     def use_shape(self, shape: FittedShape) -> None:
-        """Continue with another shape, and update everything that depends on it."""
+        """Continue with another shape of the body, and update everything that depends on it."""
         self.shape = shape
         self.body = build_body(self.points, shape)
         self.map = map_body(self.body)
@@ -168,7 +169,7 @@ class PatientTracker:
         return self._search_tree() if len(self.window[1].surface) else None
 
     def _estimate(self, registration: Registration, seen: Observation, hypothesis: GlobalHypothesis | None) -> Estimate:
-        """Estimate a frame, and store what the next frames need besides the pose."""
+        """Estimate a frame, and store the values besides the pose that later frames need."""
         share = None if hypothesis is None else hypothesis.matched_share
         corrected = self._corrections(seen)
         with self.run.stage("states and sigma"):
@@ -188,11 +189,13 @@ class PatientTracker:
         return estimate
 
     def _unseen_s(self, registration: Registration, seen: Observation) -> np.ndarray:
-        """Return (PARTS, 2) seconds since each part was seen, infinite: never; stores which parts this frame shows."""
+        """Return (PARTS, 2) seconds since each part was seen, infinite: never. This also stores which parts this frame
+        shows.
+        """
         time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
         shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
         if corrected is not None:
-            shown[LIMB_OF_JOINTS[corrected.joint]] = True  # the reviewer shows it
+            shown[LIMB_OF_JOINTS[corrected.joint]] = True  # the reviewer saw it
         self.limb_seen_s = np.where(shown, time_s, self.limb_seen_s)
         return np.asarray(np.where(np.isnan(self.limb_seen_s), np.inf, np.abs(time_s - self.limb_seen_s)))
 
@@ -229,9 +232,9 @@ class PatientTracker:
     def _observe(self, number: int) -> Observation:
         """Observe a frame of the window by its number; the frames before it must be observed."""
         frame_set, before = self.window.frames[number], self.window[number - 1]
-        # predict: scaled motion dynamics say where the body will be (Section IV-C)
+        # predict: scaled motion dynamics predict where the body will be (Section IV-C)
         expected = self.expect(self.predict(number)[-1])
-        # isolate: which pixels are the patient's, which are others', the equipment's and the room's
+        # isolate: which pixels show the patient, other people, the equipment and the room
         isolated, step = isolate(frame_set, expected, before, self.run)
         if step.any():
             later = self.predict(self.config.follow.look_ahead)[number - 1 :]
@@ -241,12 +244,12 @@ class PatientTracker:
             self.pace = WALKING if step.any() else PATIENT_PACE
         # surface: one mesh of all cameras, cut where the body touches itself, closed where it is hidden
         surface = see_surface(isolated, expected, self.run)
-        # anchors: head, hands and feet, from the picture (Definition 2)
+        # anchors: head, hands and feet, from the depth image (Definition 2)
         anchors = see_anchors(surface, expected, self.height_m, self.run)
         return gather(frame_set, expected, isolated, surface, anchors, self.run)
 
     def expect(self, pose: Pose) -> Expectation:
-        """Return where the patient is expected in a frame, with this pose."""
+        """Return where the patient is expected in a frame, given this pose."""
         posed = pose_points(self.body, pose)
         trunk = posed.transforms[self.points.asset.bone("Spine1"), :3, 0]
         level = np.array([trunk[0], 0.0, trunk[2]])
@@ -271,8 +274,8 @@ class PatientTracker:
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
         """Return the belief with a reviewer's corrections of this frame's joints, if there are any.
 
-        Where they contradict it, the evidence was attributed to the wrong limb: the corrections then get more weight,
-        and the movement so far is dropped. A place that the body cannot reach is ignored.
+        Where corrections contradict the belief, the evidence was attributed to the wrong limb. The corrections then get
+        more weight, and the movement so far is dropped. A place that the body cannot reach is ignored.
         """
         given = self._corrections(seen)
         if given is None:
@@ -293,8 +296,8 @@ class PatientTracker:
             return self.window.global_hypothesis(self.body, self.belief.pose, poses)
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
-        """Register the second frame of the window, or keep the predicted pose where nothing is seen; also return the
-        tree, if asked for.
+        """Register the second frame of the window, or keep the predicted pose where nothing is seen; if asked for, also
+        return the track tree.
         """
         predicted, self.moved = self.belief.later(poses[0], elapsed_s, self.pace), False
         if not len(self.window[1].surface):
@@ -308,8 +311,8 @@ class PatientTracker:
     def _register_body(
         self, poses: list[Pose], predicted: PoseBelief, elapsed_s: float
     ) -> tuple[Registration, GlobalHypothesis | None]:
-        """Register all joined parts of the learnt body at once; held by the tree's matches if the settings ask for
-        it.
+        """Register all joined parts of the learnt body at once; the tree's matches constrain them if the settings ask
+        for it.
         """
         hypothesis = self._search_tree() if self.config.hypotheses.always else None
         found = self._fit(predicted, no_constraints() if hypothesis is None else self._held(hypothesis, poses[0]))
@@ -319,7 +322,7 @@ class PatientTracker:
                 self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration
             )
             explanation = explained_by(self.body, best, seen)
-            expected = predicted if best is found else best.belief  # a rival was expected where it was before
+            expected = predicted if best is found else best.belief  # a rival's expected pose is its own earlier pose
             search = self.watch.look(self.body, best, explanation, expected, seen)
         else:
             search = self.watch.look_for_whole(self.body, found, predicted, seen)
@@ -332,12 +335,12 @@ class PatientTracker:
         return best, hypothesis
 
     def _fit(self, predicted: PoseBelief, held: Constraints) -> Registration:
-        """Register the body to the next frame, at first constrained to the held places."""
+        """Register the body to the next frame, at first with the ``held`` constraints."""
         seen, config = self.window[1], self.config.registration
         return register(self.body, predicted, seen.evidence, held, config, self.feet.rows(seen.frame_set.time_s))
 
     def _held(self, hypothesis: GlobalHypothesis, pose: Pose) -> Constraints:
-        """Return the constraints by the tree's matches and the anchors."""
+        """Return the constraints that follow from the tree's matches and the anchors."""
         return held_by(self.body, self.belief.pose, pose, hypothesis, self.window.seen)
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:

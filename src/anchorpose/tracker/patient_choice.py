@@ -1,8 +1,8 @@
 """Choose the patient among the people in the sampled frames.
 
-The patient stands in the equipment, is there all the time, near the middle of what the cameras look at, and does not
-turn the back to all of them; those who help stand around the patient and face the patient. None of these is certain, so
-each of them votes.
+The patient stands in the equipment, is there all the time, is near the middle of what the cameras look at, and does not
+turn the back to all cameras; helpers stand around the patient and face the patient. None of these signs is certain, so
+each gives a vote.
 """
 
 from __future__ import annotations
@@ -22,28 +22,31 @@ from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
 STAYS_M: Final = 0.40  # m from a person's usual place: a step, or the way from a seat to standing
-# m between the usual places of one person's appearances: half of the least distance of two pelvises
+# m; appearances with nearer usual places are of one person: half of the least distance of two pelvises
 SAME_M: Final = 0.15
-HUMAN: Final = 0.65  # least share of a person's nodes explained by a body: people have at least 0.68, things up to 0.70
+# least share of a person's nodes that a body explains; people have at least 0.68, things up to 0.70
+HUMAN: Final = 0.65
 # largest share of the trunk that cameras see past: 0.25 for the rough body of a lunge, 0.37 and more for a chair
 MOST_PAST: Final = 0.3
 HELP_M: Final = 1.2  # m between the pelvises of patient and helper: an outstretched arm's length and a step
 FACES: Final = 0.7  # least cosine between a person's heading and the direction to the patient: 45 degrees
 ASIDE_M: Final = 0.4  # m from the cameras' axes that costs 0.7 votes; cameras are aimed by eye
-OUTSIDE_M: Final = 0.2  # m outside of the equipment's outline: a patient leans out of it
+OUTSIDE_M: Final = 0.2  # m outside the equipment's outline; a patient may lean out of it
 SURE: Final = 1.0  # votes between the patient and the next candidate: three to one if votes are likelihoods
-CHANCE: Final = 2  # frames: a person who is seen once may be a body fitted to an arm
-# m below the top of the head: where the trunk of a standing or sitting person is
+CHANCE: Final = 2  # least frames with the person; a person who is seen once may be a body fitted to an arm
+# m below the top of the head, where the trunk of a standing or sitting person is
 CHEST_M: Final = np.linspace(0.35, 0.75, 7)
 BEFORE_M: Final = 0.3  # m before the middle of a trunk: a nearer reading belongs to something else
-STEP_M: Final = 0.4  # m from frame to frame: 2 m/s at 5 frames a second
+STEP_M: Final = 0.4  # m from frame to frame, 2 m/s at 5 frames per second
 # m from the given place: a person farther away is another person, and the patient has not come yet
 GIVEN_M: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A person in all sightings. seen: the person in each, None where not seen; votes: larger is likelier."""
+    """A person in all sightings. seen: the person in each sighting, None where not seen; votes: a larger number is
+    likelier the patient.
+    """
 
     seen: tuple[SeenPerson | None, ...]
     votes: float
@@ -76,8 +79,8 @@ def choose_patient(
 ) -> Patient | None:
     """Choose the patient among all people in the sightings; None where nobody is seen.
 
-    With ``patient_xz_m`` it is the person nearest to that place when a person first stands there, otherwise the person
-    with most votes.
+    With ``patient_xz_m`` it is the person nearest to this place in the first sighting with a person there, otherwise
+    the person with most votes.
     """
     candidates = find_candidates(sightings, equipment, cameras)
     if not candidates:
@@ -91,10 +94,9 @@ def choose_patient(
 
 
 def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndarray) -> Patient | None:
-    """Follow the person who stands at a place in the sighting ``first`` from frame to frame; None where nobody is
-    near.
+    """Follow the person who stands at a place in the sighting ``first`` from frame to frame; None where nobody is near.
 
-    sightings: of successive frames, in which a walking person is the one nearest to the previous place.
+    sightings: sightings of successive frames; a walking person is whoever is nearest to the person's previous place.
     """
     seen: list[SeenPerson | None] = [None] * len(sightings)
     for way in (range(first, len(sightings)), range(first, -1, -1)):
@@ -114,14 +116,16 @@ def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndar
 def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
-    """Return all people who were seen, with their votes; people without a human body only if nobody has one."""
+    """Return all people who were seen, with their votes; people without a human body are included only if nobody has a
+    human body.
+    """
     members = _joined(_followed(sightings))
     human = [seen for seen in members if _is_human(seen)]
     return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]
 
 
 def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
-    """Return each person's appearances: a person near another one's usual place is the same person."""
+    """Return each person's appearances: a person seen near the usual place of an earlier person is the same person."""
     members = list[list[SeenPerson | None]]()
     for number, sighting in enumerate(sightings):
         people = sighting.people
@@ -144,7 +148,7 @@ def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
 
 
 def _joined(members: Sequence[list[SeenPerson | None]]) -> list[list[SeenPerson | None]]:
-    """Join appearances at the same place, which are one person's: a squatting person is seen now as one, now as two."""
+    """Join appearances at the same place, which belong to one person: a squatting person is sometimes seen as two."""
     joined = list[list[SeenPerson | None]]()
     for seen in sorted(members, key=lambda one: -sum(person is not None for person in one)):
         place = _usual_place(seen)
@@ -255,7 +259,7 @@ def _turned_to_camera(one: SeenPerson, cameras: Sequence[Camera]) -> float:
 
 
 def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
-    """Return how far, over the ground, a place lies beside the cameras' axes (root mean square)."""
+    """Return the distance over the ground of a place from the cameras' axes (root mean square)."""
     aside = []
     for camera in cameras:
         x, z = unit(camera.require_pose()[[0, 2], 2])
@@ -265,15 +269,15 @@ def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
 
 
 def outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
-    """Return how far a place lies outside of the equipment's outline on the ground; 0 inside."""
+    """Return how far a place lies outside the equipment's outline on the ground; 0 inside."""
     outline = cv2.convexHull(equipment.triangles()[0][:, [0, 2]].astype(np.float32))
     x, z = place_xz_m
     return max(0.0, -float(cv2.pointPolygonTest(outline, (float(x), float(z)), True)))
 
 
 def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candidate:
-    """Return the person nearest to a place when a person is first there; if nobody ever is, the person who comes
-    nearest.
+    """Return the person nearest to a place in the first sighting with a person there; if nobody is ever there, the
+    person who comes nearest.
     """
 
     def away_m(candidate: Candidate, number: int) -> float:
@@ -286,8 +290,8 @@ def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candid
 
 
 def distance_m(one: SeenPerson, place_xz_m: np.ndarray) -> float:
-    """Return the distance from a place to the person's pelvis or surface axis, whichever is nearer: users point at
-    either.
+    """Return the distance from a place to the person's pelvis or surface axis, whichever is nearer, since users may
+    give either.
     """
     return float(min(np.linalg.norm(one.place_xz_m - place_xz_m), np.linalg.norm(one.person.ground_xz_m - place_xz_m)))
 

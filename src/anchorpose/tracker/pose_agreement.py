@@ -1,7 +1,8 @@
-"""Check whether two cameras show one room and the same people: neither may see past surfaces that the other shows.
+"""Check whether two cameras show the same room and the same people: neither camera may see past a surface that the
+other shows.
 
 A surface may be hidden by objects in between, but only a wrong pose lets a camera see through it. The room reveals a
-camera that stands too near, too far, too high or tilted; people also reveal a camera that slid along the common
+camera whose pose is too near, too far, too high or tilted. People also reveal a pose that is shifted along the common
 surfaces, since their outlines are next to free space.
 """
 
@@ -23,23 +24,26 @@ from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet, depths_of
 
-# Shares of the commonly viewed surface that one camera sees past by more than AWAY_M: noted, and refused
+# Shares of the commonly viewed surface that one camera sees past by more than AWAY_M: above the first it is noted,
+# above the second refused
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
-ROOM_ALONE: Final = 0.6  # share that is refused where cameras draw edges out, so that no person's outline confirms it
+# share that is refused where cameras smear depth edges, so that no person's outline confirms it
+ROOM_ALONE: Final = 0.6
 AWAY_M: Final = 0.10  # m; smaller errors are tolerable: poses 3 cm and a degree off displace people by up to 0.12
 LEAST_SHARED: Final = 500  # points that both cameras see; with fewer there is no share
 POINTS: Final = 20000  # points of the room that are compared
 POINTS_OF_PEOPLE: Final = 3000  # points of the people of one frame
 FRAMES: Final = 8
-OFF_M: Final = 0.015  # m between the common surfaces; right poses have at most 0.009
-REFUTED_M: Final = 0.15  # m between the common surfaces: two cameras that are 10 cm off each
+OFF_M: Final = 0.015  # m between the common surfaces; correct poses have at most 0.009
+REFUTED_M: Final = 0.15  # m between the common surfaces, as between two cameras that are each 10 cm off
 
 
 @dataclass(frozen=True, slots=True)
 class SeenPast:
-    """Shares of the surfaces shown by one of two cameras that the other sees past, the larger of both directions. NaN
-    where they share too little, and for people where a camera draws edges out, so that outlines are unreliable.
+    """Shares of the surfaces shown by one of two cameras that the other camera sees past; the larger share of both
+    directions. They are NaN where the cameras share too little, and for people where a camera smears depth edges, so
+    that outlines are unreliable.
     """
 
     cameras: tuple[str, str]
@@ -56,8 +60,8 @@ class SeenPast:
 
 @dataclass(frozen=True, slots=True)
 class CameraPair:
-    """The comparison of two cameras. by: displacement between the surfaces that both see, None where these do not
-    determine it.
+    """The comparison of two cameras. by: displacement between the surfaces that both cameras see, None where these do
+    not determine it.
     """
 
     past: SeenPast
@@ -100,17 +104,17 @@ def _surfaces(
 
 
 def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> list[SeenPast]:
-    """Return the shares seen past for all pairs of cameras; ``moments`` has each camera's people at some times, None
-    without a frame.
+    """Return the shares seen past for all pairs of cameras. moments: each camera's people at some times, None without a
+    frame.
     """
     return [_of_pair(one, other, scenes, moments) for one, other in combinations(range(len(scenes)), 2)]
 
 
 def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
-    """Return the doubt that the comparison of two cameras raises about their poses, None if there is none.
+    """Return the doubt that the comparison of two cameras raises about their poses, None without a doubt.
 
     The common surfaces decide where they determine the displacement, otherwise the shares seen past. Where the clocks
-    are unknown only the room counts: people are elsewhere at another time.
+    are unknown, only the room counts, since people are elsewhere at another time.
     """
     past, names = pair.past, " and ".join(pair.past.cameras)
     if pair.by is not None:
@@ -123,7 +127,7 @@ def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
         return None
     much_of_room = MUCH_OF_ROOM if np.isfinite(past.of_people) else ROOM_ALONE
     refuted = past.of_room > much_of_room or (clocks_known and past.of_people > MUCH_OF_PEOPLE)
-    sentence = f"cameras {names} {past.measured}"  # a share measures no distance, so sigma stays as it is
+    sentence = f"cameras {names} {past.measured}"  # a share does not measure a distance, so sigma stays unchanged
     return PoseDoubt(DoubtSource.CAMERAS, past.cameras, sentence, float("nan"), refuted)
 
 
@@ -161,10 +165,11 @@ def _people_past(here: Pieces, there: Pieces, one: Scene, other: Scene) -> tuple
 
 
 def _past(world_m: np.ndarray, other: Scene, depth_m: np.ndarray) -> tuple[int, int]:
-    """Return (seen past, known) of the points (n, 3) in another camera's depth image (height, width) metres.
+    """Return which of the points (n, 3) another camera sees past, and for which this is known, (n,) bool each, by its
+    depth image (height, width) metres.
 
-    Points in view are known where the camera has a reading and nothing hides them; for each, the nearest reading within
-    ``AWAY_M`` sideways is used.
+    It is known for points in view where the camera has a reading and nothing hides the point. The nearest reading
+    within ``AWAY_M`` sideways is used.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
     column, row, inside = other.camera.pixel_of(seen)

@@ -1,6 +1,7 @@
 """Find clocks, calibration and room from frames spread over the recording.
 
-Where the equipment looks the same from two sides, the patient's body tells which way the patient faces.
+Where the equipment looks the same from two sides, the direction in which the patient faces is found from the patient's
+body.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import rough_body_of, sight_people
 from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
-# times as many samples where the empty room has to be joined from moments in which its parts are free
+# times as many samples are used if the empty room has to be combined from moments in which its parts are free
 BLIND_SAMPLES = 3
-# frames before and after the one in which the user named the patient: half a step of walking each way
+# frames before and after the frame in which the user named the patient: half a step of walking each way
 AROUND: Final = 6
 LOOKS: Final = 3  # frames from which the heading is found
 
@@ -55,7 +56,7 @@ class Settled:
 def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Room:
     """Return everything that is known before tracking.
 
-    Raises InputError where poses cannot be found, or given ones cannot be right (``given_poses``).
+    Raises InputError where poses cannot be found, or where given poses cannot be correct (``given_poses``).
     """
     settled = settle(recording, config, review)
     scenes = scenes_of(settled)
@@ -65,8 +66,8 @@ def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_
 
 
 def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
-    """Find time and place of all cameras; clocks become more precise with poses, and poses found from people with
-    clocks.
+    """Find clocks and poses of all cameras. Known poses make the clocks more precise, and known clocks make poses more
+    precise that are found from people.
 
     Clocks and floor of reviewed results are used unchanged. Raises InputError where a pose cannot be
     found.
@@ -90,7 +91,7 @@ def _settled(
     review: Review = NO_REVIEW,
     rough_clocks: bool = False,
 ) -> Settled:
-    """Find the clocks by what is known of the cameras' poses, then the poses that are not given."""
+    """Find the clocks with the camera poses that are known, then find the poses that are not given."""
     if config.clocks.estimate and all(camera.name in review.clocks for camera in cameras):
         clocks = clocks_of_results(cameras, review.clocks)
         timed = align_clocks(recording, clocks.clocks)
@@ -108,7 +109,7 @@ def calibrate(
 ) -> Calibration:
     """Find the poses of all cameras that are not given; the body model resolves the facing of symmetric equipment.
 
-    The patient's given place is not used for it: it was read in the world of an earlier run, which must stay the same.
+    The patient's given place is not used, since it was read in the world of an earlier run, which must stay the same.
     """
     anybody = replace(config, patient_xz_m=None, patient_frame=None)
 
@@ -162,7 +163,8 @@ def look_for_patient(
     samples = settled.samples
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
-    usable = [usable[k] for k in thin(len(usable), config.follow.samples)]  # an empty room needs more samples than this
+    # the empty room needed more samples than this
+    usable = [usable[k] for k in thin(len(usable), config.follow.samples)]
     positions = [settled.chosen[k] for k in usable]
     frames = [without_other_places(samples[k], scenes) for k in usable]
     return look_around(positions, frames, scenes, settled.recording.equipment, config)
@@ -171,10 +173,10 @@ def look_for_patient(
 def _frames_of_named(
     recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int, review: Review
 ) -> tuple[InitialFrame, ...]:
-    """Return where to begin with the person at the given place in a frame: that frame or one just before or after
-    it.
+    """Return the possible initial frames for a person named by a place in a frame: this frame, or frames just before or
+    after it.
 
-    Empty where nobody stands there in it; raises InputError where the recording has no such frame.
+    Empty where nobody stands there in this frame; raises InputError where the recording has no such frame.
     """
     here, last = _position(recording, frame), len(recording.streams[0].files)
     positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
@@ -195,7 +197,7 @@ def _position(recording: Recording, frame: int) -> int:
 
 
 def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int) -> InputError:
-    """Return the error that nobody is at the given place, and where people are."""
+    """Return the error for a given place without a person; it states where people are."""
     people = sight_people(read_frame(recording, _position(recording, frame)), scenes).people
     seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in people)]
     where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"
@@ -230,8 +232,8 @@ def heading_of_patient(
 ) -> int | None:
     """Return the index of the level unit vector (3,) that the patient faces; None unless all frames agree.
 
-    room: with an initial frame that indexes ``samples``. It uses several frames, because in a single one another person
-    may be taken for a part of the patient.
+    room: its initial frame is an index into ``samples``. Several frames are used, because in a single frame another
+    person may be taken for a part of the patient.
     """
     looks = [one for one in room.initial_frames if one.choice.sure][:LOOKS]
     faced = [facing for look in looks if (facing := _facing(room, samples[look.frame], look, config)) is not None]

@@ -1,4 +1,4 @@
-"""Collect what is known of the patient's shape before tracking: stature by age and sex, stated sizes, rough bodies."""
+"""Collect prior knowledge of the patient's shape: stature by age and sex, stated sizes, rough bodies."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ _ADULT_M: Final[dict[Sex, tuple[float, float]]] = {"female": (1.629, 0.064), "ma
 
 
 def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
-    """Return mean and standard deviation of the stature. An unknown age (None) is an adult's; below 3 years it is as at
-    3.
+    """Return mean and standard deviation of the stature in metres. An unknown age (None) counts as an adult's, an age
+    below 3 years as 3 years.
     """
     sexes: tuple[Sex, ...] = ("female", "male") if sex is None else (sex,)
     if age_years is None or age_years >= GROWN_YEARS:
@@ -83,14 +83,14 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
     return mean, float(np.hypot(spread, apart if age_years is None or age_years > 12.0 else 0.0))
 
 
-# factors of the stature by matches; real people are often 5 to 10 % shorter than it, simulated ones are not
+# factors of the stature estimated from matches; real people are often 5 to 10 % shorter, simulated people are not
 TALLER = (1.0, 0.92)
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CHILD_HEIGHTS_M = (0.95, 1.55)
 ORDINARY_HEIGHT_M = 1.70  # height of an adult whose height is not given
 CONTRADICTS = 3.0  # standard deviations by which a stated height and the images may differ
 SYSTEMATIC_M = 0.02  # systematic error of a height from images: shoes, hair and a body unlike the model
-TRIED_SIGMA_M = 0.01  # weight of a tried height, as a standard deviation
+TRIED_SIGMA_M = 0.01  # standard deviation of a tried height, which gives its weight
 
 
 def ordinary_height_m(recording: Recording) -> float:
@@ -104,7 +104,8 @@ def ordinary_height_m(recording: Recording) -> float:
 def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, ...]:
     """Return the prior beliefs in the patient's shape: an adult's first and, unless the patient is grown, a child's.
 
-    A measured height is one more observation. Without one, height follows from age and sex where these are given.
+    A measured height is one more observation. Without a measured height, age and sex give the height, where they are
+    stated.
     """
     asset = body_points().asset
     groups = (adult_belief,) if subject.grown else (adult_belief, child_belief)
@@ -123,15 +124,18 @@ def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief
 
 
 def shape_cost(shape: FittedShape, subject: Subject, config: TrackConfig) -> float:
-    """Return a shape's squared deviations from the group that it most likely belongs to: twice its cost in nats."""
+    """Return the sum of a shape's squared deviations from the group (adults or children) that it most likely belongs
+    to: twice its cost in nats.
+    """
     likely = likeliest(known_beliefs(subject, config), shape)
     return float(likely.common(body_points().asset).cost(shape))
 
 
 def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> FirstShape:
-    """Return the bodies to begin with, of the stated or seen stature, from the statements about the patient.
+    """Return the bodies with which a search begins, of the stated or seen stature, from the statements about the
+    patient.
 
-    A child's body is tried only where a child may be so tall, or the age is a child's.
+    A child's body is included only where a child may be so tall, or where the age is a child's.
     """
     asset, tried = body_points().asset, list[ShapeBelief]()
     heights_m = [share * stature_m for share in TALLER] if subject.height_m is None else [subject.height_m]
@@ -168,6 +172,6 @@ def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> s
 
 
 def is_human(shape: FittedShape) -> bool:
-    """Return whether a person may have this height: the model cannot be fitted to half a person."""
+    """Return whether a person may have this height, so that the model is not fitted to half a person."""
     shortest, tallest = STATURES_M
     return shortest < standing_height(body_points().asset, shape)[0] < tallest

@@ -1,6 +1,7 @@
-"""Find objects that rest part of the time (moved furniture, people who keep still), and give them back.
+"""Find objects that rest for a part of the time (moved furniture, people who keep still), and add the furniture to the
+room.
 
-An opened door or a pushed chair is not in one place for long enough to be learnt as the room, and is no person.
+An opened door or a pushed chair is not in one place for long enough to be learnt as the room, yet it is not a person.
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet
 
 LEAST_S: Final = 1.0  # s that an object must rest: a person who turns back stands still for half a second
-LEAST_SAMPLES: Final = 6  # samples that must show it at rest: its sway is measured on them
-SETTLING: Final = 2  # samples after an object comes to rest in which its settling is below the noise
-# share of the connected foreground that must be at rest; an object seen in a larger share of samples is the room
+LEAST_SAMPLES: Final = 6  # samples that must show the object at rest, by which its sway is measured
+SETTLING: Final = 2  # samples after an object comes to rest, in which it still moves by less than the noise
+# share of the connected foreground that must be at rest; an object seen in a larger share of samples is part of the
+# room
 WHOLE: Final = 0.8
-SHOWN: Final = 33  # percent of the object's pixels that must be seen: people may hide the others
+SHOWN: Final = 33  # percent of the object's pixels that must be seen; people may hide its other pixels
 OFTEN: Final = 67  # percentile of the samples: in a third of them nobody touches the object
 RIM_PX: Final = 2  # pixels around an object where its edge flickers
 
@@ -46,7 +48,9 @@ class Recorded(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestingObject:
-    """A piece (height, width) bool that keeps its place in some samples (k,) int."""
+    """An object that keeps its place in some samples. piece (height, width) bool: its pixels; samples (k,) int: the
+    numbers of these samples.
+    """
 
     piece: np.ndarray
     layer: RestingLayer
@@ -57,8 +61,8 @@ class RestingObject:
 class _Still:
     """The surface that rests until the last of n samples, per pixel (height, width).
 
-    depth_m float32, 0 = nothing; since int: the first sample that read it, after which no reading lies behind it;
-    agrees (n, height, width) bool: the samples from then on that read it.
+    depth_m float32, 0 = no such surface; since int: the first sample that read it, after which no reading lies behind
+    it; agrees (n, height, width) bool: whether a sample, from then on, reads it.
     """
 
     depth_m: np.ndarray
@@ -69,7 +73,8 @@ class _Still:
 def resting_objects(
     frames_m: Sequence[np.ndarray], time_s: Sequence[float], model: BackgroundModel
 ) -> list[RestingObject]:
-    """Return the whole foreground pieces that rest from the first sample or until the last one, people among them.
+    """Return the complete foreground pieces, people included, that rest from the first sample on or until the last
+    sample.
 
     frames_m: sampled frames (height, width) float32 with their times (n,), in order.
     """
@@ -107,7 +112,9 @@ def _until_the_end(seen: Recorded, model: BackgroundModel) -> Iterator[RestingOb
 
 
 def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
-    """Return the farthest surface of the last second, as long as no later reading lies behind it."""
+    """Return the surface that is still: the farthest reading of the last second, unless a later reading lies behind
+    it.
+    """
     frames, times = seen.frames_m, seen.time_s
     last = frames[min(int(np.searchsorted(times, times[-1] - LEAST_S)), len(frames) - LEAST_SAMPLES) :]
     far = last.max(axis=0)
@@ -124,7 +131,9 @@ def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
 
 
 def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndarray:
-    """Return the samples (k,) that show most of a piece at rest, without those in which it settles; none if too few."""
+    """Return the samples (k,) that show most of a piece at rest, without samples in which it settles; none if there are
+    too few.
+    """
     since = np.percentile(still.since[piece], SHOWN)
     samples = np.flatnonzero(still.agrees[:, piece].mean(axis=1) > SHOWN / 100.0)
     samples = samples[samples >= since]
@@ -150,7 +159,9 @@ def _whole_share(
 def _layer(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> RestingLayer:
-    """Make the layer of a piece and its rim, from its first sample on; its deviation is measured, with the z^2 law."""
+    """Make the scene layer of a piece and its rim, from its first sample on. The layer's deviation is measured and
+    follows the z^2 law.
+    """
     readings = np.where(still.agrees[samples][:, piece], seen.frames_m[samples][:, piece], np.nan)
     read = np.isfinite(readings).any(axis=0)
     factor = np.nanstd(readings[:, read], axis=0) / still.depth_m[piece][read] ** 2
@@ -167,8 +178,8 @@ MOST_PERSON: Final = 0.2  # largest share of an object's pixels that may look li
 def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet]) -> Scene:
     """Add to a camera's scene the moved objects of the room, each for the time that it rests.
 
-    This is done only in a room that was learnt from the recording: with an image of the empty room every object is
-    foreground anyway.
+    This is done only in a room that was learnt from the recording. With an image of the empty room, every other object
+    stays foreground.
     """
     model, camera = scene.background, scene.camera
     if model.source is not BackgroundSource.RECORDING:
@@ -180,9 +191,7 @@ def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet])
 
 
 def _person_share(one: RestingObject, frames_m: Sequence[np.ndarray], camera: Camera) -> float:
-    """Return the share of an object's pixels that the descriptor takes for a person's, in the median of some
-    samples.
-    """
+    """Return the share of an object's pixels that the descriptor takes for a person, the median over some samples."""
     chosen = [int(one.samples[k]) for k in thin(len(one.samples), CHECKED)]
     row, column, _ = nearest_rays(camera)
     return float(

@@ -37,9 +37,9 @@ FACING = np.array([1.0, 0.0, 0.0])  # world convention: the patient faces along 
 class InitialFrame:
     """A frame that shows the patient (its position in the recording), and where the patient stands in it.
 
-    score: 0 to 1, by how well the patient is seen and how far from others; whole: 0 to 1, the patient's visible surface
-    relative to the usual one; alone: no other person is near; crowd: the people seen there, while it may be needed;
-    start: the patient as found there, None before a body is fitted.
+    score: 0 to 1, by how well the patient is seen and how far other people are; whole: 0 to 1, the patient's visible
+    surface relative to the usual area; alone: whether no other person is near; crowd: the people seen in the frame, as
+    long as they may be needed; start: the patient as found there, None before a body is fitted.
     """
 
     frame: int
@@ -53,10 +53,10 @@ class InitialFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """The prepared room. recording: on one clock; cameras and scenes in its order; initial_frames: where tracking may
-    begin, best first, empty where nobody was seen in the sampled frames or nobody is to be tracked; review: a
-    reviewer's corrections of earlier results; why_nobody: why all joints are lost where there is no initial frame;
-    notes: sentences on mirrors and gaps in walls.
+    """The prepared room. recording: the recording on one clock; cameras and scenes: in the order of the recording;
+    initial_frames: frames where tracking may begin, best first, empty where nobody was seen in the sampled frames or
+    nobody is to be tracked; review: a reviewer's corrections of earlier results; why_nobody: why all joints are lost
+    where there is no initial frame; notes: sentences on mirrors and gaps in walls.
     """
 
     recording: Recording
@@ -82,8 +82,8 @@ class Room:
 @dataclass(frozen=True, slots=True, eq=False)
 class Review:
     """A reviewer's corrections. joints: by frame number. unusable: first and last frame, both included, and the
-    sentence with the reason. clocks, by camera, and floor_height_m: from the corrected results; none where they have to
-    be found.
+    sentence with the reason. clocks (by camera) and floor_height_m: from the corrected results; empty and None where
+    they have to be found.
     """
 
     joints: dict[int, CorrectedJoints] = field(default_factory=dict)
@@ -92,7 +92,9 @@ class Review:
     floor_height_m: float | None = None
 
     def why_unusable(self, frame: int) -> str | None:
-        """Return the reason of the first unusable interval that contains the frame, None where the frame is usable."""
+        """Return the reason given for the first unusable interval that contains the frame; None where the frame is
+        usable.
+        """
         return next((why for first, last, why in self.unusable if first <= frame <= last), None)
 
     def corrected(self, frame: int) -> CorrectedJoints | None:
@@ -104,7 +106,9 @@ NO_REVIEW: Final = Review()
 
 
 def held_joints(review: Review, frames: Sequence[int]) -> np.ndarray:
-    """Return (t, 21) bool: corrected joints of the frames with these numbers, and all joints of their limbs."""
+    """Return (t, 21) bool: joints that a reviewer corrected in the frames with these numbers, and all joints of the
+    same limbs.
+    """
     held = np.zeros((len(frames), JOINT_COUNT), bool)
     for row, frame in enumerate(frames):
         corrected = review.corrected(frame)
@@ -148,7 +152,7 @@ def require_frames(path: Path, corrections: Corrections, recording: Recording) -
 
 
 def _moments(corrections: Corrections) -> Iterator[tuple[int, float, str]]:
-    """Yield every frame that an entry names, the time that it states, and what it does there."""
+    """Yield every frame that an entry names, the time stated for it, and words for what the entry does there."""
     for joint in corrections.joints:
         yield joint.frame, joint.time_s, "corrects joints of"
     if corrections.patient is not None:
@@ -168,7 +172,7 @@ def _corrected_joints(entries: list[JointCorrection]) -> CorrectedJoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """The inputs that every frame of a run is tracked with.
+    """The inputs with which every frame of a run is tracked.
 
     motions: reference movements, None where the prediction needs none. associate: function that matches nodes of
     successive frames (``observing.Associate``); None: ``link``.
@@ -181,7 +185,7 @@ class Run:
     associate: Callable[..., Matcher] | None = None
 
     def without_patient(self, why: str) -> Run:
-        """Return the run for a person who was found but is not to be tracked, with the reason."""
+        """Return the run without a patient: a person was found but is not to be tracked, for the given reason."""
         return replace(self, room=replace(self.room, initial_frames=(), why_nobody=why))
 
     def stage(self, name: str) -> AbstractContextManager[None]:

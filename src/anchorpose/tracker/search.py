@@ -24,8 +24,8 @@ from anchorpose.tracker.start import NoStart
 
 NEAR_M: Final = 0.5  # m from the patient's last place: the visible part of a body lies off its axis
 WALK_M_S: Final = 1.5  # m/s, people's walking speed
-RETURN_S: Final = 1.0  # s: nobody walks out of the image, turns round and is back sooner
-STRIP_M: Final = 0.15  # m from the image border: half a trunk in profile, a head's width
+RETURN_S: Final = 1.0  # s; nobody can walk out of the image, turn round and be back sooner
+STRIP_M: Final = 0.15  # m from the image border; half a trunk in profile, a head's width
 BORDER: Final = 0.1  # share of the image's width or height at the border where stereo cameras have no readings
 CUT: Final = 0.5  # share of a person's rows or columns that must continue to the border
 
@@ -34,8 +34,9 @@ CUT: Final = 0.5  # share of a person's rows or columns that must continue to th
 class LastSeen:
     """The last sight of the patient, and the other people there.
 
-    seen: the last frame with the patient; belief: in its pose; met: labels of the people followed beside the patient
-    until now; places: where (2,) the pelvis of each was last seen; gone_s and gone_frames: time and frames since then.
+    seen: the last frame with the patient; belief: the belief in the patient's pose in it; met: labels of the people
+    followed beside the patient until now; places: where (2,) the pelvis of each was last seen; gone_s and gone_frames:
+    time and number of frames since then.
     """
 
     seen: Observation
@@ -46,7 +47,7 @@ class LastSeen:
     gone_frames: int = 0
 
     def after(self, following: Observation, belief: PoseBelief | None, elapsed_s: float) -> LastSeen:
-        """Return this record after one more frame; ``belief`` is None where the frame does not show the patient."""
+        """Return the record after one more frame. belief: None where the frame does not show the patient."""
         others = [one for one in following.bystanders.followed if one.hidden_s == 0.0]
         met = self.met | {one.label for one in others}
         places = self.places | {one.label: one.belief.pose.root_m[[0, 2]] for one in others}
@@ -59,8 +60,8 @@ class LastSeen:
 class Search:
     """The search for a lost patient. Bystanders are still followed, so that none of them is taken for the patient.
 
-    now: the last frame searched; left: the patient has walked out of the image. memory: of the bystanders, as of the
-    last frame.
+    now: the last frame searched; left: whether the patient has walked out of the image. memory: the bystander memory
+    after the last frame.
     """
 
     memory: BystanderMemory
@@ -81,11 +82,12 @@ class Search:
         self._met, self._places, self._left = last.met, last.places, left
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | NoStart:
-        """Return who may be the patient in this frame, or why nobody may be; frames come in order, without gaps.
+        """Return who may be the patient in this frame, or why nobody may be the patient; call it for all frames in
+        order.
 
         A person who enters after the patient has left the image, or appears elsewhere, may be a bystander who was there
-        before. The person is the patient if in the equipment, or if all bystanders are in view. A person who enters
-        just after the patient has left is another person.
+        before. The person is the patient if in the equipment, or if all bystanders are in view. A person who enters too
+        soon after the patient has left is another person.
         """
         pieces, cameras = find_all_pieces(frame_set, run.room.scenes), run.room.cameras
         elapsed_s = frame_set.time_s - self._time_s
@@ -115,7 +117,7 @@ class Search:
 
     def _is_someone_hidden(self, axis_xz_m: np.ndarray, views: Sequence[View | None]) -> bool:
         """Return whether a person at a place (2,) is nearer to the last place of a bystander who is out of view than to
-        the patient's: a person who hides both shows the bystander first, under a new label.
+        the patient's. If something hides both, the bystander may reappear first, under a new label.
         """
         shown = _people_in(views)
         hidden = [place for label, place in self._places.items() if label not in shown]
@@ -132,7 +134,7 @@ class Search:
         return not self._met <= _people_in(views)
 
     def _strangers(self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> list[Person]:
-        """Return the people who are none of the bystanders; each bystander is at most one person.
+        """Return the people who are not one of the bystanders; each bystander is at most one person.
 
         A bystander is the person who has most of the bystander's pixels: where people touch, labels spread from one to
         the other, but the descriptor separates them.
@@ -160,7 +162,7 @@ def _people_in(views: Sequence[View | None]) -> frozenset[int]:
 def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bool:
     """Return whether all that any camera sees of the patient is a narrow strip at the border of its image.
 
-    It is False where no camera sees the patient: then something may hide them.
+    It is False where no camera sees the patient, who may be hidden.
     """
     seen = [(view, camera) for view, camera in zip(views, cameras, strict=True) if view is not None]
     shown = [(view, camera) for view, camera in seen if view.patient.any()]

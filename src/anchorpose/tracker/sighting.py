@@ -1,4 +1,4 @@
-"""Find all people in a frame, each with a rough body, before it is known who they are."""
+"""Find all people in a frame, each with a rough body, before it is known who is the patient."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
 from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
-COVERED_M: Final = 0.10  # m from the skin of a rough body: clothes, and the body's error
-IN_EACH_OTHER_M: Final = 0.25  # m between pelvises: a trunk's depth and a rough body's error
+COVERED_M: Final = 0.10  # m from the skin of a rough body, for clothes and the body's error
+IN_EACH_OTHER_M: Final = 0.25  # m between pelvises; a trunk's depth and a rough body's error
 _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crowd:
-    """The people of one moment. pieces: the foreground of each camera (None without a frame); people: shown by these
-    pixels; bodies: one per person (None where too little is seen).
+    """The people at one moment. pieces: the foreground of each camera (None without a frame); people: the people shown
+    by these pixels; bodies: one per person (None where too little is seen).
     """
 
     pieces: tuple[Pieces | None, ...]
@@ -53,14 +53,14 @@ class RoughBody:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPerson:
-    """A person and their rough body; None where too little is seen."""
+    """A person and their rough body, which is None where too little is seen."""
 
     person: Person
     body: RoughBody | None
 
     @property
     def place_xz_m(self) -> np.ndarray:
-        """Return the place (2,) of the pelvis, by the body if there is one."""
+        """Return the place (2,) of the pelvis; it comes from the body, if a body was fitted."""
         return self.person.ground_xz_m if self.body is None else self.body.place_xz_m
 
 
@@ -77,7 +77,7 @@ class Sighting:
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
-    """Return the people of one moment, each with a rough body."""
+    """Return the people at one moment, each with a rough body."""
     pieces, cameras = find_all_pieces(frame_set, scenes), [scene.camera for scene in scenes]
     crowd = see_people_apart(pieces, cameras)
     people = crowd.people
@@ -90,10 +90,11 @@ def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
 
 
 def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> Crowd:
-    """Return the people of one moment with their rough bodies; a person covered by another one's body is a part of
-    it.
+    """Return the people at one moment with their rough bodies; a person whom another person's body covers is taken as a
+    part of it.
 
-    Votes for a hidden pelvis may be half a metre off, so that one person seen by two cameras may first count as two.
+    This is needed because votes for a hidden pelvis may be half a metre off, so that one person seen by two cameras may
+    first count as two.
     """
     people = see_people(pieces, cameras)
     bodies = _bodies(pieces, people, cameras, np.arange(len(people.people)))
@@ -101,7 +102,7 @@ def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera])
     kept = np.flatnonzero(owner == np.arange(len(owner)))
     if len(kept) < len(owner):
         people = people.joined(owner)
-        grown = np.flatnonzero(np.bincount(owner)[kept] > 1)  # the bodies of the others stay the same
+        grown = np.flatnonzero(np.bincount(owner)[kept] > 1)  # the bodies of all other people stay the same
         fitted = dict(zip(grown.tolist(), _bodies(pieces, people, cameras, grown), strict=True))
         bodies = tuple(fitted.get(number, bodies[k]) for number, k in enumerate(kept.tolist()))
     return Crowd(tuple(pieces), people, bodies)
@@ -116,7 +117,9 @@ def _bodies(
 
 
 def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[RoughPerson | None]) -> np.ndarray:
-    """Return (k,) int: for each person, the larger one whose body covers most of them, else the person's own number."""
+    """Return (k,) int: for each person, the number of the larger person whose body covers most of them, else the
+    person's own number.
+    """
     owner, skins = np.arange(len(people.people)), dict[int, cKDTree]()
     for number in np.argsort([-person.area_m2 for person in people.people], kind="stable").tolist():
         own_m = people.points_m(pieces, number)

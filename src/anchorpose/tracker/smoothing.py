@@ -1,8 +1,8 @@
 """Combine the forward and the backward pass limb by limb, and smooth the joints over time.
 
 A limb that is lost behind a person in one direction is often kept in the other. Where the two passes agree they are
-averaged; where they do not, the limb is taken from the pass that sees more of it at its place. Joints are then smoothed
-by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
+averaged. Where they disagree, the limb is taken from the pass in which more of it is seen at its place. Joints are then
+smoothed by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
 """
 
 from __future__ import annotations
@@ -30,20 +30,24 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.room import Room, Run
 
 SPINE_BASE: Final = JOINT_INDEX["SpineBase"]  # a joint of the trunk, not of a limb
-FIRST_SPEED_M_S: Final = 1.0  # standard deviation of a joint's velocity before any observation
-APART_M: Final = 0.06  # a limb's joints nearer than this are averaged: the width of a wrist, so it is the same limb
-TRUNK_APART_M: Final = 0.15  # half a shoulder breadth: beyond it the trunk is in two places, and limbs cannot be mixed
+FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
+# m, the width of a wrist; if both passes place a limb's joint nearer than this, they are averaged
+APART_M: Final = 0.06
+# m, half a shoulder breadth; farther apart, the trunk is in two places, and limbs cannot be mixed
+TRUNK_APART_M: Final = 0.15
 HIDDEN_COST: Final = 0.5  # cost per frame of a joint that is not seen; a seen joint costs 0
 LOST_COST: Final = 2.0  # cost of placing a joint where the cameras see past it
-SWITCH_COST: Final = 0.2  # cost of changing from one pass to the other: less than a hidden joint in one frame
-SWITCH_COST_PER_M: Final = 10.0  # cost of a change per metre: a jump of 0.2 m has to save one lost joint
+SWITCH_COST: Final = 0.2  # cost of changing from one pass to the other, less than a hidden joint in one frame
+# cost of a change per metre of jump, so that a jump of 0.2 m has to save one lost joint
+SWITCH_COST_PER_M: Final = 10.0
 AT_ONCE: Final = 3  # joints smoothed together: all joints of an hour would fill the memory
 ACCELERATION: Final = 2.0  # m/s per square root of a second: 1 m/s in the quarter of a second that a reach starts in
 
 
 def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float) -> np.ndarray:
-    """Return the most likely course (t, j, 3) of joints observed at joints_m (t, j, 3) with sigma_m (t, j). Their
-    velocity is a random walk: it changes by ``acceleration`` times the square root of the time, m/s.
+    """Return the most likely positions over time (t, j, 3) of joints observed at joints_m (t, j, 3) with sigma_m (t,
+    j). The joints' velocity is modelled as a random walk: it changes by ``acceleration`` times the square root of the
+    time, m/s.
 
     Every axis of every joint is smoothed separately. time_s (t,): strictly rising or falling.
     """
@@ -99,7 +103,7 @@ _JOINT_COST: Final = np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassResult:
-    """A pass's answer for a frame, or that of both together, and the person labels it was based on: some kilobytes.
+    """The result of a pass, or of both together, for a frame, and the person labels it was based on: some kilobytes.
 
     pose: None where the patient is lost; joints_m (21, 3) by that pose, including lost joints; sigma_m (21,), NaN where
     lost; labels: one image per camera with a depth image, empty where the patient is lost.
@@ -127,7 +131,8 @@ def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], 
 class PassCourse:
     """All frames of a pass, or of both together, without poses and labels.
 
-    joints_m (t, 21, 3), sigma_m (t, 21), NaN where lost; state_code (t, 21) int8; found (t,) bool: there is a pose.
+    joints_m (t, 21, 3), sigma_m (t, 21), NaN where lost; state_code (t, 21) int8; found (t,) bool: whether there is a
+    pose.
     """
 
     joints_m: np.ndarray
@@ -149,7 +154,7 @@ def course_of(frames: Iterable[PassResult], count: int) -> PassCourse:
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothing:
     """The combination of both passes. weight (t, PARTS): share of the second pass in trunk and limbs; course: all
-    frames with smoothed joints, which the body is then posed to meet.
+    frames with smoothed joints, to which the body is then posed.
     """
 
     weight: np.ndarray
@@ -159,8 +164,9 @@ class Smoothing:
 def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.ndarray, lost_sigma_m: float) -> Smoothing:
     """Combine and smooth the frames (t,) of two passes, both in the order of the first.
 
-    held (t, 21) bool: joints that a reviewer placed, and their limbs: they stay, and do not affect other frames. Joints
-    are combined and smoothed over each stretch without a gap; frames in which both passes lost the patient stay lost.
+    held (t, 21) bool: joints that a reviewer placed, and their limbs; they stay in place and do not affect other
+    frames. Joints are combined and smoothed over each stretch without a gap; frames in which both passes lost the
+    patient stay lost.
     """
     weight = _weights_of_back(there, back, lost_sigma_m)
     mixed = _mixed(there, back, weight[:, LIMB_OF_JOINTS])
@@ -168,8 +174,8 @@ def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.nda
 
 
 def smoothed_result(body: Body, there: PassResult, back: PassResult, smoothing: Smoothing, row: int) -> PassResult:
-    """Pose the body to meet the smoothed joints of a frame, within its bone lengths and joint ranges. Labels are those
-    of the pass that the trunk is taken from.
+    """Pose the body to fit the smoothed joints of a frame, within its bone lengths and joint ranges. Labels come from
+    the pass from which the trunk is taken.
     """
     weight, course = smoothing.weight[row], smoothing.course
     start, joints_m = _nearer_pose(there.pose, back.pose, body.points, weight), course.joints_m[row]
@@ -203,7 +209,9 @@ def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray,
 
 
 def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -> np.ndarray:
-    """Return (t, PARTS) share of the second pass in trunk and limbs: by information where both agree, else 0 or 1."""
+    """Return (t, PARTS) share of the second pass in trunk and limbs: weighted by inverse variance where both agree,
+    else 0 or 1.
+    """
     apart_m = np.nan_to_num(np.linalg.norm(there.joints_m - back.joints_m, axis=2))
     costs = np.array([_JOINT_COST[way.state_code] for way in (there, back)])
     variance = np.array([_known_sigma(way, lost_sigma_m) ** 2 for way in (there, back)])
@@ -218,7 +226,7 @@ def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -
         weight[:, part] = np.where(agree, spread[0] / spread.sum(axis=0), chosen)
         if part == 0:
             split = ~agree
-        weight[split, part] = weight[split, 0]  # limbs follow a trunk that is in two places
+        weight[split, part] = weight[split, 0]  # where the trunk is in two places, limbs follow it
     return weight
 
 
@@ -227,15 +235,14 @@ def _known_sigma(course: PassCourse, lost_sigma_m: float) -> np.ndarray:
 
 
 def seen_less(answer: PassResult) -> float:
-    """Return the cost of the joints that are not seen at their place; 0 where all joints are seen."""
+    """Return the cost of a frame's joints that are not seen at their place; 0 if all joints are seen."""
     return float(_JOINT_COST[[STATE_CODE[state] for state in answer.states]].sum())
 
 
 def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
-    """Return (t,) which of two courses with cost (2, t) to take in each frame so that the total is least (Viterbi
-    1967).
+    """Return (t,) which of two courses with cost (2, t) to take in each frame for the least total cost (Viterbi 1967).
 
-    Changing costs more the farther apart the two are: limbs do not jump.
+    A change between them costs more the farther apart they are, since limbs do not jump.
     """
     change = SWITCH_COST + SWITCH_COST_PER_M * distance_m
     total, came_from = cost[:, 0].copy(), np.zeros((len(distance_m), 2), dtype=np.int64)
@@ -263,8 +270,8 @@ def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCours
 
 
 def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.ndarray:
-    """Return sigma (t, 21) of the mixture. Both passes saw the same images: agreement does not reduce sigma,
-    disagreement increases it.
+    """Return sigma (t, 21) of the mixture. Since both passes saw the same images, agreement does not reduce sigma,
+    while disagreement increases it.
     """
     a = np.where(np.isnan(there.sigma_m), back.sigma_m, there.sigma_m)
     b = np.where(np.isnan(back.sigma_m), there.sigma_m, back.sigma_m)
@@ -285,7 +292,7 @@ def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weigh
 def explain_smoothed(frame_set: FrameSet, answer: PassResult, body: Body, run: Run) -> Explanation | None:
     """Compute how well the combined pose explains a frame; None where there is no pose.
 
-    frame_set: the frame, read again, since the views of all frames would fill the memory. Person labels are those of
+    frame_set: the frame, read again, since the views of all frames would fill the memory. Person labels come from
     ``answer``.
     """
     if answer.pose is None:

@@ -51,16 +51,16 @@ from anchorpose.tracker.prior_shape import (
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import Crowd, SeenPerson, Sighting
 
-SEEN = 0.3  # share of a forearm's or shank's skin that is fully seen: half of it faces a camera
-USUAL = 60.0  # squared deviations of all joint ranges: right first poses have 15 to 60, wrong ones over 100
-# quality without equipment around: right starts have 0.35, one wrong start in a crowd had less than 0.25
+SEEN = 0.3  # share of skin at which a forearm or shank counts as fully seen; half of it faces a camera
+USUAL = 60.0  # sum of squared deviations of all joint ranges; correct first poses have 15 to 60, wrong poses over 100
+# least quality if there is no equipment around; correct starts have 0.35, a wrong start in a crowd had less than 0.25
 LEAST_QUALITY = 0.25
 LEAST_TRUNK = 0.05  # least seen share of the skin of trunk and head: a face, or a part of a chest between other people
-TURN_GATE = 21.1  # squared deviations of three angles: one patient in ten thousand turns so far unseen
+TURN_GATE = 21.1  # sum of three squared deviations of angles; one patient in ten thousand turns so far unseen
 MOST_DEVIATIONS = 4.0  # standard deviations of the largest of 16 statistical components: one adult in a thousand
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must explain
-HANGS_M = 0.35  # m from floor to feet: people on a high bed or a treadmill have their feet lower than this
-UPRIGHT = 0.7  # cosine between trunk and vertical: the feet of a lying person are not near the floor
+HANGS_M = 0.35  # m from floor to feet; people on a high bed or a treadmill have their feet lower than this
+UPRIGHT = 0.7  # least cosine between trunk and vertical for this check; a lying person's feet are not near the floor
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
 
 
@@ -87,8 +87,9 @@ def find_start(
 ) -> Start | NoStart:
     """Find the patient in this frame, or return why there is none.
 
-    known: the learnt shape, if there is one already; crowd: the people of this frame, where they are known; expected:
-    the pose before the patient was lost. The first pose is found without it; a search may then turn the body round.
+    known: the learnt shape, None before learning; crowd: the people in this frame, None where unknown; expected: the
+    pose before the patient was lost. The first pose is found without the expected pose; a search may then turn the body
+    round.
     """
     room, config = run.room, run.config
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
@@ -114,7 +115,8 @@ def find_start(
 def _turned_round(before: PoseBelief, now: Pose) -> bool:
     """Return whether the pelvis has turned farther than is likely since the pose before.
 
-    A person hidden together with the patient often faces the patient, and so shows a back where a front was.
+    Then it may be another person: a helper who was hidden together with the patient often faces the patient, and so
+    shows a back where a front was.
     """
     turn = before.pose.change_to(now, body_points().moving)[:3]
     return float(turn @ np.linalg.solve(before.covariance[:3, :3], turn)) > TURN_GATE
@@ -134,7 +136,7 @@ def starts_turned(first: Estimate, rivals: Sequence[Rival], config: TrackConfig)
 def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: FittedShape | None) -> FirstPose:
     """Find the first pose with the learnt body, else with a body that may still change.
 
-    Where no likely body fits the statements about the patient, the images decide without them.
+    Where no likely body fits the statements about the patient, the images alone decide.
     """
     subject, config = run.room.recording.subject, run.config
     if known is not None:
@@ -147,7 +149,7 @@ def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: Fitte
 
 
 def _is_likely(first: FirstPose, subject: Subject) -> bool:
-    """Return whether people have such a height and build; a measured height is always accepted."""
+    """Return whether people have such a height and build. A measured height is always accepted."""
     deviations = first.belief.deviations(first.shape)[: body_points().asset.common_count]
     return (subject.height_m is not None or is_human(first.shape)) and bool(deviations.max() < MOST_DEVIATIONS)
 
@@ -158,7 +160,7 @@ def _first_pose(seen: Observation, person: MatchedPerson, shape: FirstShape, run
 
 
 def _why_not(start: Start, run: Run) -> NoStart | None:
-    """Return why a first pose that explains the images is rejected all the same, None if it is accepted."""
+    """Return why a first pose is rejected although it explains the images; None if it is accepted."""
     body = build_body(body_points(), start.shape)
     posed, evidence = pose_points(body, start.belief.pose), start.observation.evidence
     explanation = explain(body.points, posed, evidence)
@@ -174,7 +176,7 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
 
 
 def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
-    """Return whether an upright body ends far above the floor: then only a part of the person is seen.
+    """Return whether an upright body ends far above the floor, because only a part of the person is seen.
 
     joints_m (21, 3).
     """
@@ -186,8 +188,8 @@ def quality(start: Start) -> float:
     """Return the quality of a start, 0 to 1: the share of the surface that the body explains, reduced for each forearm
     and shank that is hardly seen, and for a rare pose.
 
-    A hidden part's pose is arbitrary, and a limb given to another person in the first frame is not soon given back.
-    Legs that were fitted to the head of a kneeling person are bent in a rare way.
+    The pose of a hidden part is arbitrary, and a limb that the first frame assigns to another person stays wrong for
+    long. Rare poses are suspect: legs that were fitted to the head of a kneeling person are bent in a rare way.
     """
     body = build_body(body_points(), start.shape)
     points, pose = body.points, start.belief.pose
@@ -211,12 +213,12 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     return Start(seen, shape, found.belief, found.explained, estimate.rivals)
 
 
-CROWDED_M: Final = 1.0  # m between the axes of two people: an outstretched arm and half a trunk
-MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be seen as one person
-WELL: Final = 0.92  # share of the surface explained, all limbs seen: 0.95 to 1 when alone, 0.7 with a therapist's arm
-WHOLE: Final = 0.8  # share of the patient's usual visible surface: a sliver beside a therapist is explained by any pose
+CROWDED_M: Final = 1.0  # m between the axes of two people; an outstretched arm and half a trunk
+MERGED: Final = 0.5  # weight of a frame with fewer people than usual; two people who stand close may be seen as one
+WELL: Final = 0.92  # least share explained, with all limbs seen: 0.95 to 1 when alone, 0.7 with a therapist's arm
+WHOLE: Final = 0.8  # least share of the patient's usual visible surface; any pose explains a sliver beside a therapist
 TRIES: Final = 8  # frames; each takes one or two seconds to fit
-APART: Final = 0.25  # share of the frames' time span: nearby frames fail for the same reason
+APART: Final = 0.25  # share of the frames' time span between tried frames; nearby frames fail for the same reason
 
 
 def rank_initial_frames(
@@ -226,10 +228,10 @@ def rank_initial_frames(
     patient_xz_m: tuple[float, float] | None,
     cameras: Sequence[Camera],
 ) -> tuple[InitialFrame, ...]:
-    """Return the frames that show the patient: first those that show the patient well and nobody nearby.
+    """Return the frames that show the patient; frames that show the patient well and nobody nearby come first.
 
-    frames: positions in the recording; sightings: the people of each. If the user gave the patient's place, only the
-    first run of frames with the patient there counts, since the place is given for the start.
+    frames: positions in the recording; sightings: the people in each frame. If the user gave the patient's place, only
+    the first run of frames with the patient there is used, since the place is given for the start.
     """
     patient = choose_patient(sightings, equipment, patient_xz_m, cameras)
     if patient is None:
@@ -259,7 +261,7 @@ class _Shown(NamedTuple):
 
 
 def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
-    """Return the first run of frames in which the patient is at a place; all frames if never there."""
+    """Return the first run of frames in which the patient is at a place; all frames if the patient is never there."""
     there = [one is not None and distance_m(one, place_xz_m) < GIVEN_M for one in patient.seen]
     if not any(there):
         return range(len(there))
@@ -268,7 +270,9 @@ def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
 
 
 def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: float) -> InitialFrame:
-    """Score a frame; more surface than usual does not help: it may belong to another person who touches the patient."""
+    """Score a frame. More surface than usual does not increase the score, since it may belong to another person who
+    touches the patient.
+    """
     one, sighting = shown.patient, shown.sighting
     people = sighting.people
     place = one.person.ground_xz_m
@@ -281,8 +285,8 @@ def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: f
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
-    """Return the room with its best initial frame first; a person who is alone cannot be confused, so no fit is
-    needed.
+    """Return the room with its best initial frame first. Where the patient is always alone, nobody can be confused with
+    them, so no body is fitted.
     """
     candidates = room.initial_frames
     if all(one.alone for one in candidates):
@@ -317,11 +321,11 @@ def best_of(
 ) -> InitialFrame:
     """Return the first frame that shows the whole patient and is explained well, or the most probable of ``TRIES``.
 
-    explained: returns how well a body explains the patient there, 0 to 1, and its log probability, nats, less what the
-    surface that it leaves unexplained could have added. A body that is turned round covers as much surface, but its
-    readings are less probable than in other frames, or its shape is rare. Where a person behind the patient has the
-    patient's label, there is more surface, but no body explains all of it. After the frame with the best score, frames
-    far from all tried ones follow.
+    explained: function that returns how well a body explains the patient in a frame, 0 to 1, and its log probability
+    (nats), less what the surface that it leaves unexplained could have added. A body that is turned round covers as
+    much surface, but its readings are less probable than in other frames, or its shape is rare. Where a person behind
+    the patient has the patient's label, there is more surface, but no body explains all of it. The frame with the best
+    score is tried first, then frames far from all tried frames.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:
@@ -335,7 +339,7 @@ def best_of(
 
 
 def _worth(candidate: InitialFrame, tried: Sequence[InitialFrame], candidates: Sequence[InitialFrame]) -> float:
-    """Return the score, reduced near a frame that was tried."""
+    """Return the score of a frame, reduced if it is near a frame that was tried."""
     if not tried:
         return candidate.score
     span = APART * max(1, np.ptp([one.frame for one in candidates]))

@@ -1,7 +1,7 @@
-"""Find where all people went since the last frame, from the depth images alone.
+"""Find where all people moved since the last frame, from the depth images alone.
 
 At a low frame rate a walking person moves a quarter of a metre between frames, farther than remembered or predicted
-skin reaches. The person's last seen points are then searched for in the new frame, moved over the ground.
+skin reaches. So each person's last seen points are moved over the ground and compared with the new frame.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ REACH_M: Final = 0.60  # m from frame to frame: 3 m/s at 5 frames a second
 GRID_M: Final = 0.05  # m between tried steps: half a limb's width
 SAME_M: Final = 0.06  # m from a moved point to the reading: half the grid along the ray, clothes and noise
 PAST_M: Final = 0.15  # m; a reading so far behind a point shows that the point is not there
-POINTS: Final = 250  # points per person: the share found is then precise to 0.03
-STAYED: Final = 0.6  # share of a person's points found again: above it the person has not walked
-PLACED: Final = 0.4  # share of expected skin that must be found: the person's own limbs hide a part of it
+POINTS: Final = 250  # points per person; the share found is then precise to 0.03
+STAYED: Final = 0.6  # share of a person's points found again, above which the person has not walked
+PLACED: Final = 0.4  # share of expected skin that must be found; the person's own limbs hide a part of it
 BETTER: Final = 0.2  # share of the points that a step must explain more than staying does
-LEAST: Final = 0.25  # least share of the points found after a step: others may hide the rest
-FAR_COST: Final = 0.2  # share of the points per metre: of two equally good places the nearer is chosen
+LEAST: Final = 0.25  # least share of the points found after a step; other people may hide the rest
+FAR_COST: Final = 0.2  # share of the points per metre of step; of two equally good places the nearer is chosen
 MOST_WALKERS: Final = 5  # people whose steps are compared jointly; more do not fit into an image
 MOST_STEPS: Final = 4  # steps considered for each person
 APART_M: Final = 0.25  # m between the axes of two people, and between two steps worth comparing
@@ -40,8 +40,8 @@ def find_steps(
     """Return how far people moved over the ground, (3,) metres by label; people who stayed or are not seen are left
     out.
 
-    skin_m: per label the points (n, 3), world, that were seen of the person in the last frame. A point is found where a
-    pixel of the people lies at its depth, refuted where a camera sees past it, and unknown where it is hidden. The
+    skin_m: per label, the points (n, 3), world, of the person's skin that were seen in the last frame. A point is found
+    where a person's pixel lies at its depth, refuted where a camera sees past it, and unknown where it is hidden. The
     combination of steps that explains most points is chosen.
     """
     shown = [(pixels, projection_of(camera)) for pixels, camera in zip(pieces, cameras, strict=True) if pixels]
@@ -60,7 +60,7 @@ def find_steps(
 
 
 class _Option(NamedTuple):
-    """A possible step (3,), where it leads (2,) on the ground, and its worth."""
+    """A possible step (3,), its end (2,) on the ground, and its worth."""
 
     step: np.ndarray
     place_xz_m: np.ndarray
@@ -83,7 +83,7 @@ def _options(
 
 
 def _together(chosen: Sequence[_Option]) -> float:
-    """Return the total worth of several people's steps; no two people can go to the same place."""
+    """Return the total worth of several people's steps, which must not lead two people to the same place."""
     for one, other in combinations(chosen, 2):
         if (one.step.any() or other.step.any()) and np.linalg.norm(one.place_xz_m - other.place_xz_m) < APART_M:
             return -np.inf
@@ -96,7 +96,7 @@ def step_onto(
     """Return the step (3,) over the ground that moves expected skin to where its owner is seen; 0 where it already
     is.
 
-    skin_m (p, 3): the expected side that faces a camera; seen_m (n, 3): where ``find_steps`` found the owner.
+    skin_m (p, 3): the expected skin that faces a camera; seen_m (n, 3): points at which ``find_steps`` found the owner.
     """
     nowhere = np.zeros(3)
     if len(skin_m) < LEAST_POINTS or len(seen_m) < LEAST_POINTS:
@@ -149,7 +149,7 @@ def _best_step(
 def _worth(
     points_m: np.ndarray, steps: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Return (k,) the share of points found after each step, less the refuted ones; one camera is enough to find a
+    """Return the share (k,) of points found after each step, less the refuted ones; one camera is enough to find a
     point.
     """
     found = np.zeros((len(steps), len(points_m)), np.int8)
@@ -167,7 +167,7 @@ def _look(
     free: np.ndarray,
     found: np.ndarray,
 ) -> None:
-    """Enter 1 where a free pixel lies at a moved point's depth, and -1 where the camera sees past it."""
+    """Enter 1 for a moved point with a free pixel at its depth, and -1 for a point that the camera sees past."""
     height, width = depth.shape
     for k in range(len(steps)):
         column, row, far = pixels_of(points + steps[k], projection, height, width)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 
 class Stopwatch:
-    """Sum of the seconds spent in each named stage; a stage inside another is not counted twice."""
+    """A stopwatch that sums the seconds spent in each named stage; time in a nested stage is not counted twice."""
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
         self.seconds: dict[str, float] = {}

@@ -18,10 +18,11 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """The rule which requests are served: the token must be the first part of every path.
+    """The rule that decides which requests are served.
 
-    On loopback the Host must be a loopback name as well: another site that points its name here (DNS rebinding) sends
-    its own. A request that changes something must come from the page.
+    The token must be the first part of every path. On loopback, the Host must also be a loopback name, since another
+    site that points its name to this machine (DNS rebinding) sends its own name. A request that changes something must
+    come from the page.
     """
 
     token: str
@@ -34,8 +35,8 @@ class Guard:
         return rest if hmac.compare_digest(first.encode(), self.token.encode()) else None
 
     def host_is_ours(self, headers: Mapping[str, str]) -> bool:
-        """Return whether the request was made to a name of this machine; on any port, since the other end of a tunnel
-        has another one.
+        """Return whether the request was made to a name of this machine. Any port is allowed, since the other end of a
+        tunnel may have another port.
         """
         return not self.loopback or is_loopback(_name_in(headers.get("Host", "")))
 
@@ -70,9 +71,9 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-MOST: Final = 48  # open at once; systems allow a program 256 open files or more, and depth images are written beside
+MOST: Final = 48  # open connections; systems allow a program at least 256 open files, some of which depth images need
 MOST_PER_CLIENT: Final = 24  # connections from one address: four windows, each with the six connections of a browser
-CLOSING_S: Final = 1.0  # a connection that was shut down is closed at once
+CLOSING_S: Final = 1.0  # s; a connection that was shut down closes faster
 
 
 @dataclass(slots=True, eq=False)
@@ -84,7 +85,7 @@ class _Connection:
 
 
 class Connections:
-    """The open connections. A connection without a request with the token gives way to a new one, the oldest first."""
+    """The open connections. Connections that have not sent the token give way to new connections, the oldest first."""
 
     def __init__(self) -> None:
         self._open: list[_Connection] = []
@@ -113,7 +114,9 @@ class Connections:
             self._changed.notify_all()
 
     def _in_the_way(self, client: str) -> list[_Connection]:
-        """Return the connections of which one must go before another one of ``client`` may come; empty if none must."""
+        """Return the connections of which one must be closed before ``client`` may open another; empty if there is
+        space.
+        """
         if len(self._open) >= MOST:
             return self._open
         own = [one for one in self._open if one.client == client]
@@ -122,6 +125,6 @@ class Connections:
     def _close(self, stranger: _Connection) -> bool:
         """Return whether the thread that serves the connection will close it soon."""
         stranger.leaving = True
-        with suppress(OSError):  # it has gone by itself
+        with suppress(OSError):  # the client has closed it already
             stranger.request.shutdown(socket.SHUT_RDWR)
         return self._changed.wait_for(lambda: stranger not in self._open, CLOSING_S)

@@ -1,6 +1,6 @@
 """Provide the depth images behind the results: labelled points of all cameras, and the patient's surface.
 
-The cameras' clocks are the run's, so that images are shown together as they were tracked together.
+The clocks come from the run, so that images are shown together if they were tracked together.
 """
 
 from __future__ import annotations
@@ -32,12 +32,13 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
     return tuple(Clock(**clocks[camera]) for camera in cameras)
 
 
-REACH_PX: Final = 4  # slopes over nine pixels, 5 cm at 2 m: over fewer, the sensor's noise would show
+# pixels to either side over which slopes are computed, 5 cm at 2 m; over fewer, the sensor's noise would show
+REACH_PX: Final = 4
 JUMP_M: Final = 0.15  # a larger step is the edge of another surface
 
 _LIGHT: Final = np.array(
     [0.35, -0.5, -0.79]
-)  # camera frame: from above, a little from the side, mostly from the camera
+)  # direction of the light in the camera frame: from above, a little from the side, mostly from the camera
 
 
 def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
@@ -96,9 +97,9 @@ class DepthFrames:
         """Return, for each camera, (m, 4) uint16: column, row, grey value and look of each pixel with a reading; and
         problems.
 
-        Coarse grids come first (every eighth row and column, then every fourth, every second, the rest), so that a
-        slow page may draw a part. The look is 256 times ``shade`` plus the label. position: row of the results'
-        frames. Pixels of the room are included, thinned out, only with ``room``.
+        Coarse grids come first (every eighth row and column, then every fourth, then every second, then all), so that a
+        slow page may draw only a part. The look is 256 times ``shade`` plus the label. position: row of the results'
+        frames. room: whether to include a part of the room's pixels.
         """
         found, problems = list[np.ndarray](), list[str]()
         for number, camera in enumerate(self.cameras):
@@ -114,7 +115,7 @@ class DepthFrames:
         """Return the patient's seen skin of all cameras: vertices (v, 3), world, metres, faces (f, 3) int32; empty
         without labels.
 
-        It has each camera's own mesh as ``surface.mesh`` makes it, not cut at contacts and not joined.
+        It consists of the meshes of the single cameras, by ``surface.mesh``, not cut at contacts and not joined.
         """
         vertices, triangles, count = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.int32)], 0
         for number, camera in enumerate(self.cameras):
@@ -129,8 +130,7 @@ class DepthFrames:
         return np.concatenate(vertices), np.concatenate(triangles)
 
     def place_of_person(self, position: int, camera: str, column: int, row: int) -> tuple[np.ndarray | None, str]:
-        """Return the point (3,) of a person, metres, world, that a pixel shows; or None and the reason, for the
-        user.
+        """Return the point (3,), metres, world, of the person whom a pixel shows; or None and the reason, for the user.
 
         Without labels any reading is accepted: ``track`` checks whether a person is there. Raises ValueError for a
         camera or a pixel that does not exist.
@@ -179,7 +179,7 @@ class DepthFrames:
 
 
 def open_depth_frames(folder: Path, results: Path, run: dict[str, Any], frame: np.ndarray) -> DepthFrames:
-    """Open the recording behind the results; raises InputError where it is another one.
+    """Open the recording from which the results were made; raises InputError where it is another recording.
 
     frame (n,): the numbers of the results' frames.
     """
@@ -205,7 +205,9 @@ _REMEDY: Final = "give the recording that these results were made of"
 
 
 def _refuse_another(recording: Recording, run: dict[str, Any], poses: dict[str, Any]) -> None:
-    """Compare cameras, timestamps, and the first and last images: hashing all images would take minutes."""
+    """Raise InputError for another recording. Only cameras, timestamps, and the first and last images are compared,
+    since hashing all images would take minutes.
+    """
     names = [camera.name for camera in recording.cameras]
     if set(names) != set(poses):
         raise InputError(recording.folder, f"has the cameras {', '.join(names)}, not {', '.join(poses)}", _REMEDY)
@@ -232,7 +234,7 @@ def _pixels(depth_m: np.ndarray, labels: np.ndarray | None, camera: Camera, room
     coarse_first = np.argsort(_fineness(row, column), kind="stable")
     row, column = row[coarse_first], column[coarse_first]
     grey = np.rint(depth_m[row, column] / np.float32(camera.depth_scale))
-    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)  # shading is what costs most
+    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)  # shading takes most of the time
     lit = shade(depth_m[top : row.max() + REACH_PX + 1, left : column.max() + REACH_PX + 1], camera)
     look = 256 * lit[row - top, column - left].astype(np.uint16) + labels[row, column]
     return np.column_stack([column, row, grey, look]).astype(np.uint16)

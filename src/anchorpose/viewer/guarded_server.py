@@ -1,4 +1,6 @@
-"""A small web server for one page of this program: HTTP, access, the files of the page, the page in the browser."""
+"""Provide a small web server for a page of this program: HTTP, access control, the files of the page, and opening the
+browser.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,7 @@ RATING_PAGE: Final = "rate.html"
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What is sent back: bytes and their media type."""
+    """A response: bytes and their media type."""
 
     content: bytes
     kind: str
@@ -59,7 +61,7 @@ def json_response(value: Any) -> Response:
 
 
 def describe_error(error: Exception) -> str:
-    """Describe an error for the page: a file by its name without its folder, which may name the patient."""
+    """Describe an error for the page. A file is given by its name without its folder, which may name the patient."""
     if isinstance(error, InputError):
         return str(InputError(error.path.name, error.problem, error.remedy))
     if isinstance(error, OSError):
@@ -69,10 +71,10 @@ def describe_error(error: Exception) -> str:
 
 
 class GuardedServer(ThreadingHTTPServer):
-    """Listens once it is made; ``serve_forever`` answers. ``address`` is what to open.
+    """A server that listens as soon as it is made, and answers in ``serve_forever``.
 
-    page: the name of the page that the address shows; program: what printed the address, for refusals. Raises
-    AnchorposeError where it cannot listen on ``host`` and ``port``.
+    address: the address to open; page: the name of the page that the address shows; program: name of the command that
+    printed the address, for refusals. Raises AnchorposeError where it cannot listen on ``host`` and ``port``.
     """
 
     daemon_threads = True
@@ -97,7 +99,7 @@ class GuardedServer(ThreadingHTTPServer):
     @property
     def address(self) -> str:
         """Return the address with the token, which every request must carry."""
-        everywhere = self.host in ("0.0.0.0", "::")  # none of which can be opened
+        everywhere = self.host in ("0.0.0.0", "::")  # neither of these can be opened in a browser
         name = socket.gethostname() if everywhere else self.host
         return f"http://{f'[{name}]' if ':' in name else name}:{self.guard.port}/{self.guard.token}/"
 
@@ -117,7 +119,9 @@ class GuardedServer(ThreadingHTTPServer):
 
 
 class GuardedHandler(BaseHTTPRequestHandler):
-    """Sends the files of the page to those who have the token; everything else is up to ``answer_get``."""
+    """A handler that sends the files of the page to clients that have the token; ``answer_get`` answers all other
+    requests.
+    """
 
     protocol_version = "HTTP/1.1"
     server: GuardedServer
@@ -139,7 +143,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.answer_get(name)
 
     def answer_get(self, name: str) -> None:
-        """Answer a request for anything but a file."""
+        """Answer a request for anything that is not a file."""
         raise NotImplementedError
 
     def do_POST(self) -> None:
@@ -158,12 +162,12 @@ class GuardedHandler(BaseHTTPRequestHandler):
         self.answer(lambda: self.answer_post(name, _object(text)))
 
     def answer_post(self, name: str, body: dict[str, Any]) -> Response:
-        """Return the response after a change; raises the errors that ``answer`` handles."""
+        """Make a change and return the response; raises the errors that ``answer`` handles."""
         raise KeyError(name)
 
     def answer(self, make: Callable[[], Response]) -> None:
-        """Send the return value of ``make``; a refusal where it raises KeyError, or AnchorposeError, ValueError,
-        TypeError or OSError with a sentence.
+        """Send the return value of ``make``. Send a refusal where it raises KeyError, or a refusal with a sentence
+        where it raises AnchorposeError, ValueError, TypeError or OSError.
         """
         try:
             response = make()
@@ -175,7 +179,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.send(HTTPStatus.OK, response)
 
     def admitted(self) -> str | None:
-        """Return the requested name where token and host are right; otherwise None, and a refusal has been sent."""
+        """Return the requested name where token and host are correct; otherwise send a refusal and return None."""
         name = self.server.guard.path_within(self.path)
         if name is None or not self.server.guard.host_is_ours(self.plain_headers()):
             self.refuse(HTTPStatus.FORBIDDEN, f"Open the address that '{self.server.program}' printed.")
@@ -185,7 +189,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
         return name
 
     def refuse(self, status: HTTPStatus, sentence: str) -> None:
-        """End the connection after a sentence."""
+        """Send a refusal with a sentence, and end the connection."""
         self.close_connection = True  # a body may not have been read
         self.send(status, Response(json.dumps({"error": sentence}).encode(), JSON))
 
@@ -196,7 +200,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.wfile.write(response.content)
 
     def send_head(self, status: HTTPStatus, kind: str, more: Mapping[str, str]) -> None:
-        """Send status and headers; more: headers beside those of every answer."""
+        """Send status and headers. more: headers besides those of every answer."""
         self.send_response(status)
         self.send_header("Content-Type", kind)
         for name, value in more.items():
@@ -235,8 +239,8 @@ def load_assets() -> dict[str, Response]:
 
 @cache
 def content_policy(page: str) -> str:
-    """Return what a page (by its name) may load: its own files, and the one inline script (the import map), allowed by
-    its hash.
+    """Return the content policy of a page, given by its name. The page may load its own files and the only inline
+    script (the import map), which is allowed by its hash.
     """
     scripts = re.findall(rb"<script type=\"importmap\">(.*?)</script>", load_assets()[page].content, re.DOTALL)
     hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(text).digest()).decode()}'" for text in scripts)

@@ -1,4 +1,4 @@
-"""The hypotheses of a frame, computed on demand: some seconds to a minute of work, in a process of its own."""
+"""Compute the hypotheses of a frame on demand, in a separate process; this takes some seconds to a minute."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from anchorpose.viewer.payloads import pack
 
 
 class Progress(StrEnum):
-    """How far the work is."""
+    """The progress of computing hypotheses."""
 
     IDLE = "idle"
     WORKING = "working"
@@ -33,7 +33,9 @@ class Progress(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class WorkStatus:
-    """For the page: the row of the results that is worked on, how many frames were read, and messages."""
+    """The state of the work for the page: the row of the results that is worked on, how many frames were read, and
+    messages.
+    """
 
     progress: Progress
     position: int | None = None
@@ -42,7 +44,7 @@ class WorkStatus:
 
 
 class HypothesisWorker:
-    """Works on one frame at a time; starting another cancels the one under way."""
+    """A worker for one frame at a time; starting another frame cancels the work under way."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -71,14 +73,14 @@ class HypothesisWorker:
         context = multiprocessing.get_context("spawn")  # the server has threads, whose locks must not be copied
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
-        with self._lock:  # cancel finds the process started, or none
+        with self._lock:  # so that cancel finds either a started process or none
             process.start()
             self._work, self._data = (process, ours), b""
             self._status = WorkStatus(Progress.WORKING, position)
         theirs.close()
 
     def cancel(self) -> None:
-        """End the work, if there is any."""
+        """End the work, if any is under way."""
         with self._lock:
             work, self._work = self._work, None
             if work is None:
@@ -106,10 +108,10 @@ def hypotheses_of(
     """Return the nodes of a frame and their matches in the next frame by each subset of anchors, packed; and messages.
 
     Arrays: nodes (m, 3) and reached (m, s, 3) float32 world metres, NaN where a subset finds no match; best (m,) int32:
-    the subset on the best branch, -1 where none; asked (m,) uint8: whether the track tree follows the node.
-    meta: subsets [[anchor names]]; frames [this, next].
+    the subset on the best branch, -1 where none; asked (m,) uint8: whether the track tree reaches the node. meta:
+    subsets [[anchor names]]; frames [this, next].
     """
-    # the tracker is a second of imports: in the process that needs it
+    # importing the tracker takes a second: do it only in the process that needs it
     from anchorpose.tracker.config import TrackConfig
     from anchorpose.tracker.inspection import inspect_frame
 

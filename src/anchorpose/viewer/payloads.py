@@ -1,7 +1,7 @@
-"""Pack what the page fetches, as bytes: all frames at a glance; tables, points, surfaces some frames at a time; the
-body.
+"""Pack the data that the page fetches as bytes: an overview of all frames; tables, points and surfaces of some frames
+at a time; the body.
 
-Arrays are sent in one piece: a short JSON head with each array's place, then the arrays.
+Arrays are sent together: first a short JSON head with each array's position, then the arrays.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def motion_payload(review: Review, first: int, count: int) -> bytes:
 def curves_payload(review: Review, first: int, count: int) -> bytes:
     """Return the angle curves of the frames from row ``first`` on, with no more points than a screen shows.
 
-    The points of all angles, one angle after the other, each in the order of time. start (a + 1,) int32: where each
+    The points of all angles come one angle after the other, each in the order of time. start (a + 1,) int32: where each
     angle's points begin. row (m,) int32 of the results' frames, degrees and sigma (m,) float32, state (m,) uint8: as in
     that very frame.
     """
@@ -159,7 +159,7 @@ def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) 
 
 
 def rays_payload(depth_frames: DepthFrames) -> bytes:
-    """Return where each pixel of each camera looks: ``rays<i>`` (height, width, 2) float32, x/z and y/z, camera
+    """Return the ray of each pixel of each camera: ``rays<i>`` (height, width, 2) float32, x/z and y/z, camera
     frame.
     """
     return pack({}, {f"rays{number}": camera.pixel_rays() for number, camera in enumerate(depth_frames.cameras)})
@@ -169,8 +169,8 @@ def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool
     """Return the pixels of the frames (rows of the results) ``first`` on: points (m, 4) uint16 as
     ``DepthFrames.points``.
 
-    Frame by frame, camera by camera; meta counts has one list per frame with one count per camera. A point in the
-    world is ``T_world_camera @ (ray x, ray y, 1) * grey * depth_scale``.
+    Pixels are ordered by frame, then by camera; meta counts has one list per frame with one count per camera. A point
+    in the world is ``T_world_camera @ (ray x, ray y, 1) * grey * depth_scale``.
     """
     frames = [depth_frames.points(position, room) for position in _positions(depth_frames, first, count)]
     meta: dict[str, Any] = {
@@ -206,7 +206,7 @@ def _positions(depth_frames: DepthFrames, first: int, count: int) -> range:
 
 
 def _rows(frames: int, first: int, count: int, most: int) -> slice:
-    """Return the rows; raises ValueError for frames that do not exist, or more than ``most``."""
+    """Return the rows; raises ValueError for frames that do not exist, or for more than ``most`` frames."""
     if not (0 <= first < frames and 1 <= count <= most):
         raise ValueError(f"there are no frames {first} to {first + count - 1}")
     return slice(first, min(first + count, frames))
@@ -216,7 +216,7 @@ INFLUENCES: Final = 4  # bones per point on the graphics card; the others move n
 
 
 def moving_ancestor(asset: BodyAsset) -> np.ndarray:
-    """Return (b,) the row of ``MOVING_BONES`` that moves each bone: itself, or the nearest ancestor."""
+    """Return (b,) the row of ``MOVING_BONES`` that moves each bone: the bone itself, or its nearest moving ancestor."""
     row_of = {asset.bone(name): row for row, name in enumerate(MOVING_BONES)}
     carried = np.zeros(len(asset.bone_names), np.int64)
     for bone, parent in enumerate(asset.bone_parents.tolist()):

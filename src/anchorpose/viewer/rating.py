@@ -1,7 +1,8 @@
-"""The page for blinded raters: trials in random order, with nothing that tells their condition or their number.
+"""Serve the page for blinded raters: it shows trials in random order, and nothing that reveals their condition or
+number.
 
-The page sees one recording that consists of the trials in the order shown: frames are counted anew and time begins
-at 0, so that no request names a trial, a frame of the recording, or a time of the session.
+For the page, the trials in the order shown are a single recording with its own frame numbers and a time from 0. So no
+request names a trial, a frame of the recording, or a time of the session.
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ SEED_BITS: Final = 32
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blinded:
-    """review: the frames of all trials in the order shown. spans: the first and the last row of each."""
+    """The trials as shown to raters. review: the frames of all trials in the order shown. spans: the first and the last
+    row of each trial.
+    """
 
     review: Review
     spans: tuple[tuple[int, int], ...]
@@ -82,9 +85,7 @@ def blind(review: Review, trials: Sequence[Trial]) -> Blinded:
 
 
 def _page_time_s(time_s: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
-    """Return (n,) times of the page: each part of the session's times begins ``APART_S`` after the one before has
-    ended.
-    """
+    """Return the times (n,) for the page; each trial begins ``APART_S`` after the end of the previous trial."""
     found, now_s = list[np.ndarray](), 0.0
     for part in parts:
         found.append(now_s + time_s[part] - time_s[part.start])
@@ -93,7 +94,8 @@ def _page_time_s(time_s: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
 
 
 class ScoreFile:
-    """Adds scores to one rater's file, which is locked and read again for each; made with its order where it is absent.
+    """A writer of scores to one rater's file. The file is locked and read again for each score; if absent, it is made
+    with the order of trials.
 
     Raises InputError where the file cannot be used, or is about another session or rater.
     """
@@ -129,7 +131,7 @@ class ScoreFile:
 
 
 class RatingApi(ReviewApi):
-    """Answers the requests of the page for raters, none of which has a condition or the number of a trial."""
+    """The answers to requests of the page for raters; no request has a condition or the number of a trial."""
 
     def __init__(self, blinded: Blinded, scores: ScoreFile) -> None:
         super().__init__(blinded.review)
@@ -153,7 +155,7 @@ def _in_order(ratings: Ratings) -> dict[str, Any]:
 
 
 class RatingServer(ReviewServer):
-    """Serves the page for raters."""
+    """The server of the page for raters."""
 
     page = RATING_PAGE
     api: RatingApi
@@ -193,7 +195,7 @@ def _trials_of(results: Path, review: Review) -> Trials:
 
 
 def _shown(results: Path, trials: Trials, review: Review) -> list[int]:
-    """Return the numbers of the trials that have at least two tracked frames; raises InputError where there is none."""
+    """Return the numbers of the trials that have at least two tracked frames; raises InputError where no trial has."""
     parts = {trial.number: trial_rows(trial, review.joints.time_s) for trial in trials.rows}
     found = [number for number, part in parts.items() if part.stop - part.start >= LEAST_FRAMES]
     if not found:

@@ -1,6 +1,6 @@
-"""What the viewer shows: tables, recording, which frames to check first, and the file of corrections.
+"""Provide the data that the viewer shows: tables, recording, the frames to check first, and the file of corrections.
 
-Corrections are changed one at a time, also between programs: a lock file is beside the changed file.
+Only one program at a time may change corrections; a lock file beside the file ensures this.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from anchorpose.viewer.depth_frames import DepthFrames, open_depth_frames
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Review:
-    """poses, anchors, explained: None in results of a release that did not keep them. depth_frames: None without a
-    recording.
+    """The tables and the recording of a review. poses, anchors, explained: None in results of a release that did not
+    store them. depth_frames: None without a recording.
     """
 
     name: str
@@ -159,14 +159,14 @@ def _equipment(depth_frames: DepthFrames) -> dict[str, Any] | None:
     return {"vertices": vertices.round(4).ravel().tolist(), "faces": faces.ravel().tolist()}
 
 
-APART_S: Final = 1.0  # two frames closer than this show the same thing
-MOST_OF_A_KIND: Final = 12  # frames with the same kind of reason
-FEW_MATCHED: Final = 0.9  # good recordings have 0.95 to 1
+APART_S: Final = 1.0  # s; two frames closer than this show the same situation
+MOST_OF_A_KIND: Final = 12  # largest number of frames with the same kind of reason
+FEW_MATCHED: Final = 0.9  # share of matched points; good recordings have 0.95 to 1
 
 
 @dataclass(frozen=True, slots=True)
 class WorstFrame:
-    """A row of the results to check, the reason in words, and the joint concerned, if it is one."""
+    """A row of the results to check, the reason in words, and the joint concerned, if the reason is about a joint."""
 
     position: int
     reason: str
@@ -184,8 +184,8 @@ def worst_frames(
 ) -> tuple[WorstFrame, ...]:
     """Return frames to check: lost joints first, then unusable depth images, few matches, and the largest sigma.
 
-    matched_share (n,): NaN where no point was followed. Of each kind the worst frame, then the worst at least a second
-    away, and so on.
+    matched_share (n,): NaN where no point was followed. For each kind, the worst frame comes first, then the worst
+    frame at least a second away from it, and so on.
     """
 
     def worst(badness: np.ndarray) -> list[int]:
@@ -224,7 +224,7 @@ POLL_S: Final = 0.005
 def locked(path: Path) -> Iterator[None]:
     """Keep out other threads and programs that lock the same file until the block ends.
 
-    The operating system holds the lock, so that a program that dies leaves none behind; the empty lock file stays.
+    The operating system holds the lock, so that a program that dies leaves no lock behind; the empty lock file stays.
     Raises InputError where another program holds it for ``PATIENCE_S``, or where no lock is possible.
     """
     lock = FileLock(path.with_name(f".{path.name}.lock"))
@@ -243,12 +243,12 @@ def locked(path: Path) -> Iterator[None]:
 
 
 class CorrectionFile:
-    """Adds to one file and withdraws from it; the file is locked and read again for each change, so that several
-    viewers can work on it at once.
+    """A file of corrections to which entries are added and from which they are withdrawn.
 
-    initial: the corrections while there is no file; the first change writes them as well, so that a second round of
-    review keeps those of the first. Raises InputError where the file cannot be used, or is about another recording or
-    world.
+    It is locked and read again for each change, so that several viewers can work on it at once. initial: the
+    corrections while the file does not exist; the first change writes them as well, so that a second round of review
+    keeps the corrections of the first. Raises InputError where the file cannot be used, or is about another recording
+    or world.
     """
 
     def __init__(self, path: Path, initial: Corrections, joints: JointTable) -> None:
@@ -277,8 +277,8 @@ class CorrectionFile:
         return after
 
     def take_back(self, given: dict[str, Any]) -> Corrections:
-        """Move an ``entry``, given as it stands in the file, to the withdrawn ones, by ``who``; raises InputError, or
-        ValueError where there is no such entry.
+        """Move an ``entry``, given exactly as in the file, to the withdrawn entries, in the name of ``who``; raises
+        InputError, or ValueError where the entry does not exist.
         """
         withdrawal = parse_withdrawal(Path("correction"), {**given, "when": now_utc()})
         with locked(self.path):

@@ -1,4 +1,4 @@
-"""The servers of pages about one review: a table of all requests, and the results and files behind it."""
+"""Define the servers of pages about a review: a table of all requests, and the functions that answer them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from anchorpose.viewer.review import CorrectionFile, Review, describe, open_revi
 
 
 class ReviewApi:
-    """Answers what every page about a review asks for: its frames, and what is drawn of them.
+    """The answers to requests of every page about a review: its frames, and the data to draw them.
 
     Raises KeyError for an unknown request, ValueError or AnchorposeError for a wrong one.
     """
@@ -49,7 +49,7 @@ class ReviewApi:
         return self._post[name](body)
 
     def close(self) -> None:
-        """End what still works for the page."""
+        """End the work that is still under way for the page."""
 
     def _depth_frames(self) -> DepthFrames:
         if self.review.depth_frames is None:
@@ -64,7 +64,7 @@ class ReviewApi:
         return Response(payloads.points_payload(self._depth_frames(), first, count, query.get("room") == "1"), BYTES)
 
     def _surface(self, query: Mapping[str, str]) -> Response:
-        with self._compiling:  # the first call compiles; two at once would compile twice
+        with self._compiling:  # the first call compiles; two calls at once would compile twice
             return Response(
                 payloads.surface_payload(self._depth_frames(), int(query["first"]), int(query["count"])), BYTES
             )
@@ -77,7 +77,7 @@ class ReviewApi:
 
 
 class ViewerApi(ReviewApi):
-    """Answers the viewer's requests: curves, corrections and hypotheses as well."""
+    """The answers to the viewer's requests, which add curves, corrections and hypotheses."""
 
     def __init__(self, review: Review, corrections: CorrectionFile, who: str) -> None:
         super().__init__(review)
@@ -136,12 +136,12 @@ class ViewerApi(ReviewApi):
 
 
 class ReviewServer(GuardedServer):
-    """See ``GuardedServer``."""
+    """A server of a page about a review; see ``GuardedServer``."""
 
     program = "anchorpose view"
 
     def __init__(self, api: ReviewApi, host: str, port: int) -> None:
-        self.api = api  # first: where nothing can listen, the server is closed at once
+        self.api = api  # set first, since the server is closed at once where it cannot listen
         super().__init__(host, port, _Handler)
 
     def server_close(self) -> None:
@@ -151,7 +151,7 @@ class ReviewServer(GuardedServer):
 
 
 class ViewerServer(ReviewServer):
-    """Serves the viewer."""
+    """The server of the viewer."""
 
     page = VIEWER_PAGE
     api: ViewerApi

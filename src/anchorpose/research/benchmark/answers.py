@@ -28,7 +28,7 @@ JOINTS: Final = {"recording": pa.string(), "frame": pa.int64(), "joint": pa.stri
 MATCHES: Final = {"task": pa.string(), "pair": pa.string(), "node": pa.int64(), "match": pa.int64()}
 OPTIONAL: Final = "sigma_m"
 MAY_BE_EMPTY: Final = frozenset((*PLACE, OPTIONAL, "match"))
-FARTHEST_M: Final = 100.0  # a room is smaller; larger values are millimetres
+FARTHEST_M: Final = 100.0  # m; rooms are smaller, so larger values are millimetres
 NO_ROW, NO_MATCH = -2, -1
 """Marks of a node: the answers have no row for it; they state that it has no match."""
 
@@ -59,9 +59,7 @@ class Answers:
 
 
 def read_answers(folder: Path, benchmark: Benchmark) -> Answers:
-    """Return the answers about what is in the benchmark folder; raises InputError with the first thing that is
-    wrong.
-    """
+    """Return the answers about recordings in the benchmark folder; raises InputError with the first fault."""
     method, source = _read_about(folder / ABOUT)
     joints, matches = (_table_file(folder, name) for name in ("joints", "matches"))
     if joints is None and matches is None:
@@ -131,7 +129,7 @@ def _row(index: int) -> str:
 
 
 def _codes(path: Path, name: str, values: np.ndarray, known: Sequence[str]) -> np.ndarray:
-    """Return (rows,) index of each text in ``known``; raises InputError for another."""
+    """Return (rows,) the index of each text in ``known``; raises InputError for any other text."""
     texts = pa.array(values, pa.string()).dictionary_encode()
     place = {text: index for index, text in enumerate(known)}
     codes = np.array([place.get(text, -1) for text in texts.dictionary.to_pylist()], np.int64)[texts.indices.to_numpy()]
@@ -148,7 +146,7 @@ def _refuse(path: Path, wrong: np.ndarray, problem: str, remedy: str) -> None:
 
 
 def _repeated(*keys: np.ndarray) -> np.ndarray:
-    """Return (rows,) bool: true where an earlier row has the same keys."""
+    """Return (rows,) bool: rows for which an earlier row has the same keys."""
     one = np.zeros(len(keys[0]), np.int64)
     for key in keys:
         one = np.unique(one, return_inverse=True)[1] * (key.max(initial=0) + 1) + key
@@ -221,7 +219,7 @@ def _read_matches(path: Path, benchmark: Benchmark) -> tuple[dict[tuple[str, str
 
 
 def _sizes(folder: Path, pair: Pair, known: dict[str, int]) -> tuple[int, int]:
-    """Return how many nodes the two frames of a pair have."""
+    """Return the numbers of nodes of the two frames of a pair."""
     for name in (pair.first, pair.second):
         if name not in known:
             known[name] = len(read_nodes(folder / name))

@@ -14,8 +14,8 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # around a label: gives the depth of the labelled skin
-IN_FRONT_M, BEHIND_M = 0.10, 0.35  # limits, relative to that skin, of a joint beneath it
+PATCH_PX: Final = 3  # pixels around a label that give the depth of the labelled skin
+IN_FRONT_M, BEHIND_M = 0.10, 0.35  # m, how far a joint may lie in front of and behind the skin at its label
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
 """Joints that are invisible under clothes: labellers placed them by proportion, up to 12 cm apart."""
@@ -24,8 +24,9 @@ DEEP_M: Final = 0.10  # m from the skin of a trunk to its axis
 
 @dataclass(frozen=True, slots=True)
 class LabelledPerson:
-    """One person in one frame. box: first and last column and row; joints: name to (column, row), only those that are
-    seen; plain: head and more than half of the trunk are in view; unclear: joints that the labeller was less sure of.
+    """One person in one frame. box: first and last column and row; joints: name to (column, row), only of seen joints;
+    plain: whether head and more than half of the trunk are in view; unclear: joints about which the labeller was less
+    sure.
     """
 
     person: str
@@ -73,7 +74,7 @@ def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
 
 
 def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """Return (3,) world: the middle of a labelled trunk; None where no joint of it is labelled or read."""
+    """Return (3,) world: the middle of a labelled trunk; None where no joint of it is labelled and has a reading."""
     found = []
     for name in TRUNK:
         if name in person.joints and np.isfinite(z := skin_depth_m(depth_m, person.joints[name])):
@@ -85,10 +86,11 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
 
 
 def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return how far each labelled joint that can be seen is from a tracked one, (21, 3) world, across the line of
-    sight.
+    """Return the distance, across the line of sight, of each visible labelled joint from the tracked joint, (21, 3)
+    world.
 
-    inf where it is lost, or before or far behind the skin that the label was set on; left out where nothing was read.
+    It is inf where the tracked joint is lost, in front of, or far behind the labelled skin; joints without a reading at
+    the label are left out.
     """
     distances = {}
     for name, (right, down, behind) in shift_m(person, joints_m, depth_m, camera).items():
@@ -101,7 +103,7 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
     """Return the joint to (3,): how far (21, 3) world joints are right of, below and behind a label on the skin; NaN
     where lost.
 
-    Joints that are labelled by proportion, and labels where nothing was read, are left out.
+    Joints that are labelled by proportion, and labels without a reading, are left out.
     """
     T_camera_world, lens = invert_rigid(camera.require_pose()), camera.intrinsics
     shifts = {}
@@ -116,7 +118,7 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return how far apart two labels of the same joint are, where both have it."""
+    """Return how far apart the labels of two labellers are, for each joint that both labelled."""
     lens = camera.intrinsics
     return {
         name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)

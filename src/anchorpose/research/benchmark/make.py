@@ -37,7 +37,7 @@ from anchorpose.threads import one_thread
 DOCUMENT: Final = "benchmark.json"
 FORMAT: Final = "anchorpose-benchmark"
 REFERENCE: Final = "reference.json"  # file beside this module: DOCUMENT of the whole set as made on Linux, x86-64
-HOLE_SHARE: Final = 0.5  # share of the frames, as in the paper; never the first
+HOLE_SHARE: Final = 0.5  # share of the frames that get a hole, as in the paper; never the first frame
 STEP: Final = 2  # every second row and column is a node, as in the tracker's mesh
 TRUTH_UNIT_M: Final = 1e-4  # true joints are compared to a tenth of a millimetre
 
@@ -68,9 +68,9 @@ class Benchmark:
 def make_benchmark(
     out: Path, groups: Sequence[Group], processes: int | None, progress: Callable[[int, int], None]
 ) -> Benchmark:
-    """Simulate the groups into a folder, and take the fingerprints of all that is there.
+    """Simulate the groups into a folder, and take the fingerprints of all its recordings.
 
-    What an earlier run has finished is kept, so that the same call checks a benchmark.
+    Recordings that an earlier run has finished are kept, so the same call also checks a benchmark.
 
     Raises InputError where the folder is neither empty nor a benchmark of this version.
     """
@@ -127,7 +127,9 @@ def reference() -> dict[str, Fingerprint]:
 
 
 def make_group(group: Group, out: Path) -> None:
-    """Make everything of one seed: recordings, true joints, nodes, and their true matches in the format of answers."""
+    """Make all files of one seed: recordings, true joints, nodes, and true matches of the nodes in the format of
+    answers.
+    """
     with one_thread(), whole_or_nothing(out / group.name) as work:
         simulated = work / "simulated"
         simulate_recording(simulated, group.simulation)

@@ -15,7 +15,7 @@ VERSION: Final = 1
 """Version; it grows with every change of recordings, tasks or scores: figures of two versions are not comparable."""
 
 SECONDS: Final = 6.0
-FPS: Final = 10.0  # the paper's samples are about a tenth of a second apart
+FPS: Final = 10.0  # frames per second; the paper's samples are about a tenth of a second apart
 GAPS: Final = {"association-0.1s": 1, "association-0.3s": 3, "association-1s": 10, "association-1.5s": 15}
 """Frames between the two frames of a pair, by task."""
 
@@ -56,7 +56,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Everything made from one seed: a recording with its copies that have holes, or a clinic."""
+    """All recordings made from one seed: a recording and its copies with holes, or a clinic."""
 
     part: Part
     is_clinic: bool
@@ -101,7 +101,7 @@ class Group:
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """Return the groups of a part; at_most: limit per kind, beginning with the first seeds."""
+    """Return the groups of a part. at_most: largest number per kind, beginning with the first seeds."""
     single, clinic = SEEDS[part]
     return tuple(
         Group(part, is_clinic, seed)

@@ -25,9 +25,11 @@ Joints = dict[tuple[str, str, int], np.ndarray]
 
 
 def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskScore]:
-    """Return, by recording with labels in the user's folder, distances across the line of sight, to both labellers.
+    """Return, for each labelled recording in the user's folder, the distances across the line of sight from both
+    labellers' labels.
 
-    A joint that is not at the labelled person's depth counts as missing. Raises InputError where no recording is there.
+    A joint that is not at the labelled person's depth counts as missing. Raises InputError where the folder has no
+    labelled recording.
     """
     joints, scores = _read(answers / FILE), dict[str, TaskScore]()
     names = sorted({path.name.split(".")[0] for path in labels.glob("*.first.json")})

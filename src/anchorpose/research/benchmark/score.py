@@ -28,8 +28,8 @@ RESAMPLES: Final = 2000
 class Asked(NamedTuple):
     """The questions of a task about one recording: m nodes seen in both frames, or joints with a known truth.
 
-    error_mm (m,): NaN without an answer. none (m,) bool: answered that there is no match. moved (m,) bool: nodes that
-    moved. within (m, 3): 1 or 0 for each axis with the truth in 1.96 sigma or not, NaN where no sigma is given.
+    error_mm (m,): NaN without an answer. none (m,) bool: questions answered by "no match". moved (m,) bool: nodes that
+    moved. within (m, 3): per axis, 1 where the truth lies within 1.96 sigma, else 0; NaN where no sigma is given.
     """
 
     error_mm: np.ndarray
@@ -40,10 +40,11 @@ class Asked(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskScore:
-    """Figures of one task; None where there is no data for one.
+    """Figures of one task; None where a figure has no data.
 
-    missing_share: of what was asked, without an answer; none_share: answered that there is no match. Shares within a
-    distance are of all that was asked, millimetres of what was answered. coverage_95: of the axes with a sigma.
+    missing_share: share of the questions without an answer; none_share: share answered by "no match". Shares within a
+    distance are of all questions, millimetres are over the answered questions. coverage_95: share of the axes with a
+    sigma.
     """
 
     recordings: int
@@ -63,7 +64,7 @@ class TaskScore:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Score:
-    """A score. tasks: those with any answer; asked: their questions, by task and group."""
+    """A score. tasks: tasks with any answer; asked: their questions, by task and group."""
 
     answers: Answers
     part: Part
@@ -73,7 +74,7 @@ class Score:
 
 
 def score_answers(benchmark: Benchmark, answers: Answers, part: Part) -> Score:
-    """Score every task of a part that the answers take part in: all of its recordings in the folder count."""
+    """Score every task of a part to which there are answers; all recordings of the task in the folder count."""
     groups = [group for group in benchmark.groups if group.part is part]
     asked: dict[str, dict[str, Asked]] = {}
     for group in groups:
@@ -146,10 +147,11 @@ def summarise(each: Sequence[Asked]) -> TaskScore:
 
 
 def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
-    """Return ``one`` minus ``other``, by task, with 95 % intervals by the bootstrap over recordings, drawn in pairs.
+    """Return the differences ``one`` minus ``other``, by task, with 95 % intervals by the bootstrap over recordings,
+    drawn in pairs.
 
-    mm: mean distance where both have an answer, negative where ``one`` is nearer; within_50mm: share of everything that
-    was asked, positive where ``one`` is better.
+    mm: mean distance where both have an answer, negative where ``one`` is nearer; within_50mm: share of all questions,
+    positive where ``one`` is better.
     """
     compared = {}
     for task in (task for task in TASKS if task in one.asked and task in other.asked):

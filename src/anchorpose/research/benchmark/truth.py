@@ -53,15 +53,18 @@ class PairTruth:
         return moved
 
     def nearest(self) -> np.ndarray:
-        """Return (n,) int: the node nearest to each true place, -1 where it is not seen: the best possible answer."""
+        """Return (n,) int the best possible answer: the node nearest to each true place, -1 where the place is not
+        seen.
+        """
         best, seen = np.full(len(self.first_m), -1, np.int64), self.places.seen
         best[seen] = cKDTree(self.second_m).query(self.places.place_m[seen])[1]
         return best
 
     def error_mm(self, match: np.ndarray) -> np.ndarray:
-        """Return (n,) distance along the skin of each match (-1 or less: none) from the true place; NaN without either.
+        """Return (n,) the distance along the skin of each match (-1 or less: none) from the true place; NaN without
+        match or place.
 
-        At least the straight distance: both ends are known only to the nearest vertex of the skin.
+        It is at least the straight distance, since both ends are known only to the nearest vertex of the skin.
         """
         error, known = np.full(len(match), np.nan), (match >= 0) & self.places.seen
         matched = self.second_m[match[known]]
@@ -72,7 +75,7 @@ class PairTruth:
 
 
 def truth_of(group: Path, pair: Pair, skin: Skin) -> PairTruth:
-    """Return the truth of a pair. group: the folder of its group; skin: of the group's simulation."""
+    """Return the truth of a pair. group: the folder of its group; skin: skin of the group's simulation."""
     first, second = (read_nodes(group / NODES / Path(name).name) for name in (pair.first, pair.second))
     places = skin.follow(first, pair.first_frame, pair.second_frame, second)
     return PairTruth(skin, pair, first, second, places)

@@ -1,4 +1,4 @@
-"""The recordings of an experiment as jobs of the engine that also tracks many sessions, with progress."""
+"""Run the recordings of an experiment as jobs of the engine that also tracks many sessions, with progress."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Progress = Callable[[float, float], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """Part of an experiment: clips, the plan of their tasks, and what these cost."""
+    """A part of an experiment: clips, the plan of their tasks, and the costs of the tasks."""
 
     spec: PlanSpec
     clips: tuple[Clip, ...]
@@ -37,7 +37,7 @@ class Part:
         return self.cost_s(self.tasks())
 
     def cost_s(self, tasks: list[Task]) -> float:
-        """Return the seconds on one core for those of the tasks that are open, and their recordings."""
+        """Return the seconds on one core for the open tasks among the given tasks, and for their recordings."""
         by_clip: dict[str, float] = {}
         for task in tasks:
             if not task.done:

@@ -1,4 +1,5 @@
-"""The recordings of an experiment: simulated ones, or the user's own with reference skeletons; and their holes.
+"""Provide the recordings of an experiment, simulated or the user's own with reference skeletons, and cut holes into
+them.
 
 Holes are the paper's transient occlusions: data removed around the body's centre in random frames (Section V).
 """
@@ -23,12 +24,14 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
-LOOSE_M = 0.014  # close to what the simulator refuses; ordinary clothes are up to 0.009 away from the skin
+LOOSE_M = 0.014  # m, close to the simulator's limit; ordinary clothes are up to 0.009 away from the skin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clip:
-    """One recording. simulation: its settings, or None where ``folder`` is the user's."""
+    """One recording of an experiment. simulation: settings of a simulated recording, None where ``folder`` is the
+    user's.
+    """
 
     name: str
     scene: Scene
@@ -76,18 +79,18 @@ def simulation_of(scene: Scene, seed: int, config: ExperimentConfig) -> Simulati
     raise ValueError(f"{scene} is not simulated")
 
 
-SURE = 1.0  # confidence of a reference joint that counts
+SURE = 1.0  # least confidence of a reference joint that is used
 
 
 def simulated_joints(truth: Path) -> np.ndarray:
-    """Return (t, 21, 3) metres, world, of a truth.npz."""
+    """Return the true joints (t, 21, 3) of a truth.npz, metres, world."""
     joints: np.ndarray = read_arrays(truth, ("joints",), "simulate the recording again")["joints"]
     return joints
 
 
 def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
-    """Return (t, 21, 3) metres, world, of a skeleton.npz (``names`` of our joints, ``xyz`` (t, m, 4)); NaN where
-    uncertain.
+    """Return the joints (t, 21, 3), metres, world, of a skeleton.npz (``names`` of our joints, ``xyz`` (t, m, 4)); NaN
+    where uncertain.
 
     ``xyz``: camera x right, y up, z away, metres, and confidence; a joint at the origin is missing.
     Raises InputError where the file is not such a skeleton.
@@ -108,11 +111,13 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
 
 
 ON_BODY_M = 0.3  # distance from the middle of a body to its skin; a point farther away is not on the body
-HOLES_KEY = 7  # a random stream of its own beside those of the recordings
+HOLES_KEY = 7  # key of a random stream that is separate from those of the recordings
 
 
 def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]) -> np.ndarray:
-    """Draw (frames,) bool: the frames that lose data; never those at which tracking starts, whose pose is given."""
+    """Draw (frames,) bool: the frames that lose data. Frames at which tracking starts, whose pose is given, never
+    do.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HOLES_KEY,)))
     chosen: np.ndarray = rng.random(frames) < share
     chosen[list(starts)] = False
@@ -123,10 +128,10 @@ def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.
     """Return a copy of the recording folder at ``out`` without the readings nearer than ``radius_m`` to the body's
     centre.
 
-    centre_m (t, 3): the mean of the visible body, world, NaN where it was not seen: such a frame stays as it is. That
-    mean lies inside the body; the hole is centred on the reading nearest to it, so that the radius holds on the skin.
-    chosen (t,) bool. Images that lose nothing are linked, not copied. Returns (t,) bool: the frames that lost readings.
-    Raises InputError for a recording of several cameras: their frames would have to be paired first.
+    centre_m (t, 3): the mean of the visible body, world, NaN where the body was not seen; such a frame does not change.
+    This mean lies inside the body, so the hole is centred on the reading nearest to it, and the radius is valid on the
+    skin. chosen (t,) bool. Images that lose nothing are linked, not copied. Returns (t,) bool: the frames that lost
+    readings. Raises InputError for a recording of several cameras: their frames would have to be paired first.
     """
     if len(recording.cameras) != 1:
         raise InputError(recording.folder, "has several cameras", "holes are cut in recordings of one camera only")

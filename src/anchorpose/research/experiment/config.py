@@ -18,25 +18,25 @@ class Scene(StrEnum):
     """A kind of recording; all but the first are beyond the paper."""
 
     PAPER = "paper"  # one person, one front camera, no occluder but the holes
-    LOOSE = "loose"  # the same in clothes twice as loose
-    FRAME = "frame"  # one front camera, a standing frame's bars before the patient
-    CLINIC_FRONT = "clinic-front"  # the frame, and two therapists who hold and move, one front camera
-    CLINIC = "clinic"  # the same with three cameras
+    LOOSE = "loose"  # as paper, in clothes twice as loose
+    FRAME = "frame"  # one front camera, a standing frame's bars in front of the patient
+    CLINIC_FRONT = "clinic-front"  # as frame, with two therapists who hold and move
+    CLINIC = "clinic"  # as clinic-front, with three cameras
     REAL = "real"  # recordings that the user gives, with reference skeletons
 
 
 class Form(StrEnum):
-    """What the framework makes of the matches.
+    """The form of the framework: how a pose follows from the matches.
 
     Rejection is not in the paper: the track tree gives up a node at ``TreeConfig.missed_cost_m``, a part's motion is
-    fitted with Cauchy's weights, and a pose that explains too little of the frame is left for the predicted one. All of
-    it makes gross errors of the matches free.
+    fitted with Cauchy's weights, and a pose that explains too little of the frame is replaced by the predicted pose. So
+    gross errors of the matches have no effect.
     """
 
     REFINED = "surface"  # parts follow their matches, then the surface (ICP); bad matches are rejected
-    REFINED_ALL = "surface-all"  # the same, nothing rejected
+    REFINED_ALL = "surface-all"  # as surface, but nothing is rejected
     MATCHES = "matches"  # parts follow their matches alone; bad matches are rejected
-    MATCHES_ALL = "matches-all"  # the same, nothing rejected
+    MATCHES_ALL = "matches-all"  # as matches, but nothing is rejected
 
     @property
     def refined(self) -> bool:
@@ -50,7 +50,7 @@ class Form(StrEnum):
 
 
 class Update(StrEnum):
-    """How the pose follows from the matches."""
+    """The way in which the pose is updated by the matches."""
 
     PARTS = "parts"  # every part by itself, as in the paper
     KALMAN = "kalman"  # an iterated extended Kalman filter over the pose (paper, Section III)
@@ -78,7 +78,8 @@ class ExperimentConfig:
     segments: Count = 6
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # between the two frames whose matches are compared
     windows: Count = 2  # moments of each recording, size of hole and gap at which matches are compared with the truth
-    forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)  # those with the surface: at every size
+    # forms with the surface run at every size of hole
+    forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: Count = 3  # recordings of each scene beyond the paper's
     scene_seconds: Positive = 6.0

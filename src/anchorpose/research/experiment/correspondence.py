@@ -1,4 +1,4 @@
-"""The true correspondence of simulated surfaces: the position of each node's point on the skin in another frame."""
+"""Compute the true correspondence of simulated surfaces: where the skin point of each node is in another frame."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 
-SEEN_M = 0.025  # two node spacings: a point without a node this near is not seen
-ON_SKIN_M = 0.05  # a node farther from the skin is not the patient's
+SEEN_M = 0.025  # m, two node spacings; a point without a node this near is not seen
+ON_SKIN_M = 0.05  # m; a node farther from the skin is not on the patient
 SPACING_M = 0.04  # spacing of the points between which distances along the skin are computed
 
 REGIONS = {
@@ -53,7 +53,7 @@ class Skin:
         self.performance: Performance = self.clinic.act(self.clinic.true_times_s(0))
 
     def at(self, frame: int) -> np.ndarray:
-        """Return (v, 3) metres, world."""
+        """Return the skin's vertices (v, 3) at a time, metres, world."""
         return np.asarray(self.performance.figures(frame)[0].skin_m, dtype=np.float64)
 
     def follow(self, nodes_m: np.ndarray, frame: int, other: int, other_nodes_m: np.ndarray) -> TruePlaces:
@@ -68,12 +68,14 @@ class Skin:
         return TruePlaces(vertex, place, seen)
 
     def vertex_at(self, places_m: np.ndarray, frame: int) -> np.ndarray:
-        """Return (m,) vertex of the skin nearest to each place."""
+        """Return the vertex (m,) of the skin nearest to each place."""
         vertex: np.ndarray = cKDTree(self.at(frame)).query(places_m)[1]
         return vertex
 
     def along_skin_m(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Return (m,) distance along the skin between vertices; far apart, too short by up to the sample's spacing."""
+        """Return (m,) distance along the skin between vertices; long distances may be too short by up to the spacing of
+        the sample.
+        """
         rest, sample, between = self._sampled
         straight = np.linalg.norm(rest[one] - rest[other], axis=1)
         near_one, near_other = self._nearest[one], self._nearest[other]
@@ -106,7 +108,7 @@ class Skin:
 
     @cached_property
     def side(self) -> np.ndarray:
-        """Return (v,) -1 on a left limb, 1 on a right one, 0 on head and trunk."""
+        """Return the side (v,) of each vertex: -1 on a left limb, 1 on a right limb, 0 on head and trunk."""
         limb = [region_of(name) > LAST_WITHOUT_SIDE for name in self._bone_names]
         sign = [
             (name[0] == "R") - (name[0] == "L") if on_limb else 0
@@ -124,7 +126,7 @@ class Skin:
 
 
 def region_of(bone: str) -> int:
-    """Return the index into ``REGIONS`` of a bone's region. Raises ValueError for a bone without one."""
+    """Return the index into ``REGIONS`` of a bone's region. Raises ValueError for a bone that is in no region."""
     name = bone.removeprefix("Left").removeprefix("Right")
     names = {name, bone, name[1:]}  # LHipJoint and LThumb name their side by one letter
     fits = [

@@ -1,4 +1,4 @@
-"""How long the open tasks of an experiment take on an idle core, roughly."""
+"""Estimate roughly how long the open tasks of an experiment take on an idle core."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ MAKING: Final = 2.0  # time to simulate a frame and to track it for the referenc
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """Seconds of one core.
+    """Costs in seconds of one core.
 
-    frame_s: per frame and method, in all forms and sizes of hole of the paper's scene, which share descriptors and
-    matches; alone_s: in one form with one size; window_s: per pair of frames whose matches are compared, and method;
-    own_s: per frame of this project's tracker, learning included.
+    frame_s: per frame and method, in all forms and sizes of hole of the paper's scene together, which share descriptors
+    and matches; alone_s: per frame and method in a single form and size; window_s: per method and pair of frames whose
+    matches are compared; own_s: per frame of this project's tracker, learning included.
     """
 
     frame_s: Mapping[str, float]

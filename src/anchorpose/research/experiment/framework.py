@@ -1,4 +1,4 @@
-"""The tracking framework of the paper, in which each method replaces the association (Section V), and its start."""
+"""Provide the tracking framework of the paper and its start; each method replaces the association (Section V)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-NO_HEIGHT_M = np.nan  # only anchors depend on it, which are not searched before the body is known
+NO_HEIGHT_M = np.nan  # only anchors depend on the height, and they are not searched before the body is known
 NEVER_M = 1000.0  # no branch of the tree is ever this far from its prediction, so none is given up
 ANYWHERE_M = 10.0  # every node may be matched with every other, as in the paper
 ALL_NODES = (
@@ -58,10 +58,11 @@ def paper_room(recording: Recording, reference: Reference, movements: Path) -> R
 
 
 def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
-    """Return all that is known before the first frame is tracked, with the configuration of ``paper_config``.
+    """Return the run, with everything that is known before the first frame is tracked, and the configuration of
+    ``paper_config``.
 
-    stride: only every so many frames of the recording are looked at. With a stride over one the patient is expected at
-    the last place: reference movements do not predict a second ahead, and are too short at such a rate.
+    stride: step between the frames that are used. With a stride above 1 the patient is expected at the last place,
+    since reference movements do not predict a second ahead and are too short at such a rate.
     """
     config = paper_config(movements, form)
     if stride > 1:
@@ -70,10 +71,10 @@ def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int =
 
 
 def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, stride: int = 1) -> PaperTracker:
-    """Return a tracker of the patient from a frame (position in the recording) on, in which the pose is given.
+    """Return a tracker that starts at a frame (position in the recording) in which the pose is given.
 
-    The joints in the frames before, every ``stride``-th, are given too, as far back as there is no gap: the motion
-    dynamics need a past.
+    The motion dynamics need a past, so the joints in every ``stride``-th earlier frame are given, too, back to the
+    first gap.
     """
     reference, way = given.reference, way or Way()
     tracker = PaperTracker(run, given_start(frame, given, run, way.anchored), way, given)
@@ -84,7 +85,9 @@ def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, s
 
 
 def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True) -> Start:
-    """Return the start in a frame in which the pose is given, made once for runs that observe the same in it."""
+    """Return the start in a frame in which the pose is given; it is made only once for all runs that observe the same
+    in this frame.
+    """
 
     def make() -> Start:
         pose, frame_set = given.reference.pose(frame), given.frame(frame)
@@ -104,7 +107,7 @@ def _observing(config: TrackConfig) -> TrackConfig:
 
 
 def follow_segment(tracker: PaperTracker, later: Sequence[FrameSet]) -> np.ndarray:
-    """Return (n, 21, 3) metres, world: the joints in each of the later frames, also where the tracker calls them
+    """Return the joints (n, 21, 3), metres, world, in each of the later frames, even where the tracker reports them as
     lost.
     """
     joints = []
@@ -117,5 +120,5 @@ def follow_segment(tracker: PaperTracker, later: Sequence[FrameSet]) -> np.ndarr
 
 
 def _confident(belief: PoseBelief) -> PoseBelief:
-    """Return the belief with a tenth of its standard deviation, since the pose was tracked."""
+    """Return the belief with a tenth of its standard deviation, as for a pose that was tracked before."""
     return PoseBelief(belief.pose, belief.covariance / 100.0, belief.information * 100.0)

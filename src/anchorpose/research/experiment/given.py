@@ -1,8 +1,8 @@
-"""Provide what every method of the experiment is given: the body, the pose before tracking starts, the patient's
-pixels.
+"""Provide the data that every method of the experiment is given: the body, the pose before tracking starts, and the
+patient's pixels.
 
-The paper takes all three from the sensor's own tracker on unoccluded data; here they come from this project's tracker,
-on the recording before anything is removed from it. No method sees the truth.
+The paper takes all three from the sensor's own tracker on unoccluded data. Here they come from this project's tracker,
+on the recording without holes. No method sees the truth.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Reference:
 
     @property
     def found(self) -> np.ndarray:
-        """Return (t,) bool: the patient was found."""
+        """Return (t,) bool: frames in which the patient was found."""
         return np.isfinite(self.root_m).all(axis=1)
 
     def pose(self, frame: int) -> Pose:
@@ -138,9 +138,9 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
 class GivenFrames:
     """The frames of a recording with the patient's pixels in them, and the surfaces that these show.
 
-    All are made once for all methods and forms, which therefore see the same; only a method that closes the mesh with
-    the expected body sees a surface of its own. uncut: the frames of the recording before holes were cut; those that
-    lost nothing are the same.
+    All are made once for all methods and forms, which therefore see the same data; only a method that closes the mesh
+    with the expected body sees a different surface. uncut: the frames of the recording before holes were cut; frames
+    that lost nothing are the same.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class GivenFrames:
         return None if self._cut[position] else self._uncut
 
     def start(self, position: int, observing: Hashable, make: Callable[[], Start]) -> Start:
-        """Return the start at a position for those who observe the same in it, made where there is none yet."""
+        """Return the start at a position, for runs that observe the same in it; make it if it does not exist yet."""
         same, key = self._same_as_uncut(position), (position, observing)
         if same is not None:
             return same.start(position, observing, make)
@@ -183,10 +183,10 @@ class GivenFrames:
     def observe(
         self, frame_set: FrameSet, expected: Expectation | None, height_m: float, run: Run, anchored: bool
     ) -> Observation:
-        """Return what a frame shows of the patient: a surface that is given, and anchors by the method's own
+        """Return the observation of the patient in a frame: the given surface, and anchors by the method's own
         expectation.
 
-        anchored: False where nothing looks at the anchors, which are then not looked for.
+        anchored: False where the method does not use anchors, which are then not searched.
         """
         surface = self._surface(self._position[frame_set.frame], expected, run)
         anchors = see_anchors(surface, expected, height_m, run) if anchored else no_anchors()
@@ -219,5 +219,5 @@ class GivenFrames:
 
 
 def _isolated(views: tuple[View | None, ...]) -> Isolated:
-    """Return the labelled people as given: nobody else has to be followed."""
+    """Return the labelled people as given, without people to follow."""
     return Isolated((None,) * len(views), views, empty_memory(), Bystanders())

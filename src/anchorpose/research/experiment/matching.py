@@ -1,4 +1,5 @@
-"""The distance of matches from the true correspondence, on windows: moments of a recording with their look-ahead.
+"""Measure the distance of matches from the true correspondence, on windows: moments of a recording with their
+look-ahead.
 
 In a window every method matches the same meshes.
 """
@@ -30,8 +31,9 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """frame: position of the first observation; stride: frames from one to the next; poses: the predicted poses of
-    those after the first."""
+    """A window. frame: position of the first observation; stride: number of frames between observations; poses: the
+    predicted poses of all observations but the first.
+    """
 
     frame: int
     stride: int
@@ -45,9 +47,10 @@ class Window:
 class Matches:
     """A method's matches of the m nodes of a window's first frame: nodes of the second, -1 = no match.
 
-    direct (m,): its only hypothesis, -1 where it has several; links: the hypotheses of each pair of frames; tree: the
-    choice of the track tree, for its ``node`` only: those on the body; every: that of a tree that gives no node up;
-    describe_s: seconds on one core for the first two frames' descriptors and the matches between them.
+    direct (m,): the only hypothesis of each node, -1 where the method has several; links: the hypotheses of each pair
+    of frames; tree: the choice of the track tree, only for nodes on the body; every: the choice of a tree that assigns
+    a match to every node; describe_s: seconds on one core for the first two frames' descriptors and the matches between
+    them.
     """
 
     direct: np.ndarray
@@ -58,9 +61,9 @@ class Matches:
 
 
 def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Window | None:
-    """Return the window from a frame on; None where the patient was not found in it or is not seen in the next.
+    """Return the window from a frame on; None where the patient was not found in it or is not seen in the next frame.
 
-    stride: frames from one observation to the next, of ``run_in`` too.
+    stride: frames from one observation to the next, as for ``run_in``.
     """
     if not given.reference.found[frame] or frame + stride >= len(given):
         return None
@@ -105,12 +108,13 @@ def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
     return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))
 
 
-COMPARED = 400  # nodes of a window, drawn at random: enough for its mean; stored with every result
+# nodes of a window, drawn at random; enough for the mean of a window, and few enough to store with every result
+COMPARED = 400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchErrors:
-    """As ``results.Matched`` has them, over m compared nodes."""
+    """The errors of m compared nodes, as in ``results.Matched``."""
 
     region: np.ndarray
     moved_mm: np.ndarray
@@ -135,7 +139,7 @@ class Truth:
 
 
 def truth_of(window: Window, skin: Skin) -> Truth:
-    """Return the nodes whose place is seen in the next frame too, at most ``COMPARED``; the same for every method."""
+    """Return at most ``COMPARED`` nodes whose place is also seen in the next frame; the same for every method."""
     now, after = (seen.surface.points_m.astype(np.float64) for seen in window.observations[:2])
     places = skin.follow(now, window.frame, window.frame + window.stride, after)
     seen = np.flatnonzero(places.seen)
@@ -174,7 +178,7 @@ def warm_up(method: Method, setting: object, window: Window) -> None:
 
 
 def _anchors_s(method: Method, setting: object, window: Window) -> float:
-    """Return the seconds on one core for two frames' anchors and distances, if the method uses those of the
+    """Return the seconds on one core for the anchors and distances of two frames, if the method uses the anchors of the
     observation.
     """
     if method.family is not Family.PROPOSED:
@@ -195,7 +199,7 @@ def _chosen(tree: GlobalHypothesis, window: Window, truth: Truth) -> np.ndarray:
 
 
 def _matched(matches: Matches, window: Window, truth: Truth) -> np.ndarray:
-    """Return (m, 3) positions of the compared nodes' only hypotheses, NaN without one."""
+    """Return (m, 3) the position of each compared node's only hypothesis, NaN without a hypothesis."""
     found = np.full((len(truth.node), 3), np.nan)
     node = matches.direct[truth.node]
     found[node >= 0] = window.observations[1].surface.points_m[node[node >= 0]]
@@ -208,7 +212,9 @@ def _straight_mm(matched_m: np.ndarray, truth: Truth) -> np.ndarray:
 
 
 def _skin_mm(matched_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
-    """Return (m,) along the skin, at least the straight distance: both ends are known only to the nearest vertex."""
+    """Return (m,) the distance along the skin in millimetres. It is at least the straight distance, since both ends are
+    known only to the nearest vertex.
+    """
     known = np.isfinite(matched_m).all(axis=1)
     distance = np.full(len(matched_m), np.nan, np.float32)
     vertex = truth.skin.vertex_at(matched_m[known], frame)

@@ -1,4 +1,4 @@
-"""The interface of all methods that are compared: each matches the nodes of two frames."""
+"""Define the interface of all compared methods, each of which matches the nodes of two frames."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NEXT: Final = "next"
 """Key of its next generation, the paper's future work."""
 
 CACHED_BYTES: Final = 400_000_000  # bytes of stored descriptors: the largest of twelve frames, most of a whole segment
-# pairs of frames whose matches are stored: those of a segment for two sizes of hole in all forms
+# pairs of frames whose matches are stored: all pairs of a segment for two sizes of hole in all forms
 CACHED_PAIRS: Final = 48
 
 
@@ -47,9 +47,9 @@ class Family(StrEnum):
     LOCAL = "local"  # local appearance
     SPECTRAL = "spectral"  # local, from the surface's spectrum
     MESH = "mesh"  # local, on the mesh
-    GLOBAL = "global"  # the method uses all distances
+    GLOBAL = "global"  # matches by all distances at once
     LEARNT = "learnt"  # places on the body by a network
-    NONE = "none"  # no association: the framework by itself
+    NONE = "none"  # no association: only the framework
     TRACKER = "tracker"  # not in the framework: this project's own tracker
 
 
@@ -57,13 +57,13 @@ class Family(StrEnum):
 class Method:
     """A method and its settings, of which the training recordings choose one.
 
-    associate: makes the association of two frames from a setting, of which it may look at surface and anchors; None for
-    a complete tracker. configure: other changes
-    to the framework's configuration (for a tracker: to the defaults). frame_ms: approximate time of a frame of 3,000
-    nodes on one core, to estimate the duration of an experiment. several: it makes several hypotheses per node, among
-    which only the tree can choose. anchored, update, own_surface: see ``paper_tracker.Way``. One that is not anchored
-    is asked once for frames that differ in nothing but their anchors.
-    content: digest of the file that it comes from; empty for those of the package.
+    associate: function that makes, from a setting, the association of two frames, of which it may use surface and
+    anchors; None for a complete tracker. configure: function that makes other changes to the framework's configuration
+    (for a tracker: to the defaults). frame_ms: approximate time of a frame of 3,000 nodes on one core, to estimate the
+    duration of an experiment. several: whether it makes several hypotheses per node, among which only the tree can
+    choose. anchored, update, own_surface: see ``paper_tracker.Way``. A method that is not anchored is called only once
+    for frames that differ only in their anchors. content: digest of the file that defines it; empty for methods of the
+    package.
     """
 
     key: str
@@ -99,7 +99,7 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
         described = cached(lambda seen: describe(seen, setting.config), _surface_content)
 
         def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-            @cache  # sooner or later nearly all nodes are asked for, and all at once are faster
+            @cache  # nearly all nodes are needed in the end, and computing all at once is faster
             def match() -> np.ndarray:
                 return nearest_descriptor(described(now), described(following), setting.metric)
 
@@ -118,8 +118,8 @@ Content = Callable[[Observation], bytes]
 
 
 def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[..., np.ndarray]:
-    """Return the same function of frames, computed once for frames of the same content, as long as there is room to
-    store it.
+    """Return the same function of frames with a cache: its value is computed once for frames of the same content, as
+    long as there is room to store it.
     """
     recent: dict[bytes, np.ndarray] = {}
 
@@ -127,15 +127,15 @@ def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[...
         key = b"".join(map(content, seen))
         recent[key] = recent.pop(key) if key in recent else compute(*seen)
         while len(recent) > 2 and sum(one.nbytes for one in recent.values()) > CACHED_BYTES:
-            del recent[next(iter(recent))]  # the one that was not asked for the longest
+            del recent[next(iter(recent))]  # the entry that was unused for the longest time
         return recent[key]
 
     return known
 
 
 def associate_once(method: Method, setting: Any) -> Associate:
-    """Return the method's association, made once for two frames that show the same, whatever the form of the
-    framework.
+    """Return the method's association with a cache: it is made once for two frames with the same content, whatever the
+    form of the framework.
     """
     if method.associate is None:
         raise ValueError(f"{method.key} has no association that the framework could use")
@@ -177,10 +177,11 @@ NO_SUBSET: Final = np.empty((1, 0), np.int64)
 
 
 def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
-    """Return the methods of these keys or files, in this order; all of the package where none is named.
+    """Return the methods with these keys or from these files, in this order; all methods of the package where none is
+    named.
 
-    A file is a Python module with ``METHODS``, a tuple of one. Raises InputError for an unknown key and a file without
-    a method.
+    A file is a Python module with ``METHODS``, a tuple of methods. Raises InputError for an unknown key and for a file
+    without a method.
     """
     shipped = shipped_methods()
     if not wanted:

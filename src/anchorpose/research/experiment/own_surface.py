@@ -1,9 +1,9 @@
-"""Match nodes of a frame to the body's own skin by geodesic distances, which neither a prediction nor the last frame
-has a part in.
+"""Match nodes of a frame to the body's own skin by geodesic distances, without a prediction or the last frame.
 
 The paper matches nodes of one frame to those of the next (Section IV-D). Distances to the anchors are nearly the same
-in every pose, but they are the same in front and behind; the turns between the directions of the anchors (``turns``)
-are not: seen from outside, the left hand is to the right of the head in front, and to its left behind.
+in every pose, but they are also the same on the front and on the back of the body. The turns between the directions of
+the anchors (``turns``) distinguish both: seen from outside, the left hand is to the right of the head in front, and to
+its left behind.
 """
 
 from __future__ import annotations
@@ -27,16 +27,17 @@ from anchorpose.surface.surface import Surface
 
 NODES: Final = 400  # nodes of the frame that are used, 5 cm apart; 250 do almost as well
 TRIED: Final = 1200  # skin points, 4 cm apart
-LEAST_DISTANCES: Final = 3  # tell places apart (paper, Section IV-D)
+LEAST_DISTANCES: Final = 3  # distances that distinguish places (paper, Section IV-D)
 SIGMA_M: Final = 0.02  # error of a distance: the front's own error and the anchors' jitter
 SIGMA_PER_M: Final = 0.02  # error per metre of distance: arms and legs bend, the body may be of another size
-TURN_SIGMA: Final = 0.6  # ten turns are four directions, so each counts for less than its own error of 0.4
+# sigma of a turn; ten turns follow from four directions, so each counts less than by its own error of 0.4
+TURN_SIGMA: Final = 0.6
 LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])  # distances of a frame than the body's: medians of
 # simulated people. Anchors lie inside head and feet; paths to a hand go over the seen side of the arm only
-ROUNDS: Final = 2  # of matching; after the first the frame's own medians stand for ``LONGER_M``
-ALMOST: Final = 2.0  # squared deviations: skin so little worse than the best would do as well
-CLEAR_M: Final = 0.10  # largest spread of the candidate places: as far as one side of a thigh from the other
-LEAST_NODES: Final = 40  # a tenth of them: fewer matches are no pose, and no median
+ROUNDS: Final = 2  # rounds of matching; after the first, the frame's own medians replace ``LONGER_M``
+ALMOST: Final = 2.0  # squared deviations; skin that is worse than the best by less is also a candidate
+CLEAR_M: Final = 0.10  # m, largest spread of the candidate places: the distance between both sides of a thigh
+LEAST_NODES: Final = 40  # least matches, a tenth of the nodes; fewer determine neither a pose nor a median
 # change of a distance on the body at which it has settled; the remaining error is a hundredth of the sigma
 SETTLED_M: Final = 1e-4
 MOST_SWEEPS: Final = 30
@@ -71,8 +72,9 @@ class SeenGeodesics:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinMatches:
-    """node (m,) of the seen surface and the skin point (m,) that each shows; spread_m (m,): of the skin points that
-    would do almost as well, one standard deviation."""
+    """node (m,) of the seen surface and the skin point (m,) that each shows; spread_m (m,): standard deviation of the
+    skin points that fit almost as well.
+    """
 
     node: np.ndarray
     point: np.ndarray
@@ -132,8 +134,8 @@ def turns(
     """Return (k, 10): sine of the angle between the directions away from each two anchors, counter-clockwise from
     outside.
 
-    places_m (n, 3), distance_m (n, 5) of all nodes; nodes (k,) the chosen ones and normals (k, 3) theirs; around
-    (k, f): nodes near each, -1 for none. NaN where an anchor's distances around a node are not known.
+    places_m (n, 3), distance_m (n, 5) of all nodes; nodes (k,) the chosen ones and normals (k, 3) theirs; around (k,
+    f): nodes near each, -1 for none. NaN where an anchor's distances around a node are unknown.
     """
     offset = places_m[around] - places_m[nodes][:, None]
     side = _sideways(normals)
@@ -163,7 +165,7 @@ def match_skin(body: Body, seen: SeenGeodesics, mirrored: bool = False) -> SkinM
     """Return the skin point that each of some seen nodes shows, by its distances and turns.
 
     mirrored: with the anchors of left and right exchanged. Nodes with fewer than three distances have no match, and
-    neither have those of which several places of the skin would do.
+    neither have nodes that fit several places of the skin.
     """
     chosen = thin(len(seen.descriptor), NODES)
     distance = _finite_or_nan(seen.descriptor[:, MIRRORED] if mirrored else seen.descriptor)
@@ -199,7 +201,7 @@ def _table(own: np.ndarray) -> np.ndarray:
 
 def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
     """Return (k, p) float32: sums of ((seen - own) / sigma)^2 over the columns of seen and sigma (k, c) that are not
-    NaN, but for a number that is the same for all p.
+    NaN, up to a number that is the same for all p.
     """
     known = np.isfinite(seen)
     weight, value = np.where(known, 1.0 / sigma**2, 0.0), np.where(known, seen, 0.0)

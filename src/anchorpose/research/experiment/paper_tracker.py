@@ -1,4 +1,4 @@
-"""The patient in the paper's framework: how a pose follows from the matches (Section IV)."""
+"""Track the patient in the paper's framework: compute the pose from the matches (Section IV)."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """What a method does beside its association, and the form of the framework.
+    """The properties of a method besides its association, and the form of the framework.
 
-    anchored: it looks at the anchors, which are found only then. update: how the pose follows the matches. own_surface:
-    limbs whose ends are seen elsewhere are brought back by matching the body's own surface.
+    anchored: whether it uses anchors, which are found only then. update: how the pose follows from the matches.
+    own_surface: whether limbs whose ends are seen elsewhere are brought back by matching the body's own surface.
     """
 
     form: Form = Form.REFINED
@@ -47,7 +47,7 @@ class Way:
 
 
 class PaperTracker(PatientTracker):
-    """The patient in the paper's framework."""
+    """The tracker of a patient in the paper's framework."""
 
     def __init__(self, run: Run, start: Start, way: Way, given: GivenFrames) -> None:
         self.way, self.given = way, given
@@ -107,15 +107,15 @@ def _body_of(shape: FittedShape) -> tuple[Body, BodyMap]:
 
 HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
 BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # scale of the robust kernel in each step: a limb comes from far at first
-BACK_SIGMA_M: Final = 0.05  # error of a match of the own surface
+BACK_SIGMA_M: Final = 0.05  # m, error of a match to the body's own surface
 HELD_SIGMA_M: Final = 0.01  # error of the skin of all other parts, which stays in place
 HELD_EVERY: Final = 4  # step between the skin points of these parts that are held
 
 
 def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
-    """Return the pose with every arm moved whose hand the frame shows elsewhere (``own_surface.match_skin``).
+    """Return the pose after moving each arm whose hand the frame shows elsewhere (``own_surface.match_skin``).
 
-    The rest of the body stays where it is.
+    The rest of the body does not move.
     """
     lost = contradicted_by(body, pose, seen.anchors, CONTRADICTED_M) & HANDS
     bones = [bone for chain in CHAINS for bone in chain.bones if lost[ANCHOR_NAMES.index(chain.joints[0])]]

@@ -1,4 +1,4 @@
-"""The tasks of an experiment, and the store of their results.
+"""Define the tasks of an experiment, and the store of their results.
 
 The name of a stored file is a hash of the task, the code and the libraries, so that no outdated result is read.
 """
@@ -82,7 +82,7 @@ TUNING_HOLE_M: Final = 0.12  # in half of the training windows: a setting must w
 
 
 class Kind(StrEnum):
-    """What a task measures."""
+    """The quantity that a task measures."""
 
     MATCHED = "matched"  # the distance of matches from the truth
     TRACKED = "tracked"  # the distance of joints from the truth
@@ -90,9 +90,10 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """A method on a clip with a size of hole; path: of its result.
+    """A task: a method on a clip with a size of hole.
 
-    forms: of the framework, those that joints are tracked in; pairs: of frames, whose matches are compared.
+    path: file of its result. forms: forms of the framework in which joints are tracked; pairs: pairs of frames whose
+    matches are compared.
     """
 
     kind: Kind
@@ -112,10 +113,10 @@ class Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """What is run on each clip.
+    """The plan of what to run on each clip.
 
-    settings: of each method, by key; movements: the file, and the digest of its content; training: the clips are those
-    on which settings are chosen, and every setting of every method is tried.
+    settings: settings of each method, by key; movements: the file, and the digest of its content; training: whether the
+    clips serve to choose settings, so that every setting of every method is tried.
     """
 
     config: ExperimentConfig
@@ -163,8 +164,8 @@ class Plan:
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 
     def forms(self, clip: Clip, hole_m: float, method: Method) -> tuple[Form, ...]:
-        """Return the forms of the framework in the paper's scene: all with no hole and the largest, between those with
-        the surface; elsewhere the first.
+        """Return the forms of the framework. In the paper's scene these are all forms without a hole and with the
+        largest hole, and the forms with the surface for sizes between; in other scenes only the first form.
         """
         every = self.config.forms
         if clip.scene is not Scene.PAPER or method.family is Family.TRACKER:
@@ -227,7 +228,7 @@ class PlanSpec:
 
 
 def identity(clip: Clip) -> str:
-    """Return what a clip's content depends on: its simulation, or its files."""
+    """Return the data on which a clip's content depends: its simulation, or its files."""
     if clip.simulation is not None or clip.folder is None:
         return repr(clip.simulation)
     return _content(clip.folder)

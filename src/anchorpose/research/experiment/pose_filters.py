@@ -1,6 +1,6 @@
-"""Filters over the pose in place of parts: the paper's "EKF, UKF, or particle tracking filter" (Section III).
+"""Filter the whole pose in place of separate parts: the paper's "EKF, UKF, or particle tracking filter" (Section III).
 
-The state is the pose; the measurement is where the skin point beside each matched node lies.
+The state is the pose; the measurement is the place of the skin point beside each matched node.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ def match_rows(
     predicted: PoseBelief,
     robust: bool,
 ) -> Constraints:
-    """Return rows that place the skin points beside their matched nodes; robust: distant matches count less."""
+    """Return rows that pull each skin point to the place of its node's match. robust: whether distant matches count
+    less.
+    """
     T_next_now = part_motion(now.transforms, body.transforms(predicted.pose))
     places = skin_places(now, hypothesis, window, T_next_now)
     found = np.isfinite(places).all(axis=1)
@@ -49,7 +51,7 @@ def match_rows(
 def update_by_rows(
     update: Update, body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
 ) -> PoseBelief:
-    """Return the belief after the measurement; without matches the prediction. seed: of the particles."""
+    """Return the belief after the measurement; without matches, the prediction. seed: random seed of the particles."""
     if not len(rows):
         return predicted
     if update is Update.KALMAN:

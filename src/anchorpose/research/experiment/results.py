@@ -1,6 +1,6 @@
-"""The results of an experiment before averaging: tables, figures and the page are made from these alone.
+"""Hold the results of an experiment before averaging; tables, figures and the page are made from these alone.
 
-And the choice of each method's setting on the training recordings, by the same measure for all.
+The module also chooses each method's setting on the training recordings, by the same measure for all methods.
 """
 
 from __future__ import annotations
@@ -135,8 +135,8 @@ def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """Return the settings with their scores; the first of the best is chosen, and the first of all where none has a
-    score.
+    """Return the settings with their scores; the best setting is chosen, of equals the first; without scores the first
+    setting is chosen.
     """
     known = np.where(np.isfinite(scores_mm), scores_mm, np.inf)
     best = int(np.argmin(known))

@@ -1,6 +1,6 @@
-"""The order of an experiment: movements, settings, every recording, then tables, figures and the page.
+"""Run an experiment in its order: movements, settings, every recording, then tables, figures and the page.
 
-Movements for the motion dynamics and settings come from training recordings, which nothing is tested on.
+Movements for the motion dynamics and settings come from training recordings, on which nothing is tested.
 """
 
 from __future__ import annotations
@@ -135,11 +135,12 @@ def run_experiment(
     return results
 
 
-AROUND_S: Final = 240.0  # kernels that are compiled or loaded by every process, the figures of anchors, and the page
+# s besides the tasks: kernels that every process compiles or loads, the figures of anchors, and the page
+AROUND_S: Final = 240.0
 
 
 def _require_matplotlib() -> None:
-    """Check for it now, not after hours of work. Raises MissingPackage."""
+    """Raise MissingPackage without matplotlib, before hours of work and not after."""
     with default_style():
         pass
 

@@ -1,4 +1,4 @@
-"""The work on one recording: simulate it, find its reference, cut its holes, and run every open task.
+"""Do the work on one recording: simulate it, find its reference, cut its holes, and run every open task.
 
 A method runs on segments in the paper's framework; this project's tracker runs on the whole recording.
 """
@@ -59,8 +59,8 @@ class TrackedJoints:
 
 
 def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
-    """Return the first frame of each whole segment in which the patient's pose is known: elsewhere no pixels are
-    given.
+    """Return the first frame of each complete segment in which the patient's pose is known; in other segments no pixels
+    are given.
     """
     return [start for start in range(0, frames - length + 1, length) if found[start : start + length].all()]
 
@@ -69,8 +69,8 @@ def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
 class Trial:
     """A recording with one size of hole, and the forms of the framework that methods run in on it.
 
-    recording: itself, its clocks as they are; cut (t,) bool: the frames that lost readings. windows: those taken so
-    far, by kind of mesh.
+    recording: the recording, with its clocks unchanged; cut (t,) bool: the frames that lost readings. windows: windows
+    taken so far, by kind of mesh.
     """
 
     recording: Recording
@@ -108,7 +108,7 @@ def track_segments(
 def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
     """Track the whole recording with this project's tracker, which finds the patient and learns the body itself.
 
-    It is the same in every form. The joints are those of its pose, also where it calls them lost.
+    It is the same in every form. The joints come from its pose, even where it reports them as lost.
     """
     frames = np.arange(len(recording.streams[0].files))
     try:
@@ -292,7 +292,9 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Return only the frames that the other methods track: those of the segments but for the given ones."""
+    """Return only the frames that the other methods track: all frames of the segments except those whose pose is
+    given.
+    """
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
         kept[start + 1 : start + length] = True

@@ -44,7 +44,7 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 def outline_angle(slopes: np.ndarray, count: int) -> float:
     """Return the direction, as a share of a turn, of the longer principal axis of the triangles' centres.
 
-    Of its two ends the one towards which the surface rises; NaN where there is no surface.
+    Of the axis' two ends, it is the one towards which the surface rises; NaN without a surface.
     """
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(count):
@@ -65,8 +65,8 @@ def draw_depth_map(
     """Fill image (side, side) with heights, linear on each triangle, the highest where several overlap, else the floor.
 
     The columns' direction is at the angle (radians), pixels are ``pixel`` metres apart, and the node is in the middle.
-    What lies below the floor is not seen; with a floor of NaN everything is. Overwrites local (m, 3) with columns,
-    rows and heights.
+    Surface below the floor is not drawn; with a floor of NaN all surface is drawn. Overwrites local (m, 3) with
+    columns, rows and heights.
     """
     image[:] = floor
     middle, cosine, sine = 0.5 * (len(image) - 1), np.cos(angle) / pixel, np.sin(angle) / pixel

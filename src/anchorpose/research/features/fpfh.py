@@ -1,4 +1,4 @@
-"""Fast point feature histograms (FPFH): the angles between the normals around a node.
+"""Compute fast point feature histograms (FPFH): the angles between the normals around a node.
 
 Source: Rusu, Blodow, Beetz 2009 (doi:10.1109/ROBOT.2009.5152473), as PCL 1.13 and Open3D implement it: neighbours are
 weighted by their inverse squared distance, and each of the three angles has its own histogram, which sums to 100.
@@ -116,8 +116,8 @@ def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bin
 
 @njit(cache=True, error_model="numpy")
 def _weighted(simple: np.ndarray, pairs: np.ndarray, near: Neighbours, own: bool) -> np.ndarray:
-    """Return (n, 33): the neighbours' histograms, weighted by inverse squared distance, each of the three summing to
-    100.
+    """Return the descriptors (n, 33): the neighbours' histograms, weighted by inverse squared distance, each of the
+    three summing to 100.
     """
     start, node, distance2 = near.start, near.node, near.distance2_m2
     result, mixed = np.empty((len(simple), SIZE), np.float32), np.empty(_PADDED, np.float32)

@@ -26,12 +26,12 @@ FIRST_LIMIT_M: Final = 0.02  # mean change of a distance at which the search beg
 
 
 def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return nodes, each as far as possible from those before it, and their distances to all nodes.
+    """Return nodes, each as far as possible from the nodes before it, and their distances to all nodes.
 
     Returns nodes (k,) int32, k = ``count`` unless there are fewer, and fields (k, n) float32 metres, ``APART_M`` on
     other pieces. The first is the node farthest from the middle of its piece, the middle being the node nearest the
-    mean; a piece without samples is farther than any node on one with some. Raises ValueError on nodes not finite.
-    Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): at most twice as coarse as the best choice.
+    mean; a piece without samples is farther than any node on one with some. Raises ValueError for nodes that are not
+    finite. Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): at most twice as coarse as the best choice.
     """
     wanted = min(count, len(surface))
     nodes, fields = np.empty(wanted, np.int32), np.empty((wanted, len(surface)), np.float32)
@@ -45,12 +45,12 @@ def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarra
         nodes[row] = nearest.argmax()
         fields[row] = field_from(surface, nodes[row])
         nearest = np.minimum(nearest, fields[row])
-        nearest[nodes[: row + 1]] = -1.0  # chosen once, even where several nodes are in one place
+        nearest[nodes[: row + 1]] = -1.0  # a node is chosen only once, even where several nodes coincide
     return nodes, fields
 
 
 def field_from(surface: Surface, node: int) -> np.ndarray:
-    """Return (n,) float32 distance field of one node."""
+    """Return the distance field (n,) float32 of one node."""
     field = geodesic_distance(surface, np.array([node]))[0]
     return np.minimum(field, np.float32(APART_M))
 

@@ -55,7 +55,9 @@ def surface_laplacian(surface: Surface) -> Laplacian:
 
 
 def mesh_laplacian(points_m: np.ndarray, triangles: np.ndarray) -> Laplacian:
-    """Return the same for any triangles (f, 3) int of points (n, 3) metres, also where three share an edge."""
+    """Return the operator of ``surface_laplacian`` for any triangles (f, 3) int of points (n, 3) metres, even where
+    three share an edge.
+    """
     node, own = np.unique(triangles, return_inverse=True)
     count = len(node)
     edges, values = intrinsic_delaunay(np.asarray(points_m, np.float64)[node], own.reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""LD-SIFT: the SIFT descriptor of a depth map around each node.
+"""Compute LD-SIFT, the SIFT descriptor of a depth map around each node.
 
 Source: Darom and Keller 2012 (doi:10.1109/TIP.2012.2183142).
 """
@@ -49,7 +49,7 @@ class LdSiftConfig:
 
 
 def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
-    """Return (n, 128) float32, unit length, none below 0.
+    """Return the descriptors (n, 128) float32, of unit length, with no value below 0.
 
     A row is NaN where the node has no position, normal or triangle, and where no gradient of its depth map is known:
     it is flat to the last bit, or covered nowhere two pixels wide.
@@ -133,7 +133,7 @@ def _to_local(points: np.ndarray, node: int, near: np.ndarray, frame: np.ndarray
 
 @njit(cache=True)
 def _gather(near: np.ndarray, place: np.ndarray, mesh: _Mesh, triangles: np.ndarray) -> int:
-    """Fill triangles with those whose three nodes are all near, as indices into near; return their number.
+    """Fill ``triangles`` with the triangles whose three nodes are all near, as indices into near; return their number.
 
     place (n,): -1 everywhere, before and after.
     """

@@ -29,7 +29,7 @@ def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarr
 
 
 def as_frames(frames: np.ndarray, count: int) -> np.ndarray:
-    """Return (k, 3, 3) float32, contiguous; ValueError on another shape."""
+    """Return frames as a contiguous array (k, 3, 3) float32; raises ValueError for another shape."""
     frames = np.ascontiguousarray(frames, np.float32)
     if frames.shape != (count, 3, 3):
         raise ValueError(f"frames must have shape ({count}, 3, 3), got {frames.shape}")

@@ -58,7 +58,7 @@ def branch_and_bound(
 def _place_sample(a: np.ndarray, b: np.ndarray, level: int, place: int, cap: float, table: np.ndarray) -> float:
     """Fill table[level + 1], the cost of each open sample at each candidate, after sample ``level`` went to a place.
 
-    Returns the smallest possible cost of the samples after the next one.
+    Return the smallest possible cost of the samples after the next sample.
     """
     floor = 0.0
     for i in range(level + 1, len(a)):
@@ -72,7 +72,9 @@ def _place_sample(a: np.ndarray, b: np.ndarray, level: int, place: int, cap: flo
 
 @njit(cache=True, error_model="numpy")
 def _keep(chosen: np.ndarray, cost: float, b: np.ndarray, same: float, maps: np.ndarray, costs: np.ndarray) -> None:
-    """Insert a map in the list of the best, unless a better one is alike; it replaces those alike."""
+    """Insert a map in the list of the best, unless the list has a similar map that is better; the map replaces similar
+    maps.
+    """
     held = 0
     while held < len(costs) and costs[held] < np.inf:
         held += 1

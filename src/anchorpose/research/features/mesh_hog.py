@@ -46,7 +46,7 @@ class MeshHogConfig:
 
 
 def mesh_hog(surface: Surface, config: MeshHogConfig | None = None) -> np.ndarray:
-    """Return (n, 3 * slices * orientations) float32, unit length.
+    """Return the descriptors (n, 3 * slices * orientations) float32, of unit length.
 
     A row is NaN where the node has no position or normal, or where the function has no gradient anywhere around it.
 
@@ -79,7 +79,7 @@ PLANES = ((0, 1, 1.0), (0, 2, -1.0), (2, 1, -1.0))
 
 
 class _Layout(NamedTuple):
-    """The histograms as the kernels need them; sigma_m: of the Gaussian weight."""
+    """The histograms as the kernels need them; sigma_m: sigma of the Gaussian weight."""
 
     sigma_m: float
     directions: int

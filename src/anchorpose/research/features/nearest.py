@@ -18,7 +18,7 @@ ULP: Final = 2.0**-23  # precision of float32: twice the relative error of one r
 
 
 class Metric(StrEnum):
-    """How the distance between two descriptors is measured."""
+    """The distance measure between two descriptors."""
 
     EUCLIDEAN = "euclidean"
     HELLINGER = "hellinger"  # Euclidean between the square roots, of rows as they are: none is normalised here
@@ -63,7 +63,8 @@ class _RoughDifferences:
         self._columns = np.ascontiguousarray(target.T, dtype=np.float32)
 
     def apart(self, source: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (m, n) float32, and (m,) by how much the smallest of a row and one more may be off together.
+        """Return rough distances (m, n) float32, and (m,) a bound on the sum of the errors of a row's smallest and one
+        other distance.
 
         A sum of d values that are not negative is off by d + 1 roundings of itself at most.
         """
@@ -80,7 +81,8 @@ class _RoughSquares:
     def __init__(self, target: np.ndarray) -> None:
         self._mean = target.mean(axis=0)
         moved = target - self._mean
-        self._unit = float(np.abs(moved).max(initial=0.0)) or 1.0  # squares of float32 are soon too large or too small
+        # scale of the values: squares of float32 soon overflow or vanish
+        self._unit = float(np.abs(moved).max(initial=0.0)) or 1.0
         moved /= self._unit
         size2 = np.einsum("ij,ij->i", moved, moved)
         self._largest = float(np.sqrt(size2.max()))

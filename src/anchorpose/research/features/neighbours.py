@@ -26,7 +26,7 @@ class Neighbours(NamedTuple):
 
 
 def find_neighbours(points_m: np.ndarray, radius_m: float) -> Neighbours:
-    """Return all nodes within a radius of each node, those exactly on the sphere included.
+    """Return all nodes within a radius of each node, including nodes exactly on the sphere.
 
     points_m (n, 3), any frame; NaN where unknown. Raises ValueError on a radius that is not positive and finite.
     """
@@ -38,7 +38,7 @@ def find_neighbours(points_m: np.ndarray, radius_m: float) -> Neighbours:
 
 @njit(cache=True)
 def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return start, node and squared distance of ``Neighbours``.
+    """Return the arrays start, node and squared distance of ``Neighbours``.
 
     Successive nodes of a mesh lie side by side: blocks of them are near or far as a whole, and the result is ordered,
     unlike that of a tree.
@@ -110,7 +110,7 @@ def require_radius(radius_m: float) -> None:
 
 
 def as_points(values: np.ndarray, name: str) -> np.ndarray:
-    """Return (n, 3) float32, contiguous; ValueError on another shape."""
+    """Return points as a contiguous array (n, 3) float32; raises ValueError for another shape."""
     values = np.ascontiguousarray(values, np.float32)
     if values.ndim != 2 or values.shape[1] != 3:
         raise ValueError(f"{name} must have shape (n, 3), got {values.shape}")

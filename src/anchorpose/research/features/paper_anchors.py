@@ -1,8 +1,8 @@
-"""The paper's anchors as its text has them (Section IV-B, Section V): extrema by r = 0.5 m about one centre.
+"""Find the paper's anchors as its text describes them (Section IV-B, Section V): extrema by r = 0.5 m about one centre.
 
-The anchor is the extremum itself; what hangs on nothing has no distance from the centre and so no anchor. The paper
-orders extrema "based on the corresponding body parts" and gives no rule; here the name is that of this project's anchor
-at the same end of a limb.
+The anchor is the extremum itself. A separate piece has no distance from the centre, and so no anchor. The paper orders
+extrema "based on the corresponding body parts" and gives no rule; here the name is that of this project's anchor at the
+same end of a limb.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
 
 
 def paper_descriptor(surface: Surface, named: Anchors) -> np.ndarray:
-    """Return (n, 5) float32 metres, f of Definition 3: NaN in the column of a missed anchor, inf where it does not
-    reach.
+    """Return f of Definition 3, (n, 5) float32 metres: NaN in the column of a missed anchor, inf for nodes that no path
+    from the anchor reaches.
     """
     if surface.seen_count == 0:
         return np.full((len(surface), len(named.node)), np.nan, np.float32)

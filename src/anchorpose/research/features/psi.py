@@ -1,9 +1,10 @@
-"""The paper's match of a node: the middle of psi, the nodes whose distances to some anchors are alike (Section IV).
+"""Compute the paper's match of a node: the middle of psi, the nodes whose distances to some anchors are alike (Section
+IV).
 
 On a limb psi is a band that ends at the outline, where the sensor stops seeing the skin. Its average then lies too far
 inside: no node at the outline would ever be a match. The unclipped middle is where psi's distances are those of the
-node: position is regressed on distance over psi (least squares). Where nothing clips psi both are the same. It takes
-three anchors: two feet say how far along a leg a node is, and a regression on them would lead off the leg.
+node: position is regressed on distance over psi (least squares). Where nothing clips psi both are the same. This needs
+three anchors: two feet only determine how far along a leg a node is, and a regression on them would lead off the leg.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from numba import njit
 from anchorpose.track_tree.hypotheses import GateConfig, anchor_subsets
 
 NONE: Final = -1  # fills up a subset of fewer anchors
-RIDGE_M2: Final = 0.002**2  # along which psi's distances hardly vary, its middle stays
+# m2, ridge of the regression; psi's middle stays in directions in which distances hardly vary
+RIDGE_M2: Final = 0.002**2
 FEWEST: Final = 8  # nodes of psi from which a regression over three distances is determined
 
 
@@ -90,7 +92,7 @@ def _match_all(
     for node in range(len(source)):
         widest2 = 0.0
         for s in range(len(subsets)):
-            if np.isfinite(limit2[node, s]):  # it is not where a distance of the node is not: psi is empty then
+            if np.isfinite(limit2[node, s]):  # not finite where a distance of the node is not finite; psi is empty then
                 widest2 = max(widest2, limit2[node, s])
         count = _possible(source[node], columns, widest2, fewest, near, possible)
         for s in range(len(subsets)):
@@ -141,7 +143,9 @@ def _possible(
 
 @njit(cache=True)
 def _middle(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, unclipped: bool) -> int:
-    """Return the node of psi (m,) nearest to its middle; offset (m, a): its distances less those of the source node."""
+    """Return the node of psi (m,) nearest to its middle; offset (m, a): distances of its nodes minus those of the
+    source node.
+    """
     middle = np.zeros(3)
     for m in range(len(psi)):
         middle += places[psi[m]]
@@ -160,8 +164,8 @@ def _middle(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, unclipped: 
 
 @njit(cache=True)
 def _shift(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Return (3,) metres from where psi's distances are those of the node to the average position: the regression's
-    line.
+    """Return the vector (3,), metres, from the place at which psi's distances equal those of the node to the average
+    position, by the regression.
     """
     anchors = offset.shape[1]
     mean = np.zeros(anchors)

@@ -109,7 +109,7 @@ def _spread(
 
 @njit(cache=True)
 def _edge_lengths(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
-    """Return (n, 8) float32, NaN where either end has no position."""
+    """Return the edge lengths (n, 8) float32, metres, NaN where either end has no position."""
     length = np.zeros(ring.shape, np.float32)
     for here in range(len(ring)):
         for place in range(8):

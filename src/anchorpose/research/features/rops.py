@@ -24,7 +24,7 @@ class RopsConfig:
 
     radius_m: Positive = 0.20  # the authors' 15 mesh resolutions, here 13 mm
     turns: Count = 3  # about each axis, within a right angle: the authors' choice
-    bins: Count = 5  # along each side of a plane: theirs, too
+    bins: Count = 5  # bins along each side of a plane, the authors' choice
 
     @property
     def columns(self) -> int:
@@ -32,7 +32,7 @@ class RopsConfig:
 
 
 def rops(points_m: np.ndarray, triangles: np.ndarray, config: RopsConfig | None = None) -> np.ndarray:
-    """Return (n, 135) float32; absolute values sum to 1.
+    """Return the descriptors (n, 135) float32, whose absolute values sum to 1.
 
     points_m (n, 3), NaN where unknown; triangles (f, 3) int, of ``surface.mesh.faces``. Columns: axis x, y, z; turn;
     plane xy, xz, yz; moments 11, 21, 12, 22 and entropy. NaN row: a node without position, or without a neighbour or
@@ -162,7 +162,7 @@ class Triangles(NamedTuple):
 
 
 def prepare_triangles(points: np.ndarray, faces: np.ndarray) -> Triangles:
-    """Return triangles (f, 3) int of points (n, 3); those with a corner of unknown position are left out.
+    """Return triangles (f, 3) int of points (n, 3); triangles with a corner of unknown position are left out.
 
     Raises ValueError where a corner is not a node.
     """

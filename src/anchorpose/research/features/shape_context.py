@@ -45,7 +45,7 @@ def shape_context(
     config: ShapeContextConfig | None = None,
     frames: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return (n, 1980) float32: weighted points in each cell, 1 / m.
+    """Return the shape contexts (n, 1980) float32: weighted points in each cell, 1 / m.
 
     points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown. The weight of a point is one over
     the number of points around it and over the cube root of its cell's volume. frames (n, 3, 3): rows x, y, z;

@@ -1,7 +1,8 @@
-"""Signatures of histograms of orientations (SHOT): a histogram of the normals' directions in 32 sectors of a sphere.
+"""Compute signatures of histograms of orientations (SHOT): a histogram of the normals' directions in 32 sectors of a
+sphere.
 
-Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), as PCL 1.13 has it from its authors: unit
-length, and each of the four interpolations passes votes to one neighbouring bin.
+Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), in the version of PCL 1.13, which comes from
+the authors: unit length, and each of the four interpolations passes votes to one neighbouring bin.
 """
 
 from __future__ import annotations
@@ -35,12 +36,12 @@ class ShotConfig:
 def shot(
     points_m: np.ndarray, normals: np.ndarray, config: ShotConfig | None = None, frames: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return (n, 352) float32 of unit length.
+    """Return the signatures (n, 352) float32, of unit length.
 
     points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown: a node without position is left
-    out, one without normal casts no vote. frames (n, 3, 3): rows x, y, z; otherwise ``local_frames``. Sector s has 11
-    columns: upper half s & 1, outer half s >> 1 & 1, eighth of a turn s >> 2 from -x on. NaN row: no frame, or no node
-    with a normal within the radius.
+    out, and a node without normal casts no vote. frames (n, 3, 3): the axes x, y, z as rows; None = the result of
+    ``local_frames``. Sector s has 11 columns: upper half s & 1, outer half s >> 1 & 1, eighth of a turn s >> 2 from -x
+    on. NaN row: no frame, or no node with a normal within the radius.
     """
     config = config or ShotConfig()
     points, unit = as_oriented(points_m, normals)

@@ -67,7 +67,9 @@ def spectrum(surface: Surface, pairs: int = PAIRS) -> Spectrum:
 
 
 def spectrum_of(laplacian: Laplacian, count: int, pairs: int = PAIRS) -> Spectrum:
-    """Return the same for an operator on some of ``count`` nodes. Raises ValueError without pairs."""
+    """Return the spectrum of an operator that is defined on some of ``count`` nodes. Raises ValueError without
+    pairs.
+    """
     if pairs < 1:
         raise ValueError(f"pairs must be at least 1, got {pairs}")
     values, waves = _eigenpairs(laplacian, min(pairs, len(laplacian.node)))
@@ -224,7 +226,8 @@ class WksConfig:
     """Settings of the wave kernel signature: energies, and how sharply they are resolved."""
 
     energies: Count = 100  # as Aubry et al.
-    width_steps: Positive = 7.0  # standard deviation of an energy's logarithm, in steps between energies; likewise
+    # standard deviation of an energy's logarithm, in steps between energies, as Aubry et al.
+    width_steps: Positive = 7.0
     range_per_m2: Range | None = None  # eigenvalues between which energies lie; None: the spectrum's own
 
     def __post_init__(self) -> None:

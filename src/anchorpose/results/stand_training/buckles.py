@@ -67,7 +67,9 @@ def find_buckles(session: Session, config: EventConfig) -> list[Event]:
 
 
 def buckle_watched(session: Session, side: str, config: EventConfig) -> np.ndarray:
-    """Return (n,) bool: frames in which a buckle of this knee by ``buckle_deg`` would be distinguished from errors."""
+    """Return (n,) bool: frames in which a buckle of this knee by ``buckle_deg`` could be distinguished from errors of
+    measurement.
+    """
     own, other = _knee(session, side), _knee(session, _OTHER[side])
     error = config.times_sigma * CHANGE_SHARE * np.hypot(own.sigma_deg, other.sigma_deg)
     return session.upright & np.isfinite(own.degrees + other.degrees) & (error <= config.buckle_deg)
@@ -99,8 +101,8 @@ def _calm(degrees: np.ndarray, step_s: float) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class Flexion:
-    """A flexion. before: rows that determine the angle before it; onset, deepest: rows; depth_deg: from before to the
-    deepest.
+    """A flexion of a knee. before: rows that determine the angle before it; onset, deepest: rows where it begins and
+    where it is deepest; depth_deg: change of the angle from before to the deepest.
     """
 
     before: slice
@@ -110,7 +112,9 @@ class Flexion:
 
 
 def _fast_flexions(time_s: np.ndarray, degrees: np.ndarray, config: EventConfig) -> Iterator[Flexion]:
-    """Yield flexions by ``buckle_deg`` within ``fast_s``; time_s, degrees (k,) without a break."""
+    """Yield the flexions by at least ``buckle_deg`` within ``fast_s``. time_s, degrees (k,): a stretch without a
+    break.
+    """
     frames = round(config.fast_s / usual_step_s(time_s)) + 1 if len(time_s) > 1 else 1
     padded = np.concatenate([np.full(frames - 1, degrees[0]), degrees])
     windows = np.lib.stride_tricks.sliding_window_view(padded, frames)
@@ -148,7 +152,9 @@ def _sigma(knee: Knee, flexion: Flexion, first: int) -> float:
 
 
 def _gives_way(session: Session, side: str, frames: slice) -> bool:
-    """Return whether the patient stood on this foot, which stays in place, and did not sit down."""
+    """Return whether a flexion is a knee giving way: the patient stood on this foot, which stays in place, and did not
+    sit down.
+    """
     first, last = frames.start, frames.stop - 1
     start_s, end_s = session.joints.time_s[[first, last]]
     sits = any(e.kind == STAND_TO_SIT and e.start_s <= end_s and e.end_s >= start_s for e in session.episodes)

@@ -1,8 +1,8 @@
 """Estimate the whole body's centre of mass from the joints and a table of segment masses, and its sway.
 
-Source of the masses: de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4: living young adults, women and men. The
-patient's sex is unknown, so the mean of both columns is used; they differ by 4 mm in the height of a standing body's
-centre.
+The masses are from de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4, which is about living young adults, women
+and men. The patient's sex is unknown, so the mean of both columns is used; they differ by 4 mm in the height of a
+standing body's centre.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from anchorpose.settings import NotNegative, Positive, settings
 
 
 class Segment(NamedTuple):
-    """A body segment. mass: share of the body's, of one side. fraction: of the way from the start to the end, where its
-    centre lies.
+    """A body segment. mass: its share of the body's mass, per side. fraction: where its centre lies, as a share of the
+    way from start to end.
 
-    starts, ends: joints; the segment starts and ends at their mean; ``{side}`` stands for Left and Right.
+    starts, ends: joints at whose mean the segment starts and ends; ``{side}`` stands for Left and Right.
     """
 
     mass: float
@@ -66,7 +66,7 @@ def joint_weights() -> np.ndarray:
         for joints, share in ((segment.starts, 1.0 - segment.fraction), (segment.ends, segment.fraction)):
             for name in joints:
                 weights[JOINT_INDEX[name]] += segment.mass * share / len(joints)
-    weights /= weights.sum()  # the table's rounding: 0.9999
+    weights /= weights.sum()  # the sum is 0.9999 because the table is rounded
     weights.setflags(write=False)
     return weights
 
@@ -125,19 +125,20 @@ UNITS: Final = {
 
 @settings
 class SwayConfig:
-    """Settings of which bouts, and which of their movement, count as sway."""
+    """Settings of which bouts, and which part of their movement, count as sway."""
 
     cutoff_hz: Positive = 1.5  # a standing body's centre of mass moves below 1 Hz; the joints' jitter does not
     shortest_bout_s: Positive = 5.0
-    settle_s: NotNegative = 1.0  # after standing up, until the body is at rest
-    times_noise: Annotated[float, Field(ge=1)] = 2.0  # a shorter path, in paths of noise alone, is not reported
+    settle_s: NotNegative = 1.0  # s after standing up, until the body is at rest
+    times_noise: Annotated[float, Field(ge=1)] = 2.0  # shortest path reported, in paths of noise alone
 
 
 class Bout(NamedTuple):
-    """A bout of standing. deviation_m (k, 2): forwards and to the patient's right of the bout's mean, low-passed,
-    evenly spaced in time.
+    """A bout of standing. deviation_m (k, 2): position relative to the bout's mean, forwards and to the patient's
+    right, low-passed, evenly spaced in time.
 
-    path_m: length on the floor; noise_m: length of the path of errors alone; seconds; frames: those of the session.
+    path_m: length of the path on the floor; noise_m: length of a path of errors alone; seconds: duration; frames: rows
+    of the session.
     """
 
     deviation_m: np.ndarray
@@ -177,7 +178,9 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
 
 
 def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tuple[str, float | None, float | None]]:
-    """Return name, value and sigma in the units of ``UNITS``; None where noise may be most of the value."""
+    """Return name, value and sigma of each sway measure, in the units of ``UNITS``; None where noise may be most of the
+    value.
+    """
     deviation = 1000.0 * np.concatenate([bout.deviation_m for bout in bouts])
     path, noise, seconds = (
         sum(getattr(bout, name) for bout in bouts) * scale
@@ -197,14 +200,14 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
         ("sway_velocity", path / seconds if path >= config.times_noise * noise else None, path_sigma / seconds),
         ("sway_rms_ap", float(rms[0]) if rms[0] >= config.times_noise * error else None, float(rms_sigma[0])),
         ("sway_rms_ml", float(rms[1]) if rms[1] >= config.times_noise * error else None, float(rms_sigma[1])),
-        # of the two axes, the shorter is in the area as much as the longer
+        # relative errors of both axes count equally in the area
         ("sway_ellipse_area", float(area_cm2) if axes.min() >= config.times_noise * error else None, float(area_sigma)),
     ]
 
 
 def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
-    """Return sigma of a value that noise, added in quadrature, has enlarged: the possible enlargement and the scale
-    error.
+    """Return sigma of a value that noise, added in quadrature, may have enlarged. It combines this enlargement and the
+    scale error.
     """
     added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))
     spread: np.ndarray = np.hypot(SCALE_ERROR * value, added)
@@ -249,8 +252,9 @@ def _patient_axes(session: Session, run: slice) -> np.ndarray:
 def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> float:
     """Return the speed in m/s of errors alone below the cutoff.
 
-    residual_m (k, 2), the movement above the cutoff, is all error: no body moves so fast. Below the cutoff the errors
-    are taken to continue as a random walk, power ~ 1 / f^2, which is more than was found (docs/measures.md).
+    residual_m (k, 2): the movement above the cutoff, which is taken as error, since no body moves so fast. Below the
+    cutoff, the errors are assumed to continue as a random walk with power ~ 1 / f^2, which is more than was found
+    (docs/measures.md).
     """
     variance = float(np.mean(residual_m.var(axis=0)))
     speed = np.sqrt(4.0 * np.pi**2 * cutoff_hz * variance / (1.0 / cutoff_hz - 2.0 / rate_hz))

@@ -34,17 +34,18 @@ CHANGE_SHARE: Final = float(np.sqrt(2.0 * (1.0 - SYSTEMATIC_SHARE)))
 
 @settings
 class EventConfig:
-    """Settings from which on a buckle, a failed stand and a recovery step are events."""
+    """Settings of how large a buckle, a failed stand or a recovery step must be to count as an event."""
 
     # A knee that takes over the load in walking bends by about 15 degrees, from 5 to 20.
     buckle_deg: Annotated[float, Field(gt=0, lt=90)] = 20.0
-    fast_s: Positive = 0.4  # the flexion by buckle_deg takes at most this time
-    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # over the other knee, so that a squat is not a buckle
+    fast_s: Positive = 0.4  # s, longest time for a flexion by buckle_deg
+    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # degrees more than the other knee (with less it is a squat)
     # share of the way from the seat to a straight leg: about 12 cm
     failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3
     # distance of the extrapolated centre of mass beyond the feet: errors of the feet's outline
     beyond_m: Positive = 0.05
-    times_sigma: Positive = 3.5  # of 3000 independent 0.4 s in ten minutes of two knees, errors alone exceed it in 0.7
+    # errors exceed it in 0.7 of the 3000 windows of 0.4 s that ten minutes of two knees have
+    times_sigma: Positive = 3.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,10 +112,11 @@ caught.
 
 
 def onset_row(time_s: np.ndarray, values: np.ndarray, base: float, rows: slice) -> int:
-    """Return the row where a movement from ``base`` to its depth at the last of ``rows`` begins.
+    """Return the row at which a movement begins that goes from ``base`` to its depth at the last of ``rows``; time_s,
+    values (n,).
 
-    The movement accelerates from rest, so it grows with the square of the time: with t1 and t2 as the times of a tenth
-    and of four tenths of the depth, the onset is 2 t1 - t2. time_s, values (n,).
+    The movement accelerates from rest, so it grows with the square of the time. If t1 and t2 are the times at which a
+    tenth and four tenths of the depth are reached, the onset is at 2 t1 - t2.
     """
     depth = float(values[rows.stop - 1]) - base
     late = rows.start + int(np.argmax(values[rows] >= base + LATE * depth))
@@ -127,7 +129,7 @@ def onset_row(time_s: np.ndarray, values: np.ndarray, base: float, rows: slice) 
 
 
 def _crossing(time_s: np.ndarray, values: np.ndarray, row: int, level: float) -> float:
-    """Return when the values pass ``level`` between a row and the next."""
+    """Return the time at which the values pass ``level``, between a row and the next row."""
     row = min(max(row, 0), len(values) - 2)
     step = values[row + 1] - values[row]
     share = float(np.clip((level - values[row]) / step, 0.0, 1.0)) if step > 0 else 0.0
@@ -135,5 +137,7 @@ def _crossing(time_s: np.ndarray, values: np.ndarray, row: int, level: float) ->
 
 
 def latency_sigma_s(time_s: np.ndarray, sigma_s: float) -> float:
-    """Return sigma of a latency: that of its end, and of a beginning that is up to a frame before the first frame."""
+    """Return sigma of a latency, which combines the sigma of its end and that of its beginning, up to a frame before
+    the first frame.
+    """
     return float(np.hypot(sigma_s, usual_step_s(time_s) / np.sqrt(3.0)))

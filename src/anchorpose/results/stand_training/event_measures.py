@@ -1,4 +1,6 @@
-"""Compute measures of events: how many, how many in ten minutes, the first, the deepest, and unwatched time."""
+"""Compute measures of events: count, count in ten minutes, time of the first, depth of the deepest, and unwatched
+time.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +31,8 @@ NONE_SEEN: Final = "no such event was seen"
 
 class Watch(NamedTuple):
     """The frames in which events of a kind are searched. measure: prefix of the names of its measures. base (n,) bool:
-    frames in which they can happen; watched (n,) bool: those of them in which an event would have been seen; nothing:
-    why there is no base.
+    frames in which such events can happen; watched (n,) bool: frames of the base in which an event would have been
+    seen; nothing: why there is no base.
     """
 
     measure: str

@@ -32,8 +32,8 @@ class ExtensionConfig:
 
 
 def extension_measures(session: Session, config: ExtensionConfig) -> list[Measure]:
-    """Compute for knees and hips, left and right: mean, least and greatest flexion; and the time that each knee was
-    straight.
+    """Compute for knees and hips, left and right: mean, least and greatest flexion; and the time for which each knee
+    was straight.
     """
     rows = list[Measure]()
     for angle in EXTENDED:
@@ -43,7 +43,7 @@ def extension_measures(session: Session, config: ExtensionConfig) -> list[Measur
 
 
 def known_upright(session: Session, angle: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n,) bool: frames in which the patient stood and the angle is known; and the angle's column (n,)."""
+    """Return (n,) bool, frames in which the patient stood and the angle is known, and the column of the angle."""
     degrees = session.angles.degrees[:, session.angles.column(angle)]
     return session.standing & np.isfinite(degrees), degrees
 
@@ -69,13 +69,13 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
 
 
 def _sigma_near(sigma: np.ndarray, there: np.ndarray) -> float:
-    """Return the sigma of a percentile, which is that of its frames; averaging does not reduce it."""
+    """Return the sigma of a percentile: the sigma of the frames near it, which averaging does not reduce."""
     return float(np.sqrt(np.mean(sigma[there] ** 2)))
 
 
 def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
-    """Measure the straight time while upright; sigma is half of its change by a systematic error of one sigma either
-    way.
+    """Measure the time with a straight knee while upright. Its sigma is half of its change between systematic errors of
+    plus and minus one sigma.
     """
     name = f"knee_flexion_{side}"
     used, degrees = known_upright(session, name)
@@ -125,12 +125,12 @@ def _difference(session: Session, angle: str) -> Measure:
 
 
 class FeetLoad(NamedTuple):
-    """The load on the feet in every frame. rightwards (n,): by how much the right foot's share of the load of a patient
-    who stands still exceeds one half, and the left foot's is less; sigma (n,); state_code (n,), the worst of the
-    joints.
+    """The load on the feet in every frame. rightwards (n,): the right foot's share of the load, minus one half, as if
+    the patient stood still (the left foot's share is less than one half by as much); sigma (n,); state_code (n,): worst
+    state of the joints.
 
-    NaN where a joint is lost or the feet are closer than ``LEAST_STANCE_M``, and where the centre of mass lies beyond
-    an ankle: two feet alone would not carry a patient who stands still.
+    Values are NaN where a joint is lost, where the feet are closer than ``LEAST_STANCE_M``, and where the centre of
+    mass lies beyond an ankle: feet alone could not carry a patient who stands still.
     """
 
     rightwards: np.ndarray
@@ -185,7 +185,7 @@ LEAST_S: Final = 1.0
 
 
 def range_measures(session: Session) -> list[Measure]:
-    """Compute ``ANGLE_range`` in degrees of every joint, per side, without a value where the joint moved no more than
+    """Compute ``ANGLE_range`` in degrees of every joint, per side; there is no value where the joint moved no more than
     its error.
     """
     names = [(angle, side) for angle in SIDED for side in ("left", "right")] + [(angle, None) for angle in UNSIDED]
@@ -201,13 +201,13 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
     low, high = int(np.argmin(held)), int(np.argmax(held))
     value, (first, second) = float(held[high] - held[low]), sigma[rows[[low, high]]]
     state_code = session.angles.state_code[rows, column]
-    if value <= NORMAL_95 * np.hypot(first, second):  # extremes of errors alone are as far apart as independent ones
+    if value <= NORMAL_95 * np.hypot(first, second):  # extremes of errors alone differ like independent errors
         return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
     return known(measure, "deg", value, state_code, sigma_of_difference(first, second), side)
 
 
 def _held(degrees: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows (k,) of stretches that are long enough, and the running median (k,) within each."""
+    """Return the rows (k,) of all stretches that are long enough, and the running median (k,) within each stretch."""
     step_s = usual_step_s(time_s)
     if not np.isfinite(step_s):
         return np.empty(0, dtype=np.int64), np.empty(0)

@@ -23,8 +23,8 @@ from anchorpose.results.uncertainty import sigma_of_difference
 def find_failed_stands(session: Session, config: TransitionConfig, events: EventConfig) -> list[Event]:
     """Return the rises that end on the seat again, in the order of time.
 
-    The rise is measured from the pelvis' height on the seat, 0, to that over a straight leg, 1. A failed stand ends
-    where the pelvis is highest. A patient who was upright for a moment has stood up.
+    A rise is measured by the height of the pelvis, from 0 on the seat to 1 over straight legs. A failed stand ends
+    where the pelvis is highest. A patient who was upright for even a moment has not failed.
     """
     time_s, height = session.joints.time_s, session.stance.height
     if not fast_enough(time_s):
@@ -42,7 +42,9 @@ def find_failed_stands(session: Session, config: TransitionConfig, events: Event
 
 
 def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Iterator[slice]:
-    """Yield from the beginning of a sitting to the end of the last one before the patient is upright, within a run."""
+    """Yield blocks of a run without standing: each from the beginning of sitting to the end of the last sitting before
+    the patient is upright.
+    """
     inside = [slice(max(s.start, run.start), min(s.stop, run.stop)) for s in sitting]
     inside = [s for s in inside if s.start < s.stop]
     while inside:
@@ -62,12 +64,12 @@ BEFORE_S: Final = 1.5
 def _rises(
     session: Session, block: slice, seat: float, config: TransitionConfig, events: EventConfig
 ) -> Iterator[Event]:
-    """Yield the rises of a block that leave the seat and come back to it."""
+    """Yield the rises in a block in which the pelvis leaves the seat and comes back to it."""
     time_s, stance = session.joints.time_s[block], session.stance
     way = (stance.height[block] - seat) / (1.0 - seat)
     for run in unbroken_runs(way > BACK * events.failed_rise, time_s):
         if run.start == 0 or run.stop == len(way):
-            continue  # the beginning or the end is not in the block
+            continue  # the beginning or the end of the rise is not in the block
         highest = run.start + int(np.argmax(way[run]))
         settled = int(np.searchsorted(time_s, time_s[run.start] - BEFORE_S))
         base = float(np.median(way[settled : run.start]))

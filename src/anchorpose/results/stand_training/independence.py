@@ -1,7 +1,7 @@
-"""Measure how long knees, hips and trunk are extended, unaided or helped, and with how many hands the patient holds
+"""Measure how long knees, hips and trunk are extended, with and without help, and with how many hands the patient holds
 on.
 
-Rejc et al. 2015 (doi:10.1371/journal.pone.0133998) call standing independent where nobody assists hips and knees while
+Rejc et al. 2015 (doi:10.1371/journal.pone.0133998) call standing independent if nobody assists hips and knees, even if
 the hands hold a frame for balance; Harkema et al. 2011 (doi:10.1016/S0140-6736(11)60547-3) report standing with
 assistance for balance only. The limits of extension, and which contacts count for which part, are our own definitions.
 """
@@ -40,8 +40,8 @@ _Degrees = Annotated[float, Field(gt=0, lt=90)]
 
 @settings
 class IndependenceConfig:
-    """Settings of when knee, hip and trunk count as extended: bent, or inclined, by at most one limit, until they
-    exceed another.
+    """Settings of when knee, hip and trunk count as extended: from when they are bent (or inclined) by at most a first
+    limit until they exceed a second limit.
     """
 
     # A knee that carries the body bends by about 20 degrees when it takes over the load in walking.
@@ -54,9 +54,9 @@ class IndependenceConfig:
 
 
 class _Part(NamedTuple):
-    """A body part that is extended. angle: its column, None for the trunk's inclination. regions: contacts there help
-    to extend it. beside: regions that share a border with them; a hand that lies across it may be reported on either
-    side. joints: places of these contacts; an unseen joint may be held unseen.
+    """A body part whose extension is measured. angle: its column, None for the trunk's inclination. regions: regions
+    where a contact helps to extend it. beside: neighbouring regions; a hand across the border may be reported on either
+    side. joints: joints at these regions; where a joint is unseen, a holding hand may be unseen too.
     """
 
     name: str
@@ -99,8 +99,9 @@ PARTS: Final = _parts()
 
 
 def independence_measures(session: Session, config: IndependenceConfig) -> list[Measure]:
-    """Compute for each part: the time extended; without anybody's hand on it; and without equipment against it either,
-    with its bouts. Then bouts upright without help, and upright time by the number of holding hands.
+    """Compute for each part the time extended, the time extended without a hand of another person on it, and the time
+    and bouts extended without that and without equipment against it. Then compute bouts upright without help, and
+    upright time by the number of holding hands.
     """
     rows = list[Measure]()
     for part in PARTS:
@@ -109,9 +110,11 @@ def independence_measures(session: Session, config: IndependenceConfig) -> list[
 
 
 class _Extended(NamedTuple):
-    """is_known (n,) bool: upright, and the angle is known; decided (n,) bool: that, or known not to be upright. frames
-    (n,) bool: extended; less, more (n,) bool: the same where the angle errs by one sigma to either side. sigma_s: of
-    the time of these by that error. codes (n,): state of the worst joint used."""
+    """The frames in which a part is extended. is_known (n,) bool: upright, and the angle is known; decided (n,) bool:
+    is_known, or known not to be upright. frames (n,) bool: extended; less, more (n,) bool: extended if the angle errs
+    by one sigma to either side. sigma_s: sigma of the extended time by this error. codes (n,): state of the worst joint
+    used.
+    """
 
     is_known: np.ndarray
     decided: np.ndarray
@@ -138,7 +141,9 @@ def _extended(session: Session, part: _Part, config: IndependenceConfig) -> _Ext
 
 
 def _held_extended(degrees: np.ndarray, config: IndependenceConfig) -> np.ndarray:
-    """Return (n,) bool: extended since the last limit that was passed; knees may bend backwards."""
+    """Return (n,) bool: whether the last limit that was passed was that of extension (hysteresis); knees may bend
+    backwards.
+    """
     return hold(degrees <= config.extended_deg, degrees > config.bent_deg, np.isfinite(degrees)) == UPRIGHT
 
 
@@ -180,9 +185,9 @@ NEVER_EXTENDED: Final = "it was never extended"
 
 
 def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
-    """Return the seconds from the first frame, of a trial its onset, until the part is first extended.
+    """Return the seconds from the first frame (or the onset of the trial) until the part is first extended.
 
-    Unknown time before may hide an earlier extension.
+    There may have been an earlier extension in unknown time.
     """
     name, time_s = f"{part.name}_extended_latency", session.joints.time_s
     if not found.frames.any() or found.frames[0]:
@@ -197,8 +202,8 @@ def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
 
 
 class _Free(NamedTuple):
-    """The free frames. frames (n,) bool: frames that meet the condition; unsure_s: the time of frames that may or may
-    not meet it.
+    """The frames that are free of contacts. frames (n,) bool: frames that meet the condition; unsure_s: time in which
+    it is uncertain whether the condition is met.
     """
 
     frames: np.ndarray
@@ -208,8 +213,8 @@ class _Free(NamedTuple):
 def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Contact]) -> _Free:
     """Return extended frames without any of the contacts on the part.
 
-    A contact that was not seen may not have been there, one on a part that is not seen may be missing, and a person's
-    hand beside the part may be on it.
+    These are uncertain in three cases: an unseen contact may not exist, a contact on an unseen part may be missing, and
+    a person's hand beside the part may be on it.
     """
     frame, people = session.joints.frame, with_people(contacts)
     touch = touch_of(frame, [contact for contact in contacts if contact.part in part.regions])
@@ -225,7 +230,7 @@ OBSERVED: Final = STATE_CODE[JointState.OBSERVED]
 
 
 def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _Free, longest: bool = False) -> Measure:
-    """Return a measure of the free frames' time, or of their longest bout."""
+    """Return a measure: the time of the free frames, or of their longest bout."""
     runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
     bouts_s = [float(session.seconds[run][free.frames[run]].sum()) for run in runs]
     value = max(bouts_s, default=0.0) if longest else float(session.seconds[free.frames].sum())
@@ -236,14 +241,16 @@ def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _F
 def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
     """Return sigma of a time without contacts that is reported as its upper limit.
 
-    The true time may be less by up to ``unsure_s``: the root mean square from the end of this range is ``unsure_s`` /
-    sqrt(3), twice the value from its middle.
+    The true time may be less by up to ``unsure_s``. The root mean square of a uniform error, from the upper end of this
+    range, is ``unsure_s`` / sqrt(3), twice its value from the middle.
     """
     return sigma_of_time(2 * bouts, 2.0 * unsure_s, session.seconds)
 
 
 def _unaided(session: Session) -> list[Measure]:
-    """Return bouts upright without anybody's hand on the patient; the time itself is ``hands_free_upright_time``."""
+    """Return measures of bouts upright without another person's hand on the patient; their total time is
+    ``hands_free_upright_time``.
+    """
     names = {"hands_free_upright_bouts": "count", "hands_free_upright_longest": "s"}
     why = _why_unknown(session, NO_CONTACTS if session.helping is None else None)
     if why is not None or session.helping is None:
@@ -278,8 +285,8 @@ def _holding(session: Session) -> list[Measure]:
     """Return the time upright with two hands, one hand and no hand on the equipment; a forearm that lies on it counts
     as a hand.
 
-    An unseen hand may hold on unseen, and with a lost hand the number of holding hands is unknown: such a frame counts
-    for none of the three, and makes all of them uncertain.
+    An unseen hand may hold on unseen, and with a lost hand the number of holding hands is unknown. Such a frame counts
+    for none of the three times, and makes all of them uncertain.
     """
     why = _why_unknown(session, NO_EQUIPMENT if session.supports is None else None)
     if why is not None or session.supports is None:

@@ -1,8 +1,9 @@
-"""Find recovery steps: standing still, the patient loses balance, and places a foot where it catches the body.
+"""Find recovery steps: the patient stands still, loses balance, and places a foot where it catches the body.
 
 Balance is lost where the extrapolated centre of mass leaves the base of support (Hof et al. 2005,
-doi:10.1016/j.jbiomech.2004.03.025): a body that moves with speed v is carried as far as one that stands v / w farther,
-w being sqrt(g / l) of a pendulum as long as the centre of mass is high. The times and margins are our own definition.
+doi:10.1016/j.jbiomech.2004.03.025): a body that moves with speed v falls like a resting body that is displaced by v /
+w, where w is sqrt(g / l) of a pendulum as long as the centre of mass is high. The times and margins are our own
+definition.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
 
 
 def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventConfig) -> list[Event]:
-    """Return the recovery steps in the order of time; they last from the loss of balance to foot strike."""
+    """Return the recovery steps in the order of time; each lasts from the loss of balance to foot strike."""
     if not fast_enough(session.joints.time_s) or not steps:
         return []
     extrapolated_m = _extrapolated(session)
@@ -54,7 +55,9 @@ def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventCo
 
 
 def recovery_watched(session: Session, config: EventConfig) -> np.ndarray:
-    """Return (n,) bool: frames in which a loss of balance by ``beyond_m`` would be distinguished from errors."""
+    """Return (n,) bool: frames in which a loss of balance by ``beyond_m`` could be distinguished from errors of
+    measurement.
+    """
     return np.asarray(session.upright & (config.times_sigma * _sigma_m(session) <= config.beyond_m))
 
 
@@ -81,7 +84,7 @@ def _extrapolated(session: Session) -> np.ndarray:
 
 
 def _after_standing(session: Session, steps: Sequence[Step]) -> list[Step]:
-    """Return the steps before which no foot was in the air for ``STILL_S``."""
+    """Return the steps that follow at least ``STILL_S`` without a foot in the air."""
     time_s = session.joints.time_s
     ends = np.array([time_s[step.frames.stop - 1] for step in steps])
     starts = np.array([time_s[step.frames.start] for step in steps])
@@ -93,7 +96,7 @@ def _after_standing(session: Session, steps: Sequence[Step]) -> list[Step]:
 
 
 def _recovery(session: Session, step: Step, extrapolated_m: np.ndarray, config: EventConfig) -> Event | None:
-    """Return the event, if balance was lost before foot off and not long before foot strike."""
+    """Return the event of a step, if balance was lost before foot off and not long before foot strike."""
     time_s, off, strike = session.joints.time_s, step.frames.start, step.frames.stop - 1
     first = int(np.searchsorted(time_s, time_s[strike] - WITHIN_S))
     feet_m = session.joints.position_m[first : off + 1][:, _FEET][:, :, [0, 2]]
@@ -104,7 +107,7 @@ def _recovery(session: Session, step: Step, extrapolated_m: np.ndarray, config: 
     beyond_m = reach - FOOT_M
     inside = np.flatnonzero(beyond_m <= 0.0)
     if not len(inside) or not np.isfinite(beyond_m).all():
-        return None  # leant beyond the feet all the time, as on a rail
+        return None  # the patient leant beyond the feet all the time, as on a rail
     onset, depth_m = first + int(inside[-1]) + 1, float(beyond_m[inside[-1] :].max())
     sigma_m = float(_sigma_m(session)[first : off + 1].mean())
     if depth_m < max(config.beyond_m, config.times_sigma * sigma_m):

@@ -30,13 +30,13 @@ from anchorpose.settings import Positive, settings
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stance:
-    """The stance in every frame, NaN where a joint is lost; each value with one standard deviation.
+    """The stance in every frame, NaN where a joint is lost; each value has one standard deviation.
 
-    thigh_deg (n,): angle of the thigh nearer to the vertical, 0 = hanging straight down from the hip: a patient who
-    raises one leg stands on the other. trunk_deg (n,): the line from SpineBase to SpineShoulder against the vertical,
-    in whichever direction. height (n,): of the middle of the hips over the lower ankle, in lengths of the patient's
-    leg: 1 = standing straight. behind_m (n,): how far the centre of mass is behind the middle of the ankles, without a
-    sigma.
+    thigh_deg (n,): angle of the thigh that is nearer to the vertical (a patient who raises one leg stands on the
+    other), 0 = hanging straight down from the hip. trunk_deg (n,): angle of the line from SpineBase to SpineShoulder
+    against the vertical, in any direction. height (n,): height of the middle of the hips over the lower ankle, in
+    lengths of the patient's leg: 1 = standing straight. behind_m (n,): how far the centre of mass is behind the middle
+    of the ankles, without a sigma.
     """
 
     thigh_deg: np.ndarray
@@ -102,12 +102,14 @@ def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
     hips, ankles = ([JOINT_INDEX[f"{name}{side}"] for side in ("Left", "Right")] for name in ("Hip", "Ankle"))
     both_m = height[:, ankles]
     sigma_m = np.sqrt(variance[:, hips].sum(axis=1) / 4.0 + variance[:, ankles].mean(axis=1))
-    # min and not nanmin: with one ankle lost it is not known which one is lower
+    # min and not nanmin: with one ankle lost it is unknown which ankle is lower
     return height[:, hips].mean(axis=1) - both_m.min(axis=1), sigma_m
 
 
 def facing(position_m: np.ndarray) -> np.ndarray:
-    """Return x and z (n, 2) of the patient's heading, by the line of the hips; position_m (n, 21, 3)."""
+    """Return x and z (n, 2) of the patient's heading, which is perpendicular to the line of the hips; position_m (n,
+    21, 3).
+    """
     across = position_m[:, JOINT_INDEX["HipRight"]] - position_m[:, JOINT_INDEX["HipLeft"]]
     return unit(np.stack([across[:, 2], -across[:, 0]], axis=1))
 
@@ -118,7 +120,7 @@ def _behind_feet(position_m: np.ndarray, mass_m: np.ndarray) -> np.ndarray:
 
 
 def _leg_length(joints: JointTable) -> float:
-    """Return the metres from hip to ankle along a straight leg; NaN where no frame shows a whole leg."""
+    """Return the length in metres from hip to ankle along a straight leg; NaN where no frame shows a whole leg."""
     bones = [
         (f"{a}{side}", f"{b}{side}") for side in ("Left", "Right") for a, b in (("Hip", "Knee"), ("Knee", "Ankle"))
     ]
@@ -133,8 +135,8 @@ def _leg_length(joints: JointTable) -> float:
 
 @settings
 class UprightConfig:
-    """Settings of upright, which begins when all three limits are met and ends when one of the wider limits is passed
-    (hysteresis).
+    """Settings of when the patient is upright. This begins when all three limits are met and ends when one of the wider
+    limits is passed (hysteresis).
 
     Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
     doi:10.1123/jpah.2011-0347). By the thigh alone, kneeling and hanging over a rail would count as upright; the
@@ -156,8 +158,8 @@ class UprightConfig:
 
 
 class Limits(NamedTuple):
-    """The limits in every frame, (n,) bool: all limits for being upright are met; one of the wider ones is passed; no
-    needed joint is lost.
+    """The limits in every frame, (n,) bool each: whether all limits for being upright are met; whether one of the wider
+    limits is passed; whether no needed joint is lost.
     """
 
     begins: np.ndarray
@@ -166,7 +168,9 @@ class Limits(NamedTuple):
 
 
 def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) -> Limits:
-    """Test the limits. shift: moves every value by this many sigma towards standing, to see the effect of errors."""
+    """Test the limits in every frame. shift: every value is moved by this many sigma towards standing, to see the
+    effect of errors.
+    """
     thigh = stance.thigh_deg - shift * stance.thigh_sigma_deg
     trunk = stance.trunk_deg - shift * stance.trunk_sigma_deg
     height = stance.height + shift * stance.height_sigma
@@ -176,8 +180,8 @@ def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) ->
 
 
 def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.ndarray:
-    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``: a joint is lost, or neither limit was met since
-    then.
+    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN`` where a joint is lost or no limit was met since
+    one was lost.
 
     shift: as in ``upright_limits``.
     """
@@ -185,8 +189,8 @@ def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.nda
 
 
 def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return int8 (n,): 1 from a frame that begins to one that ends, else 0; -1 before the first of either or if
-    unknown.
+    """Return int8 (n,): 1 from each frame that ``begins`` a state to the next that ``ends`` it, else 0; -1 before the
+    first of either, and where unknown.
     """
     state = np.full(len(known), UNKNOWN, dtype=np.int8)
     decisive = begins | ends | ~known
@@ -200,8 +204,8 @@ def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
 class Session:
     """A session: joints, angles, posture, stance of the same frames; seconds (n,) that each frame represents.
 
-    contacts: with people and equipment, None where the results folder has no table of them; equipment: the parts that
-    contacts were looked for with, none where the recording has no model of the equipment.
+    contacts: with people and equipment, None where the results folder has no table of them; equipment: the parts with
+    which contacts were searched, empty where the recording has no model of the equipment.
     """
 
     joints: JointTable
@@ -236,8 +240,8 @@ class Session:
         return self.upright & ~self.moving()
 
     def moving(self, settle_s: float = 0.0) -> np.ndarray:
-        """Return (n,) bool: frames inside a change between sitting and standing, without its two end frames, or
-        settle_s after it.
+        """Return (n,) bool: frames inside a change between sitting and standing (without its two end frames), and
+        frames up to settle_s after it.
         """
         time_s, changing = self.joints.time_s, np.zeros(len(self.seconds), dtype=bool)
         for episode in self.episodes:
@@ -262,7 +266,7 @@ def known(
 def unknown(
     measure: str, unit: str, why: str, side: str | None = None, state_code: np.ndarray | None = None
 ) -> Measure:
-    """Return a measure without a value, and why there is none; state_code: as in ``known``."""
+    """Return a measure without a value, with the reason. state_code: as in ``known``."""
     codes = np.empty(0) if state_code is None else state_code
     return _measure(measure, unit, codes, value=None, why=why, side=side)
 

@@ -1,7 +1,7 @@
-"""Find steps: when each foot leaves the floor and comes down again, and the measures that follow.
+"""Find steps, by when each foot leaves the floor and comes down again, and compute measures of them.
 
-A foot swings while its ankle moves over the floor and the other ankle rests. By joints alone, foot off and foot strike
-are the moments at which a movement begins and ends, not a force: they are some hundredths of a second off.
+A foot swings while its ankle moves over the floor and the other ankle rests. Joints do not show forces, so foot off and
+foot strike are the moments at which a movement begins and ends. They are some hundredths of a second off.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ LONGEST_PAUSE_S: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step. frames: of the swing, from foot off to foot strike; length_m: between both ankles at foot strike, in the
-    direction of the step; None for a step in place.
+    """A step. frames: frames of the swing, from foot off to foot strike; length_m: distance between both ankles at foot
+    strike, in the direction of the step; None for a step in place.
     """
 
     side: str
@@ -75,7 +75,7 @@ def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> lis
     found = []
     for side, other in (("left", "right"), ("right", "left")):
         for run in _whole(unbroken_runs(speed[side] > RESTS_M_PER_S, time_s), paths[side][:, 1]):
-            inside = run.start > 0 and run.stop < len(time_s)  # foot off and strike were both seen
+            inside = run.start > 0 and run.stop < len(time_s)  # whether foot off and foot strike were both seen
             fast = speed[side][run].max() >= MOVES_M_PER_S
             rests = np.median(speed[other][run]) < np.median(speed[side][run]) / 2.0
             swing = _swing(paths[side], _until_at_rest(speed[side], run)) if inside and fast and rests else None
@@ -86,7 +86,9 @@ def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> lis
 
 
 def _whole(runs: Iterable[slice], height_m: np.ndarray) -> list[slice]:
-    """Join runs with a pause in the air between them to one swing: the ankle is higher there than at rest."""
+    """Join runs with a pause between them to one swing, if the foot is in the air in the pause: its ankle is higher
+    than at rest.
+    """
     whole = list[slice]()
     for run in runs:
         if whole:
@@ -99,7 +101,7 @@ def _whole(runs: Iterable[slice], height_m: np.ndarray) -> list[slice]:
 
 
 def _length(path_m: np.ndarray, other_m: np.ndarray, swing: slice) -> float | None:
-    """Return the distance of both ankles at foot strike in the direction of the step; None for a step in place."""
+    """Return the distance between the ankles at foot strike, in the direction of the step; None for a step in place."""
     way = (path_m[swing.stop - 1] - path_m[swing.start])[[0, 2]]
     moved_m = float(np.linalg.norm(way))
     if moved_m < SHORTEST_M:
@@ -108,7 +110,7 @@ def _length(path_m: np.ndarray, other_m: np.ndarray, swing: slice) -> float | No
 
 
 def _until_at_rest(speed: np.ndarray, run: slice) -> slice:
-    """Extend the run by the slow beginning and end of its movement, as long as the speed falls outwards."""
+    """Extend the run by the slow beginning and end of its movement, for as long as the speed decreases outwards."""
     start, stop = run.start, run.stop
     while start > 1 and speed[start - 1] < speed[start]:
         start -= 1
@@ -118,8 +120,8 @@ def _until_at_rest(speed: np.ndarray, run: slice) -> slice:
 
 
 def _swing(path_m: np.ndarray, run: slice) -> slice | None:
-    """Return the frames in which the ankle is away from both of its places of rest; None for less than a step. path_m
-    (n, 3).
+    """Return the frames in which the ankle, path_m (n, 3), is away from both of its places of rest; None for less than
+    a step.
     """
     path = path_m[run.start - 1 : run.stop + 1]
     left, reached = (np.linalg.norm(path - place, axis=1) for place in (path[0], path[-1]))

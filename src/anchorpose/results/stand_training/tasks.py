@@ -1,7 +1,7 @@
 """Recognise clinical tests in the recording: five times sit to stand, functional reach, one-leg stance.
 
-It is not stated what the patient was asked to do, so each test is recognised by its movements, and has no value
-otherwise.
+The recording does not state what the patient was asked to do. So each test is recognised by its movements, and has no
+value if it is not recognised.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ TOUCH_S: Final = 0.1
 
 
 def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measure:
-    """Measure the seconds from leaving the seat for the first time to standing for the fifth."""
+    """Measure the seconds from leaving the seat for the first time to standing for the fifth time."""
     name = "five_times_sit_to_stand"
     quick = replace(config, rest_s=TOUCH_S)
     moves = transitions(session.joints, session.stance, session.posture.upright, quick)
@@ -50,13 +50,13 @@ def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measu
     first, last = rises[0], rises[-1]
     rows = slice(first.frames.start, last.frames.stop)
     time_s, state_code = session.joints.time_s[rows], session.stance.state_code[rows]
-    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # one end of each
+    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # one end each of the first and last transition
     return known(name, "s", float(time_s[-1] - time_s[0]), state_code, sigma)
 
 
 def _longest_series(moves: Sequence[Transition], time_s: np.ndarray) -> list[Transition]:
-    """Return the first of the longest series of alternate rising and sitting down without long pauses, from a rise
-    on.
+    """Return the longest series of alternate rising and sitting down without long pauses that begins with a rise; the
+    first of equally long series.
     """
     best, current = list[Transition](), list[Transition]()
     for before, move in pairwise([None, *moves]):
@@ -120,7 +120,9 @@ _SHORT: Final = "the raised arm went forward by no more than the errors of the w
 def _raised_arm(
     position_m: np.ndarray, forward: np.ndarray, side: str, upright: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two (n,) bool: the arm is forward, straight and about level; and it is level enough to begin."""
+    """Return two (n,) bool: whether the arm is forward, straight and about level; and whether it is level enough for
+    the test to begin.
+    """
     shoulder, elbow, wrist = (position_m[:, JOINT_INDEX[f"{n}{side.capitalize()}"]] for n in _ARM)
     arm = wrist - shoulder
     length = np.linalg.norm(elbow - shoulder, axis=1) + np.linalg.norm(wrist - elbow, axis=1)
@@ -137,7 +139,9 @@ _ARM: Final = ("Shoulder", "Elbow", "Wrist")
 
 
 def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
-    """Return how many of the rows have both ankles within ``BASE_M`` of their first place; 0 where unknown."""
+    """Return for how many rows from the first both ankles stay within ``BASE_M`` of their first place; 0 where
+    unknown.
+    """
     if not len(rows):
         return 0
     ankles = position_m[rows][:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]]
@@ -164,7 +168,7 @@ def single_leg_stance(session: Session, side: str) -> Measure:
     error = systematic_sigma(np.hypot(session.joints.sigma_m[:, lifted], session.joints.sigma_m[:, stands]))
     runs = [
         _longest_on_one_leg(session, height + shift * error, stands) for shift in (0.0, -1.0, 1.0)
-    ]  # as measured, and with a lasting error of one sigma either way
+    ]  # as measured, and with a systematic error of one sigma either way
     run, seconds = runs[0]
     if run is None or seconds < LEAST_STANCE_S:
         why = f"the other foot was never seen off the floor for {LEAST_STANCE_S:g} s while upright on a foot in place"
@@ -177,7 +181,7 @@ _OTHER: Final = {"left": "right", "right": "left"}
 
 
 def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> tuple[slice | None, float]:
-    """Return the longest run with the other ankle lifted and the standing one in place, and its seconds."""
+    """Return the longest run of frames with the other ankle lifted and the standing ankle in place, and its seconds."""
     time_s = session.joints.time_s
     best: tuple[slice | None, float] = (None, 0.0)
     for run in unbroken_runs(session.upright & (height_m > LOWERED_M), time_s, 2.0 * usual_step_s(time_s)):

@@ -22,15 +22,15 @@ NO_UPRIGHT: Final = "the patient was never known to be upright"
 
 
 class Touch(NamedTuple):
-    """Touches in each frame. at_once (n,) int32: number of contacts; seen (n,): the greatest seen share of these, 0
-    without contacts.
+    """Touches in each frame. at_once (n,) int32: number of contacts; seen (n,): the largest seen share among these
+    contacts, 0 without contacts.
     """
 
     at_once: np.ndarray
     seen: np.ndarray
 
     def where(self, frames: np.ndarray) -> Touch:
-        """Return the touches in these frames (n,) bool only."""
+        """Return only the touches in the given frames (n,) bool."""
         return Touch(np.where(frames, self.at_once, 0), np.where(frames, self.seen, 0.0))
 
 
@@ -48,8 +48,8 @@ def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
 def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tuple[float, float | None]:
     """Return the time with any contact, and its sigma.
 
-    No sigma without contacts: how many were missed is unknown here. Each beginning and each end may be a frame off; the
-    unseen part of a contact may or may not have been there.
+    Without contacts there is no sigma, since it is unknown how many were missed. Each beginning and each end may be a
+    frame off, and the unseen part of a contact may not exist.
     """
     any_of = touch.at_once > 0
     if not any_of.any():
@@ -60,7 +60,7 @@ def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tu
 
 
 def sigma_of_time(edges: int, unsure_s: float, seconds: np.ndarray) -> float:
-    """Return sigma of a time that begins and ends ``edges`` times, each a frame off, and lies between two values that
-    differ by ``unsure_s``; seconds (n,): that each frame represents.
+    """Return sigma of a time with ``edges`` beginnings and ends, each up to a frame off, that lies between two values
+    which differ by ``unsure_s``. seconds (n,): the time that each frame represents.
     """
     return float(np.hypot(np.sqrt(edges) * float(np.median(seconds)), unsure_s / np.sqrt(12.0)))

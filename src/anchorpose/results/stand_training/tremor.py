@@ -1,7 +1,7 @@
 """Measure tremor and clonus: oscillation of knees and ankles between 3 and 8 Hz, where the frame rate can show it.
 
 Clonus after a spinal-cord injury is a rhythmic contraction at 3 to 8 Hz. Errors of joints spread over all frequencies,
-and a movement lies below 3 Hz, so an oscillation counts where a narrow peak holds most of what is faster than 1 Hz.
+and voluntary movement lies below 3 Hz. So an oscillation counts if a narrow peak holds most of the power above 1 Hz.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ NONE: Final = "no such oscillation was seen"
 class TremorConfig:
     """Settings of when an oscillation counts."""
 
-    least_deg: Positive = 1.0  # amplitude: half of the way from one end to the other; the eye sees little less
+    least_deg: Positive = 1.0  # amplitude, half of the way from end to end; the eye hardly sees less
     # share of the power above 1 Hz; white errors have 0.1 at 30 Hz
     peak_share: Annotated[float, Field(gt=0, lt=1)] = 0.6
 
 
 class Window(NamedTuple):
-    """A time window. rows: of its frames. seconds: that it represents. frequency_hz, amplitude_deg: of its peak; share:
-    of the power above ``MOVEMENT_HZ`` that the peak holds.
+    """A time window. rows: rows of its frames. seconds: time that it represents. frequency_hz, amplitude_deg: frequency
+    and amplitude of its peak; share: share of the power above ``MOVEMENT_HZ`` that the peak holds.
     """
 
     rows: slice
@@ -108,7 +108,7 @@ ROUNDING_S: Final = 0.001
 
 
 def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Iterator[Window]:
-    """Yield the windows, one after another, of the frames (n,) that are ``seen``."""
+    """Yield successive windows of the frames (n,) that are ``seen``."""
     step_s = usual_step_s(time_s)
     for run in unbroken_runs(seen, time_s, 2.0 * step_s):
         starts = np.arange(time_s[run.start], time_s[run.stop - 1] - WINDOW_S + 1.5 * step_s, WINDOW_S)
@@ -119,7 +119,9 @@ def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Itera
 
 
 def _window(time_s: np.ndarray, degrees: np.ndarray, rows: slice) -> Window:
-    """Find the peak between 3 and 8 Hz of the angle, without its mean and slope, by a Hann window."""
+    """Find the peak between 3 and 8 Hz in the spectrum of the angle, after taking away its mean and slope, with a Hann
+    window.
+    """
     count = len(time_s)
     even_s = np.linspace(time_s[0], time_s[-1], count)
     even = np.interp(even_s, time_s, degrees)

@@ -28,7 +28,7 @@ of the frames. Medians would include the way up, the extreme frame its noise.
 
 
 def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> tuple[Episode, ...]:
-    """Return the upright bouts; state (n,) of ``upright``."""
+    """Return the upright bouts as episodes. state (n,): as ``upright`` returns it."""
     return tuple(
         episode(UPRIGHT_EPISODE, joints, stance.state_code, run)
         for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, joints.time_s)
@@ -56,7 +56,9 @@ UPRIGHT_MEASURES: Final = {
 
 
 def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
-    """Compute recorded, found, upright and unknown time, the share, the bouts and the longest of them."""
+    """Compute recorded, found, upright and unknown time, the upright share, the number of bouts and the longest
+    bout.
+    """
     seconds, state, state_code = session.seconds, session.posture.upright, session.stance.state_code
     is_known, standing = state != UNKNOWN, state == UPRIGHT
     total, known_s = recorded_seconds(session.joints.time_s), float(seconds[is_known].sum())
@@ -87,7 +89,8 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
 
 
 def _sigma_s(session: Session, config: UprightConfig) -> float:
-    """Return half of the time's change when all frames err by one sigma, first towards and then away from standing.
+    """Return sigma of the upright time: half of its change if all frames err by one sigma, towards and away from
+    standing.
 
     In addition, every beginning and end of a bout may be half a frame off.
     """
@@ -106,7 +109,7 @@ class TransitionConfig:
     short squat is not sitting.
 
     A longer squat is not sitting either, since nobody squats with the centre of mass behind the heels. Standing must
-    last as well: a patient who nearly stands and sinks back has not stood up.
+    last, too: a patient who nearly stands and sinks back has not stood up.
     """
 
     seated_enter_deg: Positive = 65.0
@@ -114,9 +117,9 @@ class TransitionConfig:
     behind_feet_m: Positive = 0.07  # m, centre of mass behind the ankles while seated: a heel plus measurement errors
     rest_s: Positive = 1.0  # s that the pelvis stays within ``rest_height`` of its height in sitting or standing
     rest_height: Positive = 0.05  # tolerance of the pelvis's height at rest, in leg lengths
-    settle_s: Positive = 3.0  # s of sitting and of standing next to the transition, which give their heights
-    edge: Positive = 0.05  # share of the rise by which the pelvis must have left an end: there the transition begins
-    longest_s: Positive = 20.0  # seconds of a transition; what takes longer is a pause between sitting and standing
+    settle_s: Positive = 3.0  # s of sitting and of standing next to the transition, by which their heights are measured
+    edge: Positive = 0.05  # share of the rise; the transition begins where the pelvis has moved by this much
+    longest_s: Positive = 20.0  # s; a longer change includes a pause between sitting and standing
 
     def __post_init__(self) -> None:
         if not self.seated_leave_deg <= self.seated_enter_deg < 90:
@@ -127,7 +130,7 @@ class TransitionConfig:
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """frames: from the last frame still in one posture to the first in the other."""
+    """A change of posture. frames: from the last frame still in one posture to the first in the other."""
 
     kind: str
     frames: slice
@@ -143,7 +146,7 @@ class Postures(NamedTuple):
 
 
 def settled_postures(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> Postures:
-    """Return when the patient sits and when the patient stands, at rest; state (n,) of ``upright``."""
+    """Return when the patient sits and when the patient stands, at rest. state (n,): as ``upright`` returns it."""
     time_s, seconds, thigh = joints.time_s, frame_seconds(joints.time_s), stance.thigh_deg
     seated = hold(thigh >= config.seated_enter_deg, thigh < config.seated_leave_deg, np.isfinite(thigh)) == UPRIGHT
     sitting = [
@@ -165,7 +168,9 @@ def posture_stretches(stance: Stance, time_s: np.ndarray) -> list[slice]:
 
 
 def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> list[Transition]:
-    """Return every change between sitting and standing in which no joint was lost; state (n,) of ``upright``."""
+    """Return every change between sitting and standing in which no joint was lost. state (n,): as ``upright`` returns
+    it.
+    """
     time_s, settled = joints.time_s, settled_postures(joints, stance, state, config)
     postures = sorted(
         [(run.start, run, False) for run in settled.sitting] + [(run.start, run, True) for run in settled.standing]
@@ -185,8 +190,8 @@ def transition_episodes(joints: JointTable, stance: Stance, found: list[Transiti
 
 
 def transition_measures(session: Session, found: list[Transition]) -> list[Measure]:
-    """Compute, for each kind, the count and the mean, shortest and longest duration; no values where posture is never
-    known.
+    """Compute, for each kind of transition, the count and the mean, shortest and longest duration; no values where
+    posture is never known.
     """
     rows = list[Measure]()
     frames = int((session.posture.upright != UNKNOWN).sum())
@@ -221,8 +226,8 @@ def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) ->
 
 
 def _needs_a_seat(behind_m: np.ndarray, config: TransitionConfig) -> bool:
-    """Return whether the feet alone cannot carry the patient at some moment of a run (k,); True where that is not
-    known.
+    """Return whether the feet alone cannot carry the patient at some moment of a run (k,); True where this is
+    unknown.
     """
     measured_m = behind_m[np.isfinite(behind_m)]
     return not len(measured_m) or bool(measured_m.max() > config.behind_feet_m)
@@ -231,7 +236,7 @@ def _needs_a_seat(behind_m: np.ndarray, config: TransitionConfig) -> bool:
 def _transition(
     time_s: np.ndarray, stance: Stance, before: slice, after: slice, config: TransitionConfig, *, rises: bool
 ) -> Transition:
-    """Return the part of the way between two postures in which the pelvis moves."""
+    """Return the transition between two postures: the frames in which the pelvis moves."""
     low, high = LOW_PERCENTILE, 100.0 - LOW_PERCENTILE
     first_percentile, last_percentile = (low, high) if rises else (high, low)
     start_level = _level(time_s, stance.height, before, config.settle_s, first_percentile, last=True)
@@ -239,8 +244,8 @@ def _transition(
     way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
     middle = before.stop - before.start
     noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1])))
-    noise /= abs(end_level - start_level)  # a share of the way, as the edges are
-    shake = min(noise, 0.5 * config.edge)  # the edges tried must stay between the levels
+    noise /= abs(end_level - start_level)  # as a share of the way, like the edges
+    shake = min(noise, 0.5 * config.edge)  # shifted edges must stay between the levels
     lengths = list[float]()
     for edge in (config.edge, config.edge + shake, config.edge - shake):
         first, last = _moving(way, middle, edge)
@@ -260,14 +265,14 @@ def _transition(
 def _level(
     time_s: np.ndarray, height: np.ndarray, run: slice, settle_s: float, percentile: float, *, last: bool
 ) -> float:
-    """Return the height in a posture, from its part next to the transition: its last seconds, or its first."""
+    """Return the height of a posture, from the seconds next to the transition: its last seconds, or its first."""
     times = time_s[run]
     near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s
     return float(np.nanpercentile(height[run][near], percentile))  # an ankle may have been lost while seated
 
 
 def _moving(way: np.ndarray, middle: int, edge: float) -> tuple[int, int]:
-    """Return the first and last index of the move; way (k,) goes from 0 to 1 and contains ``middle``."""
+    """Return the first and last index of the movement around the index ``middle``; way (k,) goes from 0 to 1."""
     still, there = np.flatnonzero(way[: middle + 1] <= edge), np.flatnonzero(way[middle:] >= 1.0 - edge)
     first = int(still[-1]) if len(still) else 0
     last = middle + int(there[0]) if len(there) else len(way) - 1

@@ -1,4 +1,6 @@
-"""Build shapes without a primitive: curtains, coats, quilts, pillows and leaves, as open triangle meshes."""
+"""Build shapes that are not made of boxes and cylinders: curtains, coats, quilts, pillows and leaves, as open triangle
+meshes.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,7 @@ def crumpled_sheet(rng: np.random.Generator, wide_m: float, long_m: float) -> np
 
 
 def pillow(rng: np.random.Generator) -> np.ndarray:
-    """Return (n, 3, 3) a flat ellipsoid, 0.6 by 0.4 m, on the plane y = 0."""
+    """Return the triangles (n, 3, 3) of a flat ellipsoid, 0.6 by 0.4 m, on the plane y = 0."""
     u, v = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 17), np.linspace(0.0, np.pi, 9))
     size = np.array([0.3, rng.uniform(0.06, 0.1), 0.2])
     ball = np.stack([np.cos(u) * np.sin(v), np.cos(v) + 1.0, np.sin(u) * np.sin(v)], axis=2)

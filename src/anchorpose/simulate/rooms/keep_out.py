@@ -1,4 +1,4 @@
-"""Describe where nothing may be put: discs and lanes on the floor."""
+"""Describe areas of the floor that must stay free: discs and lanes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Lane:
         return float(np.linalg.norm(place_m - start - share * along)) - self.radius_m
 
     def crossings_m(self, z_m: float) -> tuple[float, ...]:
-        """Return the x where the line crosses z = z_m, if it does."""
+        """Return the x coordinates at which the lane's line crosses z = z_m, if it does."""
         (x0, z0), (x1, z1) = self.start_m, self.end_m
         if (z0 - z_m) * (z1 - z_m) >= 0.0:
             return ()

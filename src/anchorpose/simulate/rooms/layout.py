@@ -12,10 +12,10 @@ from anchorpose.simulate.rooms.plan import MIDDLE_SHARE, Clutter, RoomConfig
 from anchorpose.simulate.rooms.walls import Outline
 
 TRIES: Final = 120
-CAMERA_CLEAR_M: Final = 0.7  # around the camera
-PATIENT_CLEAR_M: Final = 0.75  # around the patient, who moves
+CAMERA_CLEAR_M: Final = 0.7  # m around the camera
+PATIENT_CLEAR_M: Final = 0.75  # m around the patient, who moves
 SIGHT_CLEAR_M: Final = 0.35  # clearance beside the line from the camera to the patient
-LEGS_CLEAR_M: Final = 0.5  # between the patient and the furniture before the legs
+LEGS_CLEAR_M: Final = 0.5  # m between the patient and the furniture in front of the legs
 BELOW_SIGHT_M: Final = 0.04
 
 

@@ -15,8 +15,8 @@ from anchorpose.simulate.rooms.pieces import Piece, box, piece_of
 from anchorpose.simulate.rooms.walls import Panel
 from anchorpose.simulate.timeline import body_course, ease
 
-STEP_S: Final = 0.05  # between the known places of moved furniture
-AHEAD_M: Final = 0.35  # between the body of a person who pushes and the nearest part of the furniture
+STEP_S: Final = 0.05  # s between the known places of moved furniture
+AHEAD_M: Final = 0.35  # m between the body of a person who pushes and the nearest part of the furniture
 OPENING_S: Final = 1.6  # duration of a door's opening
 BEFORE_S: Final = 3.0  # margin of the known places before and after the recording
 

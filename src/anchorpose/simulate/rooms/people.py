@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 SEATED_MOTIONS: Final = ("reach", "arm-raise", "head")
 STANDING_MOTIONS: Final = ("standing", "weight-shift", "trunk", "head", "reach")
 BACK_REST_M: Final = 0.45
-RISING_S: Final = 2.0  # duration in which the fitting sees a person seated and then upright
+RISING_S: Final = 2.0  # s in which a person rises, so that a seat is fitted to both postures
 
 
 def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Actor | CapturedActor:
@@ -70,7 +70,7 @@ def draw_bystander(rng: np.random.Generator, config: SimulationConfig, seat: Sea
 
 
 def seated(actor: Actor) -> Actor:
-    """Return the same person, seated from first to last."""
+    """Return the same person, but seated all the time."""
     sits = Movement(seated_offsets(actor.person), LONG_AGO_S, 1.0, 1e4, 1.0)
     return replace(actor, movements=[sits, *actor.movements])
 
@@ -154,8 +154,8 @@ def draw_walker(rng: np.random.Generator, config: SimulationConfig, lane: Lane, 
 
 
 def draw_pusher(rng: np.random.Generator, config: SimulationConfig, lane: Lane, arrive_s: float) -> Actor:
-    """Draw a person who walks along a lane with the hands before the body until arrive_s, turns and leaves the same
-    way.
+    """Draw a person who walks along a lane with the hands in front of the body until arrive_s, then turns and leaves
+    the same way.
     """
     person = draw_person(rng, config.clothing_m)
     start, goal = np.array(lane.start_m), np.array(lane.end_m)

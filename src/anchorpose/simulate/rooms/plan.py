@@ -34,13 +34,13 @@ Clutter = Literal[
 NEAREST_M, FARTHEST_M = 1.2, 4.5  # camera to patient, along the floor
 # a patient who comes into view farther away would not be in place before the recording ends
 FARTHEST_LATE_M: Final = 3.3
-RANGE_MARGIN_M: Final = 0.5  # a moving patient stays within the sensor's range
+RANGE_MARGIN_M: Final = 0.5  # m, by which a moving patient stays within the sensor's range
 LOWEST_M, HIGHEST_M = 0.5, 2.5
 STEEPEST_RAD: Final = float(np.radians(35.0))
 UPWARD_RAD: Final = float(np.radians(8.0))  # largest upward tilt, of a camera on a low shelf
 LARGEST_ROLL_RAD: Final = float(np.radians(4.0))
-AIM_RAD: Final = float(np.radians(9.0))  # between the optical axis and the patient's middle, up or down
-CLEARLY_RAD: Final = float(np.radians(3.0))  # angle beyond the image border at which a part is clearly cut off
+AIM_RAD: Final = float(np.radians(9.0))  # radians between the optical axis and the patient's middle, up or down
+CLEARLY_RAD: Final = float(np.radians(3.0))  # radians beyond the image border at which a part is clearly cut off
 INSIDE_RAD: Final = float(np.radians(1.5))
 SEATED_SHARE: Final = 0.76  # share of the stature: height of the top of the head on a seat
 MIDDLE_SHARE: Final = 0.55  # share of the head's height: the patient's middle, always in view
@@ -49,7 +49,7 @@ SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)
 FRAMINGS: Final = get_args(Framing)
 POSTURES: Final = get_args(Posture)
 LOW: Final[tuple[Clutter, ...]] = ("table", "chair", "stool", "boxes", "wheelchair")  # may stand before the legs
-ROOM_FOR_PASSER_M: Final = 2.2  # between camera and patient, for a person to walk through
+ROOM_FOR_PASSER_M: Final = 2.2  # m between camera and patient, for a person to walk through
 
 
 @settings
@@ -58,7 +58,7 @@ class RoomConfig:
 
     distance_m: Annotated[float, Field(ge=NEAREST_M, le=FARTHEST_M)]
     camera_height_m: Annotated[float, Field(ge=LOWEST_M, le=HIGHEST_M)]
-    tilt_rad: Annotated[float, Field(ge=-UPWARD_RAD, le=STEEPEST_RAD)]  # down
+    tilt_rad: Annotated[float, Field(ge=-UPWARD_RAD, le=STEEPEST_RAD)]  # tilt downwards
     roll_rad: Annotated[float, Field(ge=-LARGEST_ROLL_RAD, le=LARGEST_ROLL_RAD)] = 0.0
     azimuth_rad: float = 0.0  # azimuth of the camera seen from the patient: 0 in front, left positive
     framing: Framing = "whole"
@@ -67,8 +67,9 @@ class RoomConfig:
     late: bool = False  # the patient walks in after the recording has begun
     clutter: tuple[Clutter, ...] = ()
     before: tuple[Clutter, ...] = ()  # furniture between the camera and the patient's legs
-    others: tuple[Other, ...] = ()  # people; those who walk through come last
-    moved: Moved = "none"  # a stool or wheelchair is pushed by the last of those who walk through
+    others: tuple[Other, ...] = ()  # people, of whom people who walk through come last
+    # kind of moved furniture; a stool or wheelchair is pushed by the last person who walks through
+    moved: Moved = "none"
     opening: Opening = "none"
     mirror: bool = False
     mannequin: bool = False
@@ -128,8 +129,8 @@ def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) ->
 
 
 def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float) -> float:
-    """Return how far a height above the patient's place is from the optical axis, up positive, as a share of half the
-    image.
+    """Return the vertical position in the image of a height above the patient's place: its distance from the optical
+    axis, up positive, as a share of half the image.
 
     place: the camera's distance_m, height_m, tilt_rad. Values beyond -1 and 1 are outside.
     """
@@ -138,8 +139,8 @@ def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float
 
 
 def framing_of(sensor: str, place: tuple[float, float, float], head_m: float) -> Framing | None:
-    """Return what the border cuts off a person upright at the patient's place; None if too little is seen, or too
-    narrowly.
+    """Return which parts of a person who stands at the patient's place the image border cuts off; None if too little is
+    seen, or if a cut is too narrow.
     """
     half = _half_view_rad(sensor)
     cut, kept = 1.0 + CLEARLY_RAD / half, 1.0 - INSIDE_RAD / half
@@ -161,7 +162,7 @@ def _half_view_rad(sensor: str) -> float:
 def _draw_place(
     rng: np.random.Generator, sensor: str, framing: Framing, head_m: float, farthest_m: float
 ) -> tuple[float, float, float]:
-    """Draw the camera's distance_m, height_m and tilt_rad for this framing of a person."""
+    """Draw the camera's distance_m, height_m and tilt_rad such that a person is framed as given."""
     while True:
         distance_m, height_m = rng.uniform(NEAREST_M, farthest_m), rng.uniform(LOWEST_M, HIGHEST_M)
         down = np.arctan2(height_m - MIDDLE_SHARE * head_m, distance_m) + rng.uniform(-AIM_RAD, AIM_RAD)

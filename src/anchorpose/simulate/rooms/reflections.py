@@ -18,8 +18,8 @@ NEARER_THAN_ALL_M: Final = 1e-3  # a depth in front of which nothing is drawn
 class RoomPicture:
     """The still room of one camera.
 
-    image: includes the still part of the mirrored room, as far beyond the mirror as the room is in front; in_mirror,
-    shiny (height, width) bool: pixels whose ray meets the mirror, or bare metal.
+    image: the true image, which includes the still part of the mirrored room, as far beyond the mirror as the room is
+    in front; in_mirror, shiny (height, width) bool: pixels whose ray meets the mirror, or bare metal.
     """
 
     camera: Camera

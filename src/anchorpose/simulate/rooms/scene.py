@@ -48,8 +48,8 @@ if TYPE_CHECKING:
 
 ROOM_KEY: Final = 1002  # separate random streams, beside those of ``clinic`` and ``config``
 STREAMS: Final = ("plan", "patient", "programme", "walls", "people", "furniture", "spoil", "beyond")
-ASKEW_RAD: Final = 0.35  # between the line of sight and the room's long axis
-PERSON_CLEAR_M: Final = 0.5  # around a person who sits or stands
+ASKEW_RAD: Final = 0.35  # radians between the line of sight and the room's long axis
+PERSON_CLEAR_M: Final = 0.5  # m around a person who sits or stands
 WALK_CLEAR_M: Final = 0.35
 TRIES: Final = 200
 SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "sits": 1.0}
@@ -60,8 +60,8 @@ SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "s
 class RoomScene:
     """The content of a room in the world frame: the patient at the origin faces +X.
 
-    triangles (n, 3, 3): everything that never moves; shiny (n,) bool; people: without the patient, those who walk
-    through last.
+    triangles (n, 3, 3): everything that never moves; shiny (n,) bool: bare metal; people: all people but the patient,
+    of whom people who walk through come last.
     """
 
     camera: Camera
@@ -242,7 +242,7 @@ def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
     """Add low pieces before the patient, then clutter, then the door."""
     room = draft.room
     head_m = person.height_m * (SEATED_SHARE if room.posture != "stands" else 1.0)
-    free = draft.taken[3:]  # without the patient's place, the camera's and the line between them
+    free = draft.taken[3:]  # without the places of patient and camera and the line between them
     draft.pieces.extend(stand_before(rng, room, draft.camera_m, head_m, free))
     draft.pieces.extend(lay_out(rng, room, draft.outline, [*draft.taken, *free]))
     if room.moved == "door" and draft.back.opening is not None:

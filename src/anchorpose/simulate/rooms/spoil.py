@@ -1,4 +1,4 @@
-"""Spoil a depth image as real rooms do: black cloth, bare metal, another camera's light."""
+"""Spoil a depth image by effects of real rooms: black cloth, bare metal, another camera's light."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Panel:
     high_m: float
 
     def apart(self, other: Panel) -> bool:
-        """Return whether a hand's breadth is between the two along the wall."""
+        """Return whether there is a hand's breadth between two panels along the wall."""
         return self.to_m + 0.1 < other.from_m or other.to_m + 0.1 < self.from_m
 
 
@@ -62,8 +62,8 @@ class Mirror:
 
 @dataclass(frozen=True, slots=True)
 class BackWall:
-    """The back wall's openings and things; None where it has none. way_out: an open doorway, or one whose door opens;
-    else a window.
+    """The openings and objects of the back wall; None where it has none. way_out: an open doorway, or a doorway whose
+    door opens; otherwise the opening is a window.
     """
 
     opening: Panel | None
@@ -163,7 +163,7 @@ def mirror_on_wall(panel: Panel, wall_m: float) -> Mirror:
 
 
 def panel_triangles(panel: Panel, x_m: float) -> np.ndarray:
-    """Return (2, 3, 3) the panel as a board at x."""
+    """Return the triangles (2, 3, 3) of the panel, as a board at x."""
     p = panel
     return _quad([(x_m, p.low_m, p.from_m), (x_m, p.low_m, p.to_m), (x_m, p.high_m, p.to_m), (x_m, p.high_m, p.from_m)])
 

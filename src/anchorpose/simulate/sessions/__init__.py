@@ -1,1 +1,1 @@
-"""Sessions of trials under two conditions: with and without stimulation."""
+"""Simulate sessions of trials under two conditions: with and without stimulation."""

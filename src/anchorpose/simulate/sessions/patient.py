@@ -1,4 +1,4 @@
-"""What the patient of a session does: knees that hold, hands on rails and off, and what goes wrong."""
+"""Draw the movements of a session's patient: knees that hold, hands on the rails and off, and incidents."""
 
 from __future__ import annotations
 
@@ -47,8 +47,9 @@ SWELLS_S: Final = 0.3  # time in which the clonus comes and goes
 
 @dataclass(frozen=True, slots=True)
 class Happening:
-    """An incident as it was drawn. kind: as of ``TrueEvent``; start_s, end_s: from its onset to its greatest depth, to
-    foot strike, or to its end; side: None for a failed stand."""
+    """An incident as it was drawn. kind: as in ``TrueEvent``; start_s, end_s: from its onset to its greatest depth, to
+    foot strike, or to its end; side: None for a failed stand.
+    """
 
     kind: str
     start_s: float
@@ -58,7 +59,7 @@ class Happening:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionPatient(Actor):
-    """A patient in a session, and what goes wrong in the order of time."""
+    """A patient in a session, and the incidents in the order of time."""
 
     happenings: tuple[Happening, ...] = ()
 
@@ -125,7 +126,7 @@ def _falls(trial: PlannedTrial) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """What an incident adds to the programme."""
+    """The parts that an incident adds to the programme."""
 
     happening: Happening
     movements: tuple[Movement, ...]

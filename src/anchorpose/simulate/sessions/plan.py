@@ -1,4 +1,4 @@
-"""What happens when in a session of trials with and without stimulation, as its settings and its seed give it."""
+"""Plan when everything happens in a session of trials with and without stimulation, from its settings and seed."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class PlannedTrial:
     """One trial; times in seconds since the first frame.
 
     held_deg: flexion of the left and the right knee while they hold. extends_s, lets_go_s: when they begin to extend
-    and to rest again; seated until ``stands_s`` where a stand fails, else None.
+    and to rest again; stands_s: time until which the patient is seated where a stand fails, else None.
     """
 
     onset_s: float
@@ -100,7 +100,7 @@ UP_S: Final = STANDS_AT_S + STANDING_UP_S
 
 
 def draw_plan(rng: np.random.Generator, config: SessionConfig) -> tuple[PlannedTrial, ...]:
-    """Draw the trials in the order of time. What is drawn does not depend on how large the effects are."""
+    """Draw the trials in the order of time. The random draws do not depend on the size of the effects."""
     stimulated, blocks = _draw_order(rng, config.trials)
     base_deg = rng.uniform(*HELD_DEG) + rng.uniform(-0.5, 0.5) * SIDES_DEG * np.array([1.0, -1.0])
     scatter_deg = rng.normal(0.0, SCATTER_DEG, config.trials)

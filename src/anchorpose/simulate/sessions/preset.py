@@ -1,4 +1,4 @@
-"""The preset ``stimulation``: a patient between parallel bars, a therapist on either side, a session of trials."""
+"""Define the preset ``stimulation``: a patient between parallel bars with a therapist on either side, in trials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Therapists of a session: each crouches beside the patient and holds a knee and the hip in the trials with help."""
+"""Draw the therapists of a session: each crouches beside the patient and holds a knee and the hip in the trials with
+help.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What truly happened in a session: trials, and what went wrong with its time, side and depth."""
+"""Compute the truth of a session: trials, and incidents with their time, side and depth."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class TrueEvent:
 
 
 def true_events(patient: SessionPatient) -> tuple[TrueEvent, ...]:
-    """Return each incident of the programme, with its depth as the patient's bones have it."""
+    """Return each incident of the programme, with its depth measured on the patient's bones."""
     return tuple(_event(patient, happening) for happening in patient.happenings)
 
 
@@ -109,7 +109,7 @@ def _centre_of_volume(skin_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def truth_arrays(plan: Sequence[PlannedTrial], patient: SessionPatient) -> dict[str, Any]:
-    """Return the arrays of a session in truth.npz, beside those of every recording."""
+    """Return the arrays that truth.npz has only for a session, besides the arrays of every recording."""
     events = true_events(patient)
     return {
         "event_kind": np.array([event.kind for event in events], dtype=np.str_),

@@ -1,4 +1,4 @@
-"""The paper's proposed feature, geodesic distances to the anchors (Definition 3), and variants of it."""
+"""Define the paper's proposed feature, geodesic distances to the anchors (Definition 3), and variants of it."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ PAPER_SUBSET: Final = 3  # N_S: "three anchor nodes suffice" (Section IV-D)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorSetting:
-    """The gate, which the paper chose by hand; unclipped, squared: see ``features.psi``; pieces: behind a cut the
-    anchors that are left are a subset of their own."""
+    """Settings of the match: the gate, which the paper chose by hand; unclipped, squared: see ``features.psi``; pieces:
+    whether the anchors that remain behind a cut form a subset.
+    """
 
     gate: GateConfig = PAPER_GATE
     unclipped: bool = True
@@ -62,7 +63,7 @@ def _by_edges(seen: Observation) -> np.ndarray:
 
 
 def by_psi(describe: Callable[[Observation], np.ndarray], size: int, setting: AnchorSetting) -> Associate:
-    """Return a hypothesis for every subset of ``size`` anchors that both frames measure from.
+    """Return a hypothesis for every subset of ``size`` anchors that are found in both frames.
 
     describe: (n, 5) distances of a frame's seen nodes to the anchors, NaN in the column of a missed one.
     """

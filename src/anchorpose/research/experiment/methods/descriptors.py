@@ -1,4 +1,4 @@
-"""The descriptors that the paper compares with or relates to, each matched by its nearest neighbour."""
+"""Provide the descriptors that the paper compares with or relates to, each matched by its nearest neighbour."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""The learnt descriptor: the place on the complete body that a network sees at a node, alone and with SHOT."""
+"""Match by the learnt descriptor, the place on the complete body that a network assigns to a node, alone and with
+SHOT.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ class LearntConfig:
 
 
 def _describe(seen: Observation, config: LearntConfig) -> np.ndarray:
-    """Return (n, 3) or (n, 3 + 352); NaN where the network sees nobody, or SHOT is undefined."""
+    """Return the descriptors (n, 3) or, with SHOT, (n, 3 + 352); NaN where the network sees nobody, or SHOT is
+    undefined.
+    """
     places = _places(seen)
     if config.local == 0.0:
         return places

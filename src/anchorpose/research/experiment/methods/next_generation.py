@@ -1,6 +1,7 @@
-"""The paper's future work: anchors with a local descriptor, which say different things about where a node is.
+"""Combine anchors with a local descriptor, the paper's future work.
 
-A local descriptor tells neighbours apart and confuses places far from each other; distances to anchors do the opposite.
+They contain different information about the place of a node: a local descriptor distinguishes neighbours but confuses
+distant places; distances to anchors do the opposite.
 """
 
 from __future__ import annotations
@@ -24,18 +25,19 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
 SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # settings as chosen for SHOT alone
-MOST: Final = 9.0  # squared deviations: a distance that an occlusion changed counts no more, nor does an unknown one
+MOST: Final = 9.0  # largest squared deviations of a distance, for one that an occlusion changed or that is unknown
 MOST_SHOT: Final = 18.0  # largest squared deviations of a signature: a hole beside a node changes it
-GIVEN_UP_M: Final = 0.30  # a hand at 3 m/s is so far off its prediction, and its descriptor shows it all the same
-ROWS: Final = 500  # source nodes that are compared at once: 4 MB per anchor for 2,000 of the other frame
+GIVEN_UP_M: Final = 0.30  # m; a hand at 3 m/s is so far from its prediction, and its descriptor still identifies it
+ROWS: Final = 500  # source nodes compared at once: 4 MB per anchor for 2,000 nodes of the other frame
 SUBSET: Final = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextSetting:
-    """anchor_sigma_m: of a distance to an anchor; shot_sigma: of the distance of two signatures, which are of unit
-    length; place_sigma_m: of where a node goes, since most of the skin hardly moves; cost_m: what a branch of the tree
-    pays per deviation of its nodes' descriptors."""
+    """The sigmas. anchor_sigma_m: of a distance to an anchor; shot_sigma: of the distance between two signatures of
+    unit length; place_sigma_m: of a node's movement, since most of the skin hardly moves; cost_m: cost of a branch of
+    the tree per deviation of its nodes' descriptors.
+    """
 
     anchor_sigma_m: float = 0.04
     shot_sigma: float = 0.15
@@ -61,7 +63,7 @@ def _configure(config: TrackConfig, setting: NextSetting) -> TrackConfig:
 
 
 def _signatures(seen: Observation) -> np.ndarray:
-    """Return (n, 352), zero where undefined: then unlike everything."""
+    """Return the signatures (n, 352); they are zero where undefined, which is unlike every signature."""
     return np.nan_to_num(shot(seen.surface.points_m, seen.surface.normals, SHOT))
 
 
@@ -114,9 +116,9 @@ def most_similar(
     """Return (k, s) int32 most similar node of the other frame under each subset, and (k, s) float32 its squared
     deviations.
 
-    local (k, n): those of the signatures; seen: distances to the anchors (k, 5) and places (k, 3) of the nodes, others
-    (n, 5) and (n, 3); per2: what squared metres of either are divided by. A distance counts ``MOST`` at most, and so
-    much where it is unknown. The lower node of equals.
+    local (k, n): squared deviations of the signatures; seen: distances to the anchors (k, 5) and places (k, 3) of the
+    nodes, others (n, 5) and (n, 3); per2: variances of both in square metres. A distance counts at most ``MOST``, and
+    as much where it is unknown. Of equal nodes the lower one is chosen.
     """
     match = np.zeros((len(local), len(subsets)), np.int32)
     total = np.full((len(local), len(subsets)), np.inf, np.float32)
@@ -163,7 +165,9 @@ def _add_up(
     each: np.ndarray,
     sums: np.ndarray,
 ) -> None:
-    """Fill sums (s,): base and the squared deviations of the distances to each subset's anchors; each (5,): those."""
+    """Fill sums (s,): base and the squared deviations of the distances to each subset's anchors; each (5,): these
+    deviations.
+    """
     for anchor in range(len(each)):
         off = seen[0][node, anchor] - others[0][other, anchor]
         off2 = off * off * np.float32(per2[0])

@@ -1,6 +1,7 @@
-"""The paper's method to the letter: its extrema, all subsets of three, the average of psi, its tree, parts by ICP.
+"""Define the paper's method exactly as described: its extrema, all subsets of three, the average of psi, its tree,
+parts by ICP.
 
-Where the text leaves something open, docs/experiment.md states what was chosen.
+docs/experiment.md states what was chosen where the text leaves a choice.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the descriptors are measured against: no feature at all, GMDS, and this project's own tracker."""
+"""Define the references of the comparison: no feature at all, GMDS, and this project's own tracker."""
 
 from __future__ import annotations
 

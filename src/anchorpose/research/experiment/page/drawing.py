@@ -37,7 +37,7 @@ LOOK: Final = {
 }
 """Colour (Okabe and Ito's) and line of each kind of method."""
 
-PALE: Final = 0.35  # opacity of the intervals: in full colour those of twenty methods would hide the means
+PALE: Final = 0.35  # opacity of the intervals; in full colour the intervals of twenty methods would hide the means
 
 MARKS: Final = "osD^vP*X"
 """For the methods of one kind, in their order."""
@@ -56,7 +56,7 @@ FAMILY_NAMES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class DrawnFigure:
-    """One drawn figure. key: name of its files; caption: with the paper's name for the figure."""
+    """A drawn figure. key: name of its files; caption: text that contains the paper's name for the figure."""
 
     key: str
     caption: str
@@ -66,7 +66,9 @@ class DrawnFigure:
 
 @dataclass(frozen=True, slots=True)
 class FigureSpec:
-    """A figure to be drawn. tables: keys of those it needs; draw: works also where methods or columns are missing."""
+    """A figure to be drawn. tables: keys of the tables that it needs; draw: function that draws it, even where methods
+    or columns are missing.
+    """
 
     key: str
     caption: str
@@ -208,6 +210,6 @@ def draw_heat(axes: Any, table: Table, most: float, text: Callable[[float], str]
 
 
 def most_of(table: Table) -> float:
-    """Return the largest mean of a table; 1 without one."""
+    """Return the largest mean of a table; 1 without a mean."""
     means = [row.value.mean for row in table.rows if np.isfinite(row.value.mean)]
     return max(means, default=1.0) or 1.0

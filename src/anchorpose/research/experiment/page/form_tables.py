@@ -1,4 +1,5 @@
-"""Tables over the forms of the framework and the gaps between frames, and the next generation against every other row.
+"""Make tables over the forms of the framework and the gaps between frames, and tables that compare the next generation
+with every other row.
 
 The forms differ in whether the surface corrects the matches and whether bad matches are rejected.
 """
@@ -54,7 +55,7 @@ def form_tables(results: ExperimentResults) -> list[Table]:
 
 
 def _columns(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return a column for each form with no hole and with the largest."""
+    """Return a column for each form, for no hole and for the largest hole."""
     found = []
     for form in results.config.forms:
         holes = Tracking(results, form).holes(Scene.PAPER)
@@ -78,7 +79,7 @@ def _by_form(results: ExperimentResults, key: str, title: str, note: str, summar
 
 
 def _gap_tables(results: ExperimentResults) -> list[Table]:
-    """Return matches over longer and longer gaps, of all nodes and of those that moved."""
+    """Return tables of matches over increasing gaps, of all nodes and of nodes that moved."""
     resamples = results.config.resamples
 
     def share(take: Take) -> Take:
@@ -156,7 +157,7 @@ def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
 
 
 def _others(methods: Sequence[Method]) -> list[Method]:
-    """Return all but the next generation; none where it did not run."""
+    """Return all methods but the next generation; empty where it did not run."""
     keys = {method.key for method in methods}
     return [method for method in methods if method.key != NEXT] if NEXT in keys else []
 

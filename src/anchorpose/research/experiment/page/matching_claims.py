@@ -1,4 +1,4 @@
-"""Claims about matches (Figs. "appearance" and "mesh", Sections II, III and V-A)."""
+"""Judge the paper's claims about matches (Figs. "appearance" and "mesh", Sections II, III and V-A)."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
 COMPARABLE: Final = 0.8  # share of the paper's nodes: a smaller mesh proves nothing about time
-CLEARLY_LESS: Final = 0.8  # share of the error elsewhere: a fifth less
-OFTEN: Final = 0.1  # share of the matches of hands and feet on the opposite limb; by chance it would be one in forty
+CLEARLY_LESS: Final = 0.8  # ratio to the error elsewhere, at most: a fifth less
+# share of the matches of hands and feet that lie on the opposite limb; by chance it would be one in forty
+OFTEN: Final = 0.1
 INACCURATE_MM: Final = 100.0  # twice the paper's bound on an anchor's error
 SYMMETRIC: Final = ("hand", "foot")
 NAMES: Final = tuple(REGIONS)
@@ -35,7 +36,7 @@ RIVALS: Final = (Family.LOCAL, Family.SPECTRAL)
 
 
 class MatchingClaims:
-    """Makes each claim from an results."""
+    """The claims about matches, each made from the results."""
 
     def __init__(self, results: ExperimentResults) -> None:
         self._matching, self._tracking = Matching(results), Tracking(results)
@@ -77,7 +78,7 @@ class MatchingClaims:
         )
 
     def best_in_head(self) -> Claim:
-        """Judge the claim of Section V-A."""
+        """Judge the claim of Section V-A that shape features match best at the head."""
         checks = []
         for method in self._of(*RIVALS):
             parts = [(name, self._region_ratio(method, name)) for name in NAMES if name != "head"]
@@ -104,7 +105,7 @@ class MatchingClaims:
         return ratio_of(above, below, self._resamples)
 
     def swapped(self) -> Claim:
-        """Judge the claim of Section V-A."""
+        """Judge the claim of Section V-A that left and right hands and feet are often confused."""
         checks = []
         for method in self._of(*RIVALS):
             for name in SYMMETRIC:
@@ -121,7 +122,7 @@ class MatchingClaims:
         )
 
     def inaccurate_elsewhere(self) -> Claim:
-        """Judge the claim of Section V-A."""
+        """Judge the claim of Section V-A that shape features are inaccurate on the rest of the body."""
         elsewhere = [index for index, name in enumerate(NAMES) if name not in ("head", *SYMMETRIC)]
         return Claim(
             "inaccurate-elsewhere",
@@ -132,7 +133,7 @@ class MatchingClaims:
         )
 
     def spectral_inaccurate(self) -> Claim:
-        """Judge the claim of Section II."""
+        """Judge the claim of Section II that spectral features give many inaccurate matches."""
         proposed = [self._methods[PROPOSED]] if PROPOSED in self._methods else []
         context = [check.text() for check in self._inaccuracy(proposed, range(len(NAMES)))]
         return Claim(
@@ -153,7 +154,7 @@ class MatchingClaims:
         return checks
 
     def like_gmds(self) -> Claim:
-        """Judge the claim of Section III-A."""
+        """Judge the claim of Section III-A that distances to a few anchors approximate GMDS."""
         return Claim(
             "like-gmds",
             "Section III-A",
@@ -164,7 +165,7 @@ class MatchingClaims:
         )
 
     def dijkstra_suffices(self) -> Claim:
-        """Judge the claim of Section V."""
+        """Judge the claim of Sections III and V that shortest paths along the mesh's edges are accurate enough."""
         return Claim(
             "dijkstra-suffices",
             "Section III and V",
@@ -215,7 +216,7 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods without those that a filter follows, which are controls."""
+        """Return the methods without control methods, whose matches a filter uses."""
         every = self._methods.values()
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

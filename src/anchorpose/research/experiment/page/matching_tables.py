@@ -1,4 +1,6 @@
-"""Tables of the matches: errors overall, by region, by size of hole and as a curve; and times beside the paper's."""
+"""Make tables of the matches: errors overall, by region, by size of hole and as a curve; and times beside the
+paper's.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,7 @@ Take = Callable[[Matched], np.ndarray]
 
 
 def matching_tables(results: ExperimentResults) -> list[Table]:
-    """Return all tables of matches; none without any."""
+    """Return all tables of matches; no tables without matches."""
     matching, resamples = Matching(results), results.config.resamples
     if not matching.windows:
         return []

@@ -1,4 +1,4 @@
-"""The presentation of an experiment, from its results alone: tables, figures, and index.html with all of them."""
+"""Present an experiment from its results: tables, figures, and index.html with all of them."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
 
 
 def judge_claims(results: ExperimentResults) -> list[Claim]:
-    """Return all claims, those of the paper's figures first."""
+    """Return all claims; the claims of the paper's figures come first."""
     of_joints = [*TrackingClaims(results).all(), *literal_claims(results)]
     return [*of_joints, *MatchingClaims(results).all(), paper_times(results)]
 
@@ -154,8 +154,8 @@ def write_results(results: ExperimentResults, out: Path) -> None:
     """Write tables/*.csv, figures/*.svg and *.png, claims.json and index.html into ``out``; the same results give the
     same bytes.
 
-    Existing ones are replaced, each folder and file as a whole and the page last; nothing else is changed. The page
-    shows the pictures of ``out / pictures``. Raises MissingPackage without matplotlib and InputError for unusable
+    Existing files are replaced, each folder and file as a whole and the page last; nothing else is changed. The page
+    shows the pictures in ``out / pictures``. Raises MissingPackage without matplotlib and InputError for unusable
     captions, both before anything is written.
     """
     tables = [*tracking_tables(results), *form_tables(results), *matching_tables(results), *time_tables(results)]

@@ -1,4 +1,4 @@
-"""Parts of the page as HTML: tables, claims, figures, and the PNG pictures of a folder with their captions.
+"""Make parts of the page as HTML: tables, claims, figures, and the PNG pictures of a folder with their captions.
 
 All text from outside is escaped here.
 """
@@ -49,7 +49,8 @@ class PagePicture:
 
 
 def read_pictures(folder: Path) -> list[PagePicture]:
-    """Return the PNG files of ``folder / pictures`` in the order of their captions, then those without one by name.
+    """Return the PNG files of ``folder / pictures`` in the order of their captions, then files without a caption by
+    name.
 
     Raises InputError where the captions cannot be read or name a missing file or section.
     """
@@ -153,7 +154,7 @@ def _claim_row(claim: Claim) -> str:
 
 
 def _figures(claim: Claim) -> str:
-    """Return the answers of the comparisons, their range, and those that answer no if there are few."""
+    """Return the answers of the comparisons, their range, and the comparisons that answer no if there are few."""
     checks = claim.checks
     if len(checks) < 2:
         return checks[0].text() if checks else "no data"
@@ -182,7 +183,7 @@ def inline_svg(picture: DrawnFigure) -> str:
     """Return the drawing without parts that only a file needs, with unique ids, since all figures share the page."""
     svg = picture.svg[picture.svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page has its own; a tenth of the length
+    svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page sets the font; saves a tenth of the length
     svg = re.sub(r"(\.\d\d)\d+", r"\1", svg)  # hundredths of a point are not visible
     svg = re.sub(r'\bid="', f'id="{picture.key}-', svg)
     svg = re.sub(r"url\(#", f"url(#{picture.key}-", svg)
@@ -211,7 +212,7 @@ def _picture(picture: PagePicture) -> str:
 
 
 def best_of(table: Table, column: str, keys: Sequence[str]) -> str | None:
-    """Return the key of the method with the smallest mean in a column; None without any."""
+    """Return the key of the method with the smallest mean in a column; None where no method has a value."""
     means = {key: table.value(key, column).mean for key in keys}
     known = {key: mean for key, mean in means.items() if np.isfinite(mean)}
     return min(known, key=lambda key: known[key]) if known else None

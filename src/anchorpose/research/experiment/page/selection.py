@@ -1,4 +1,4 @@
-"""Selection of the frames and matches of an experiment, so that methods are compared on the same ones."""
+"""Select frames and matches of an experiment such that all methods are compared on the same frames and matches."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ HANDS: Final = tuple(index for index, name in enumerate(JOINT_NAMES) if name.sta
 
 
 def without_hands(error_mm: np.ndarray) -> np.ndarray:
-    """Return (f, 17) of the errors (f, 21): those of all joints but hands and wrists."""
+    """Return the errors (f, 17) of all joints but hands and wrists, from the errors (f, 21) of all joints."""
     return np.delete(error_mm, HANDS, axis=1)
 
 
@@ -64,7 +64,7 @@ class Tracking:
         return sorted({hole for of, _, hole in self._runs if of is scene})
 
     def ran(self, scene: Scene, methods: Iterable[Method]) -> list[Method]:
-        """Return those of the methods that tracked a frame in the scene."""
+        """Return the methods that tracked a frame in the scene."""
         keys = {
             key
             for (of, key, _), runs in self._runs.items()
@@ -77,7 +77,7 @@ class Tracking:
         return self._runs.get((scene, method, hole_m), {})
 
     def shared(self, scene: Scene, methods: Iterable[Method]) -> Kept:
-        """Return the frames that all of the methods ran on, apart from methods that tracked nothing in the scene."""
+        """Return the frames on which all methods ran, apart from methods that tracked nothing in the scene."""
         keys = [method.key for method in self.ran(scene, methods)]
         kept: dict[tuple[str, float], np.ndarray] = {}
         for hole in self.holes(scene):
@@ -90,7 +90,7 @@ class Tracking:
     def errors(
         self, scene: Scene, method: str, hole_m: float, kept: Kept | None = None, occluded: bool = False
     ) -> dict[str, np.ndarray]:
-        """Return (f, 21) millimetres by recording: all frames or the kept ones; only those with a hole if
+        """Return (f, 21) millimetres by recording: of all frames or of the kept frames; only of frames with a hole if
         ``occluded``.
         """
         found = {}
@@ -111,7 +111,7 @@ class Tracking:
     ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Return errors (f, 21) of two runs, each a method with a size of hole, in the same frames, by recording.
 
-        occluded: only the frames that have a hole in the first. Recordings that one of them lacks are left out.
+        occluded: only the frames that have a hole in the first run. Recordings that either run lacks are left out.
         """
         found = {}
         ones, others = self.runs(scene, *one), self.runs(scene, *other)
@@ -170,7 +170,9 @@ class Matching:
         return sorted({hole for _, hole, _ in self.windows})
 
     def has_direct(self, method: str) -> bool:
-        """Return whether the method has a match without the tree; one with several hypotheses cannot choose."""
+        """Return whether the method has a match without the tree; a method with several hypotheses cannot choose
+        one.
+        """
         return method in self._direct
 
     def values(
@@ -195,7 +197,7 @@ def tree_mm(match: Matched) -> np.ndarray:
 
 
 def every_mm(match: Matched) -> np.ndarray:
-    """Return the distance after a tree that assigns a match to every node."""
+    """Return the distances (mm) of the matches after a tree that assigns a match to every node."""
     return match.every_mm
 
 
@@ -215,8 +217,8 @@ def penalised_mm(match: Matched) -> np.ndarray:
 
 
 def error_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
-    """Return the error of a method's matches: direct as in the paper, or after the tree for methods without direct
-    ones.
+    """Return the error of a method's matches: of direct matches as in the paper, or of matches after the tree for
+    methods without direct matches.
     """
     return direct_mm if matching.has_direct(method) else tree_mm
 

@@ -1,4 +1,5 @@
-"""Tables: rows of a method, a column and a mean with its interval; as CSV files and, pivoted, on the page.
+"""Define tables, with rows of a method, a column and a mean with its interval; they are CSV files and, pivoted, parts
+of the page.
 
 Confidence intervals are by the bootstrap over recordings, not frames.
 """
@@ -162,7 +163,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One method's figure in one column."""
+    """A row: the figure of one method in one column."""
 
     method: Method
     column: Column
@@ -173,7 +174,7 @@ class Row:
 class Table:
     """key: name of the file; across: name of the columns' quantity; note: sentences that a reader must know.
 
-    rows: by method, with its columns in the same order; a method may lack some.
+    rows: by method, with its columns in the same order; a method may lack some columns.
     """
 
     key: str

@@ -1,4 +1,4 @@
-"""Claims about the errors of joints (Figs. "result1" to "sd2")."""
+"""Judge the claims about the errors of joints (Figs. "result1" to "sd2")."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at
 from anchorpose.research.experiment.results import ExperimentResults
 
 CONSTANT: Final = 1.1  # "almost constant" is taken to mean within a tenth
-SIMILAR: Final = 2.0  # the worst joint against the best
+SIMILAR: Final = 2.0  # ratio of the errors of the worst and the best joint
 ADEQUATE_MM: Final = 100.0  # about the width of a forearm: a joint within it is on the right limb
 
 
@@ -41,7 +41,9 @@ def literal_claims(results: ExperimentResults) -> list[Claim]:
 
 
 class TrackingClaims:
-    """Makes each claim from an results; proposed: the row that stands for the paper's method, form: of all rows."""
+    """The claims about joints, each made from the results. proposed: the row of the paper's method; form: the form of
+    all rows.
+    """
 
     def __init__(self, results: ExperimentResults, proposed: str = PROPOSED, form: Form = Form.REFINED) -> None:
         self._results, self._tracking, self._resamples = results, Tracking(results, form), results.config.resamples
@@ -79,7 +81,7 @@ class TrackingClaims:
         ]
 
     def proposed_constant(self) -> Claim:
-        """Judge the claim of Fig. result1."""
+        """Judge the claim of Fig. result1 that the proposed feature has almost the same error at every size of hole."""
         return Claim(
             "proposed-constant",
             "Fig. “result1” and its caption",
@@ -89,7 +91,7 @@ class TrackingClaims:
         )
 
     def local_constant(self) -> Claim:
-        """Judge the claim of Fig. result1."""
+        """Judge the claim of Fig. result1 that local features have almost the same errors at every size of hole."""
         return Claim(
             "local-constant",
             "Fig. “result1” and its caption",
@@ -110,7 +112,7 @@ class TrackingClaims:
         return checks
 
     def proposed_below(self, name: str, families: Sequence[Family]) -> Claim:
-        """Judge the claim of Fig. result1, Section V-B."""
+        """Judge the claim of Fig. result1 and Section V-B that the proposed feature is the most accurate."""
         others = self._of(*families)
         return Claim(
             f"proposed-below-{name}",
@@ -121,7 +123,7 @@ class TrackingClaims:
         )
 
     def helps_at_all(self) -> Claim:
-        """Judge what the framework does without any feature."""
+        """Judge how well the framework tracks without any feature."""
         return Claim(
             "helps-at-all",
             "this project’s own question",
@@ -179,7 +181,7 @@ class TrackingClaims:
         )
 
     def tree_helps(self) -> Claim:
-        """Judge the claim of Section IV."""
+        """Judge the claim of Section IV that the tree of hypotheses improves tracking under occlusion."""
         others = [method for method in self._methods if method.key == "anchors-no-tree"]
         return Claim(
             "tree-helps",
@@ -191,7 +193,7 @@ class TrackingClaims:
         )
 
     def proposed_similar(self) -> Claim:
-        """Judge the claim of Fig. result2."""
+        """Judge the claim of Fig. result2 that the proposed feature has similar errors at all joints."""
         checks = [
             Check(what, value, Unit.RATIO, at_most(value, SIMILAR))
             for method in self._methods
@@ -220,7 +222,7 @@ class TrackingClaims:
         return tuple(Check(*self._spread(method), Unit.RATIO, Answer.OPEN).text() for method in methods)
 
     def proposed_adequate(self) -> Claim:
-        """Judge the claim of Fig. mhtjoints."""
+        """Judge the claim of Fig. mhtjoints that joints are found well enough despite wrong matches."""
         checks = []
         for hole in self._holes:
             value = mean_over(list(self._tracking.errors(Scene.PAPER, self._proposed, hole).values()), self._resamples)
@@ -257,7 +259,7 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods without those that a filter follows, which are controls."""
+        """Return the methods without control methods, whose matches a filter uses."""
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 
@@ -273,7 +275,7 @@ def difference(
 
 
 def below_zero(value: Estimate) -> Answer:
-    """Return yes where the whole interval is below 0, no where all of it is at or above."""
+    """Return yes where the whole interval is below 0, no where the whole interval is at or above 0."""
     if np.isnan(value.low):
         return Answer.OPEN
     if value.high < 0:

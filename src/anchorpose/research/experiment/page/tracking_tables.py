@@ -110,7 +110,7 @@ def _paper_tables(results: ExperimentResults, tracking: Tracking) -> list[Table]
 
 
 def _unrejected(results: ExperimentResults) -> Table:
-    """Return the paper's "result1" in its own form."""
+    """Return the paper's table "result1" in the paper's form of the framework."""
     tracking = Tracking(results, Form.REFINED_ALL)
     methods = tracking.ran(Scene.PAPER, compared(results.methods))
     kept = tracking.shared(Scene.PAPER, methods)
@@ -200,8 +200,8 @@ def _ratios(
 def ratio_to_none(
     tracking: Tracking, method: str, hole_m: float, resamples: int, occluded: bool = False, kept: Kept | None = None
 ) -> Estimate:
-    """Return a method's mean error with a hole over its own without, in the same frames; occluded: only those with a
-    hole.
+    """Return a method's mean error with a hole divided by its error without a hole, in the same frames. occluded: only
+    frames with a hole.
     """
     pairs = tracking.pairs(Scene.PAPER, (method, hole_m), (method, 0.0), occluded, kept).values()
     return ratio_of([with_hole for with_hole, _ in pairs], [without for _, without in pairs], resamples)
@@ -219,7 +219,7 @@ def _scene_table(results: ExperimentResults, tracking: Tracking) -> Table:
 
 
 def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept, resamples: int) -> list[Row]:
-    """Return rows without a hole and, where holes are cut, with the largest."""
+    """Return rows without a hole and, where holes are cut, rows with the largest hole."""
     holes = tracking.holes(scene)
     return [
         Row(

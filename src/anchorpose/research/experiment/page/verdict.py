@@ -1,4 +1,4 @@
-"""Judging a claim: comparisons that answer yes, no or nothing, and the verdict that follows from them."""
+"""Judge claims: comparisons are answered by yes, no or open, and a verdict follows from the answers."""
 
 from __future__ import annotations
 
@@ -50,8 +50,9 @@ class Check:
 class Claim:
     """A claim and its comparisons.
 
-    key: in claims.json; place: in the paper, or that it is this project's own; text: in our words; rule: when a check
-    answers yes; checks: every comparison; context: related values without an answer.
+    key: its key in claims.json; place: its place in the paper, or that it is this project's own; text: the claim in our
+    words; rule: when a comparison is answered by yes; checks: every comparison; context: related values without an
+    answer.
     """
 
     key: str
@@ -63,7 +64,7 @@ class Claim:
 
     @property
     def verdict(self) -> Verdict:
-        """See ``judge``."""
+        """Return the verdict; see ``judge``."""
         return judge([check.answer for check in self.checks])
 
 
@@ -84,7 +85,7 @@ def judge(answers: Sequence[Answer]) -> Verdict:
 
 
 def at_most(value: Estimate, bound: float) -> Answer:
-    """Return yes where the whole interval is at or below the bound, no where all of it is above."""
+    """Return yes where the whole interval is at or below the bound, no where the whole interval is above it."""
     if np.isnan(value.low) or np.isnan(value.high):
         return Answer.OPEN
     if value.high <= bound:
@@ -93,12 +94,12 @@ def at_most(value: Estimate, bound: float) -> Answer:
 
 
 def at_least(value: Estimate, bound: float) -> Answer:
-    """Return yes where the whole interval is at or above the bound, no where all of it is below."""
+    """Return yes where the whole interval is at or above the bound, no where the whole interval is below it."""
     return at_most(Estimate(-value.mean, -value.high, -value.low, value.count), -bound)
 
 
 def between(value: Estimate, low: float, high: float) -> Answer:
-    """Return yes where the whole interval lies within, no where all of it lies outside."""
+    """Return yes where the whole interval lies within the limits, no where the whole interval lies outside."""
     parts = (at_least(value, low), at_most(value, high))
     if Answer.NO in parts:
         return Answer.NO

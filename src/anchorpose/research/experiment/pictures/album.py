@@ -1,4 +1,4 @@
-"""The pictures of one training recording, and how long the paper's own steps take on it."""
+"""Make the pictures of one training recording, and measure how long the paper's own steps take on it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,9 @@ from anchorpose.versions import code_digest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sources:
-    """What the pictures show: the frame before the hole and the next one, without and with the hole; holed: with it."""
+    """The data of the pictures: the frame before the hole and the next frame, without and with the hole. holed: the
+    frames with the hole.
+    """
 
     view: View
     skin: Skin
@@ -64,9 +66,9 @@ def write_pictures(
 ) -> None:
     """Write *.png and pictures.json into a folder, a list of {"file", "caption", "section"} in the order of the page.
 
-    prepared: of a simulated recording; holed: with holes, one of them in ``hole_frame``, a position, and none in the
-    frame before. Raises ValueError where the patient was not found in the frame before the hole; MissingPackage
-    without matplotlib.
+    prepared: clip of a simulated recording; holed: the recording with holes, one of them in ``hole_frame``, a position,
+    and none in the frame before. Raises ValueError where the patient was not found in the frame before the hole;
+    MissingPackage without matplotlib.
     """
     with default_style():
         sources, centre_m = _prepare_sources(prepared, whole, holed, hole_frame), prepared.reference.centre_m
@@ -183,9 +185,9 @@ Shown = tuple[PaperTimes | None, tuple[str, ...]]
 def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
     """Write ``out / pictures``, empty where nothing can be shown; returns times, and a sentence per failed recording.
 
-    The times are of another image, see ``_paper_size_times``; none where nothing is tuned, in a mere check. The last
-    training recording is taken, whose movements are the fastest; if that fails, the one before. Pictures that an
-    earlier run made of the same stay.
+    The times are of another image, see ``_paper_size_times``; without tuning, in a mere check, there are no times. The
+    last training recording is used, whose movements are the fastest; if it fails, the recording before. Pictures that
+    an earlier run made from the same inputs are kept.
     """
     plan = spec.plan()
     known = shown_before(out, plan, trainers)
@@ -210,7 +212,7 @@ def _made_of(plan: Plan, trainers: Sequence[Clip]) -> str:
 
 
 def shown_before(out: Path, plan: Plan, trainers: Sequence[Clip]) -> Shown | None:
-    """Return what ``show`` returned when it made the pictures; None where there are none of the same."""
+    """Return what ``show`` returned when it made the pictures; None where no pictures from the same inputs exist."""
     try:
         account = json.loads((out / "pictures" / SHOWN).read_text(encoding="utf-8"))
         if account["made_of"] != _made_of(plan, trainers):
@@ -245,8 +247,8 @@ PAPER_SIZE: Final = "azure-kinect"  # sees a person with as many pixels as the p
 
 
 def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
-    """Return the times on an image in which a person is as large as in the paper's, for which a finer camera looks
-    on.
+    """Return the times on an image in which a person is as large as in the paper's images; a camera with finer
+    resolution makes it.
     """
     if clip.simulation is None or not plan.config.tuned:
         return None
@@ -260,8 +262,8 @@ def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
 
 
 def _moving_frame(prepared: PreparedClip, cut: np.ndarray) -> int | None:
-    """Return the frame with the fastest motion among those with a hole whose frame before has none; None without
-    one.
+    """Return the frame with the fastest motion among the frames with a hole that follow a frame without a hole; None
+    without such a frame.
     """
     found = prepared.reference.found
     fits = np.flatnonzero(cut[1:-3] & ~cut[:-4] & found[1:-3] & found[:-4]) + 1

@@ -1,4 +1,6 @@
-"""Shared parts of all pictures: two frames and their truth, reproducible figures, the upright view, shaded meshes."""
+"""Provide the shared parts of all pictures: two frames and their truth, reproducible figures, the upright view, shaded
+meshes.
+"""
 
 from __future__ import annotations
 
@@ -139,7 +141,8 @@ def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) ->
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    axes.set(xticks=[], yticks=[], frame_on=False)  # not set_axis_off: the layout would leave no room for the title
+    # set_axis_off is not used: the layout would leave no room for the title
+    axes.set(xticks=[], yticks=[], frame_on=False)
 
 
 def apart_m(view: View, one: Surface, other: Surface) -> float:
@@ -165,8 +168,8 @@ class Moment:
 
 
 def take_moment(frame: int, trial: Trial, skin: Skin, name: str, title: str) -> Moment:
-    """Return a frame and the next one; ValueError where the patient was not found in the first or is not seen in the
-    next.
+    """Return a frame and the next frame; raises ValueError where the patient was not found in the first or is not seen
+    in the next.
     """
     window = take_window(frame, trial.given, trial.runs[Form.REFINED])
     if window is None:

@@ -1,4 +1,4 @@
-"""The paper's figure "hypothesis": the subset of anchors by which each node found its match."""
+"""Draw the paper's figure "hypothesis": the subset of anchors by which each node found its match."""
 
 from __future__ import annotations
 

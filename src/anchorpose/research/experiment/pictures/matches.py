@@ -1,4 +1,4 @@
-"""The paper's figures "appearance" and "mesh": one per cent of each method's matches, right and wrong."""
+"""Draw the paper's figures "appearance" and "mesh": one per cent of each method's matches, right and wrong."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 SECTION: Final = "matches"
-ALONE = "match"  # one method per picture: files only; the page shows the sheets
+ALONE = "match"  # section of the pictures of single methods, which are only files; the page shows the sheets
 DRAWN_SHARE: Final = 0.01  # share of the matches that is drawn, as in the paper: more lines hide each other
 RIGHT_M: Final = 0.05  # the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17
@@ -62,7 +62,7 @@ class Pairs:
 
 
 def pairs_of(method: Method, setting: object, moment: Moment) -> Pairs | None:
-    """Return a method's matches; None for one that intentionally has none."""
+    """Return a method's matches; None for a method that intentionally has no matches."""
     if method.associate is None:
         return None
     found = match_window(method, setting, moment.window)
@@ -93,7 +93,7 @@ def on_patient(moment: Moment) -> np.ndarray:
 
 
 def draw_nodes(known: np.ndarray) -> np.ndarray:
-    """Return (k,) one per cent of the nodes, drawn at random among the known ones (n,) bool: the same for all
+    """Return (k,) one per cent of the nodes, drawn at random among the known nodes (n,) bool; they are the same for all
     methods.
     """
     count = min(int(np.ceil(DRAWN_SHARE * len(known))), int(known.sum()))

@@ -1,4 +1,4 @@
-"""Bright and shadow regions of the hole (paper, Definitions 4 and 5) on the mesh of a frame.
+"""Draw bright and shadow regions of the hole (paper, Definitions 4 and 5) on the mesh of a frame.
 
 Distortion of distances from an anchor is shown as colour, the bright and shadowed border as lines.
 """
@@ -29,7 +29,7 @@ from anchorpose.surface.surface import Surface
 SHOWN_M: Final = 0.10  # distortion at which the colour scale ends
 ANCHOR: Final = VERMILLION  # red in the paper
 BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"  # yellow and black in the paper
-LEAST_BLUE: Final = 0.25  # where the scale begins: any distortion differs visibly from the bare mesh
+LEAST_BLUE: Final = 0.25  # start of the scale, so that any distortion differs visibly from the bare mesh
 CUT_OFF: Final = (0.80, 0.47, 0.65)
 
 
@@ -141,7 +141,7 @@ class HoledFrame:
         return hidden
 
     def within(self, radius_m: float) -> np.ndarray:
-        """Return (n,) bool: nodes that a hole of another size would take."""
+        """Return (n,) bool: nodes that a hole with another radius would remove."""
         return np.asarray(np.linalg.norm(self.surface.points_m - self.centre_m, axis=1) < radius_m)
 
     def node(self, anchor: str) -> int:

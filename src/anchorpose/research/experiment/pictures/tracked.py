@@ -1,4 +1,4 @@
-"""The paper's figures "mhtjoints" and "update": joints predicted, tracked and true over the frame's mesh."""
+"""Draw the paper's figures "mhtjoints" and "update": predicted, tracked and true joints over the frame's mesh."""
 
 from __future__ import annotations
 
