@@ -15,15 +15,15 @@ import numpy as np
 
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.explanation import explain, node_area_m2
-from anchorpose.body.facings import search_facings
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
 from anchorpose.body.likelihood import most_nats
+from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_person, matches_of
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, Pose
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.proposals import rarity
 from anchorpose.body.registration import posterior
-from anchorpose.body.rivals import Rival
+from anchorpose.body.rivals import Rival, rivals_of
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.other_place import without_other_places
@@ -91,20 +91,23 @@ def find_start(
     pose before the patient was lost. The first pose is found without the expected pose; a search may then turn the body
     round.
     """
-    room, config = run.room, run.config
+    points, room, config = body_points(), run.room, run.config
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
     matches = matches_of(observation.evidence.views, room.cameras, PixelLabel.PATIENT)
     if len(observation.surface) < config.registration.least_nodes or len(matches) < LEAST_MATCHES:
         return NoStart.TOO_LITTLE_SEEN
     first = _first_body(observation, match_person(matches), run, known)
-    facings = [
-        one for one in (first, *first.others[:1]) if known is not None or _is_likely(one, room.recording.subject)
-    ]
-    if not facings:
+    if known is None and not _is_likely(first, room.recording.subject):
         return NoStart.NOT_HUMAN
-    best, rivals = search_facings(facings, first.others[1:], expected, observation.evidence, config.registration)
-    found = best.found
-    start = Start(observation, best.first.shape, found.belief, found.explained, rivals)
+    body = build_body(points, first.shape)
+    found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
+    rivals = tuple[Rival, ...]()
+    if found.found:  # exchanged sides, and limbs without matches
+        before = expected or vague_belief(found.belief.pose)
+        search = search_limbs(body, found, before, observation.evidence, config.registration)
+        found = search.registration
+        rivals = rivals_of(body, found.belief, [*search.rivals, *_turned(first)])
+    start = Start(observation, first.shape, found.belief, found.explained, rivals)
     if not found.found or found.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
     if expected is not None and _turned_round(expected, found.belief.pose):
@@ -120,6 +123,15 @@ def _turned_round(before: PoseBelief, now: Pose) -> bool:
     """
     turn = before.pose.change_to(now, body_points().moving)[:3]
     return float(turn @ np.linalg.solve(before.covariance[:3, :3], turn)) > TURN_GATE
+
+
+def _turned(first: FirstPose) -> Iterator[Rival]:
+    """Yield the person facing the other way, with the same body or with one learnt for that facing, whichever is
+    likelier.
+    """
+    for other in sorted(first.others, key=first.ahead_of)[:1]:
+        own = None if other.shape is first.shape else build_body(body_points(), other.shape)
+        yield Rival(vague_belief(other.pose), first.ahead_of(other), body=own)
 
 
 def starts_turned(first: Estimate, rivals: Sequence[Rival], config: TrackConfig) -> Iterator[Start]:
