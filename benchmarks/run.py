@@ -184,17 +184,23 @@ def main() -> None:
         versions.append(at_commit(chosen.against, chosen.cache))
     if chosen.without:
         versions.append(without(chosen.without))
-    document: dict[str, Any] = {}
+    document, faults = dict[str, Any](), list[str]()
     print(f"{chosen.use} recordings{', quick' * chosen.quick}; load {os.getloadavg()[0]:.1f} at the start")
     for name in names:
         plan = Plan(chosen.use, chosen.quick, chosen.cache, tuple(versions), again=SUITES[name].alone)
-        by_version = run_suite(name, plan, chosen.processes)
+        try:
+            by_version = run_suite(name, plan, chosen.processes)
+        except RuntimeError as error:
+            faults.append(str(error))
+            continue
         print(f"\n## {name}: {SUITES[name].about}\n\n{table(by_version[0])}", flush=True)
         if len(versions) > 1:
             print(f"\n{differences(*by_version, versions[1].title)}", flush=True)
         document[name] = {version.title: rows for version, rows in zip(versions, by_version, strict=True)}
     if chosen.json:
         chosen.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    if faults:
+        raise SystemExit("\n".join(faults))
 
 
 if __name__ == "__main__":
