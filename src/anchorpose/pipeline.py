@@ -98,10 +98,9 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     if learnt is not None and not (recording.subject.height_m or is_human(learnt.shape)):
         learnt, run = None, run.without_patient(NoStart.NOT_HUMAN)
         journal = replace(journal, shared={**journal.shared, "run": run, "room": run.room})
-    shape = None if learnt is None else learnt.shape
 
     # every frame: isolation, surface, geodesics, association, tracking, body; then results and report
-    frames = track_on(route, run, shape, journal)
+    frames = track_on(route, run, learnt, journal)
     clear_beside_journal(results)
     write_results(results, frames, run, learnt, inputs)
     end_journal(results)

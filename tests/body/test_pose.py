@@ -34,6 +34,13 @@ def test_a_change_moves_only_the_moving_bones_and_not_the_pose_itself():
     assert (np.abs(moved.rotations[points().moving] - before[points().moving]).max(axis=(1, 2)) > 0.01).all()
 
 
+@pytest.mark.parametrize(("turned_deg", "away"), [(0.0, False), (80.0, False), (100.0, True), (180.0, True)])
+def test_a_body_faces_away_when_its_pelvis_turned_by_more_than_a_right_angle(turned_deg, away):
+    one, other = standing(Hips=(0.0, 20.0, 0.0)), standing(Hips=(0.0, 20.0 + turned_deg, 0.0), LeftArm=(60.0, 0.0, 0.0))
+    assert one.faces_away(other) == away
+    assert other.faces_away(one) == away
+
+
 def test_rotation_vectors_are_those_of_the_moving_bones():
     vectors = standing(LeftArm=(30.0, 0.0, 0.0), RightLeg=(0.0, 0.0, -50.0)).rotation_vectors(points().moving)
     found = {name: np.degrees(vectors[row]) for row, name in enumerate(MOVING_BONES) if vectors[row].any()}

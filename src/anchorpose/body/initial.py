@@ -53,6 +53,12 @@ class FirstPose:
         """Return by how much this pose is likelier than that of the person facing the other way, believed nats."""
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 
+    def facing_as(self, pose: Pose) -> FirstPose:
+        """Return the first pose with the same body that faces as another pose does; this one where none does."""
+        alike = (one for one in self.others if one.shape is self.shape and not pose.faces_away(one.pose))
+        other = next(alike, None) if pose.faces_away(self.pose) else None
+        return self if other is None else replace(other, others=(self,))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstShape:

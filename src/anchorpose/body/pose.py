@@ -64,6 +64,10 @@ class Pose:
         turned = after.rotations[moving] @ self.rotations[moving].transpose(0, 2, 1)
         return np.append(rotation_vectors(turned).ravel(), after.root_m - self.root_m)
 
+    def faces_away(self, other: Pose) -> bool:
+        """Return whether the pelvis is turned by more than a right angle between two poses."""
+        return bool(np.trace(other.rotations[0] @ self.rotations[0].T) < 1.0)
+
     def rotation_vectors(self, moving: np.ndarray) -> np.ndarray:
         """Return the rotation vectors (m, 3) of the moving bones, radians."""
         return rotation_vectors(self.rotations[moving])

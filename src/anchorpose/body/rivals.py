@@ -31,8 +31,13 @@ LIMB_ERROR: Final = 4.0
 
 Where only head and arms of a body were visible, the right body and the same body turned round differed by 3 and 5 nats
 in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
+OWN_BODY_ERROR: Final = 6.0
+"""The same where each pose has a body that was fitted to it: 30 nats for all five parts, in 18 windows of 9 hard
+scenes."""
 
 MEMORY_S: Final = 0.3  # s after which a frame has a third of its weight, since limbs have moved
+# s, the same for a rival with its own body: errors of shape last, so its lead is averaged as long as in learning
+OWN_MEMORY_S: Final = 4.0
 LEAST_GAIN: Final = 3.0  # nats; a new pose must be twenty times as likely
 # nats; a rival e^6 times less likely than the best pose is dropped, a rival e^6 times likelier takes over
 DECIDED: Final = 6.0
@@ -67,12 +72,12 @@ class Rival:
         return replace(self, lag=self.lag - best.lag, moved=self.moved - best.moved)
 
 
-def believed(lead: float, parts: int) -> float:
+def believed(lead: float, parts: int, error: float = LIMB_ERROR) -> float:
     """Convert a lead in nats to believed nats: the logarithm of the odds that the lead is right.
 
-    parts: number of parts (limbs or trunk) in other places; each adds errors of shape and clothes.
+    parts: number of parts (limbs or trunk) in other places; each adds errors of shape and clothes (error, nats).
     """
-    deviations = abs(lead) / (LIMB_ERROR * max(parts, 1))
+    deviations = abs(lead) / (error * max(parts, 1))
     odds = float(log_ndtr(deviations) - log_ndtr(-deviations))
     return float(np.copysign(min(abs(lead), odds), lead))
 
@@ -98,14 +103,15 @@ def follow_rivals(
         return best, ()
     most, followed = log_probability(body, best.belief.pose, evidence), list[tuple[Registration, Rival]]()
     facing = facing_nats(body, best.belief.pose, evidence.cameras)
-    old = math.exp(-elapsed_s / MEMORY_S)
     for rival in rivals:
+        memory_s, error = (MEMORY_S, LIMB_ERROR) if rival.body is None else (OWN_MEMORY_S, OWN_BODY_ERROR)
+        old = math.exp(-elapsed_s / memory_s)
         own, expected = rival.body or body, rival.belief.later(rival.belief.pose, elapsed_s)
         found = register(own, expected, evidence, no_constraints(), config)
         if not found.found:
             continue
         lead = most - log_probability(own, found.belief.pose, evidence)
-        lead = believed(lead, parts_apart(body.joints(best.belief.pose), own.joints(found.belief.pose)))
+        lead = believed(lead, parts_apart(body.joints(best.belief.pose), own.joints(found.belief.pose)), error)
         lead += facing - facing_nats(own, found.belief.pose, evidence.cameras)
         followed.append(
             (found, Rival(found.belief, old * rival.lag + (1.0 - old) * lead, old * rival.moved, rival.body))

@@ -17,7 +17,7 @@ from anchorpose.body.limb_search import expected_joints
 from anchorpose.body.pose import PARTS, Pose
 from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import descend
-from anchorpose.body.rivals import DECIDED, believed, parts_apart
+from anchorpose.body.rivals import DECIDED, OWN_BODY_ERROR, Rival, believed
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
 from anchorpose.body.standing_off import standing_off
@@ -29,7 +29,7 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likeliest, shape_cost
 from anchorpose.tracker.room import Run
-from anchorpose.tracker.start import LEAST_EXPLAINED, starts_turned
+from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
 # times as many frames of a window are kept as are used; the most different poses among them are used
 CANDIDATES: Final = 2
@@ -58,22 +58,43 @@ class _Seen:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class OtherFacing:
+    """The person facing the other way in the first frame learnt from. behind: how much less likely this is, nats."""
+
+    pose: Pose
+    shape: FittedShape
+    behind: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LearntPatient:
     """The belief in the patient's shape, at the end of learning and after the first window.
 
     seconds: the time learnt from. contradiction: how statements about the patient contradict the images, empty if they
-    do not.
+    do not. pose: the pose in frame number ``frame``, the first frame learnt from; turned: the person facing the other
+    way in that frame, with the body learnt for it, None where the images exclude it.
     """
 
     belief: ShapeBelief
     first: ShapeBelief
     seconds: float
+    pose: Pose
+    frame: int
     contradiction: str = ""
+    turned: OtherFacing | None = None
 
     @property
     def shape(self) -> FittedShape:
         """Return the body to track with."""
         return self.belief.shape
+
+    def facing(self) -> Facing:
+        """Return the patient's facing in the first frame learnt from."""
+        other = self.turned
+        if other is None:
+            return Facing(self.pose, None)
+        own = build_body(body_points(), other.shape)
+        return Facing(self.pose, Rival(vague_belief(other.pose), other.behind, body=own))
 
 
 class Stretch(NamedTuple):
@@ -107,15 +128,15 @@ class _Window:
     """A window of frames to learn from at once.
 
     seconds: time for which the patient was followed until its end. tracker: the tracker's state after the window, None
-    where tracking ends there. turned: starts in which the person faces the other way, as far as the first frame cannot
-    exclude them; frame: number of that frame. moved: the cost, in nats, of a body that turned round between two frames.
+    where tracking ends there. turned: the start in which the person faces the other way, None if the first frame
+    excludes it; frame: number of that frame. moved: the cost, in nats, of a body that turned round between two frames.
     """
 
     kept: list[_Seen]
     seconds: float
     moved: float
     tracker: PatientTracker | None
-    turned: tuple[Start, ...]
+    turned: Start | None
     frame: int
 
 
@@ -126,12 +147,12 @@ def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, 
     if first is None:
         return before
     if not run.config.learning.own_shape:
-        return before or _fixed(first.kept[0].shape, run)
+        return before or _fixed(first, run)
     learning = _window_by_window(chain([first], windows), before, run)
-    for turned in first.turned if before is None else ():
-        others = _windows(run, _from_frame(stretch, first.frame, turned), None, longest_s)
-        learning = likelier(learning, _window_by_window(others, None, run), run)
-    return deque(learning, maxlen=1)[0][0]
+    if before is None and first.turned is not None:
+        others = _windows(run, _from_frame(stretch, first.frame, first.turned), None, longest_s, one_facing=True)
+        return likelier(learning, _window_by_window(others, None, run), run)
+    return _last(learning)
 
 
 def _from_frame(stretch: Stretch, frame: int, start: Start) -> Stretch:
@@ -143,37 +164,59 @@ def _from_frame(stretch: Stretch, frame: int, start: Start) -> Stretch:
     return Stretch(stretch.choice, start, frames)
 
 
-_Learning = Iterator[tuple[LearntPatient, _Window]]
+_Step = tuple[LearntPatient, _Window]
+_Learning = Iterator[_Step]
 
 
 def _window_by_window(windows: Iterator[_Window], before: LearntPatient | None, run: Run) -> _Learning:
     """Yield each window with the learnt state after it."""
     learnt, so_far_s = before, 0.0 if before is None else before.seconds
     for window in windows:
-        learnt = _learn_more(learnt, window.kept, so_far_s + window.seconds, run)
+        learnt = _learn_more(learnt, window, so_far_s + window.seconds, run)
         yield learnt, window
         if window.tracker is not None:
             window.tracker.use_shape(learnt.shape)
 
 
-def likelier(one: _Learning, other: _Learning, run: Run) -> _Learning:
-    """Choose between the results of learning with either facing; return the more probable one, from the window in which
-    that is decided.
+def _last(learning: _Learning) -> LearntPatient:
+    """Return the learnt patient after the last window."""
+    return deque(learning, maxlen=1)[0][0]
+
+
+def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
+    """Learn with either facing until one is decided; return the more probable patient, with the other one where the
+    whole stretch does not decide.
 
     One frame may show too little to decide. A single body has to explain all windows and needs a human shape. With a
     mistaken facing, the person seems to turn round at some time.
     """
-    lead, chosen = 0.0, one
-    for mine in one:
-        theirs = next(other, None)
-        if theirs is None:
-            return chain([mine], one)
-        lead += believed(frames_nats(*mine, run) - frames_nats(*theirs, run), PARTS) + theirs[1].moved - mine[1].moved
+    lead, mine, theirs = _compared(one, other, run)
+    if theirs is None:
+        return _last(chain([mine], one))
+    won, lost, rest = (mine, theirs, one) if lead >= 0.0 else (theirs, mine, other)
+    learnt, turned = _last(chain([won], rest)), lost[0]
+    if abs(lead) >= DECIDED:
+        return learnt
+    return replace(learnt, turned=OtherFacing(turned.pose, turned.shape, abs(lead)))
+
+
+def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step, _Step | None]:
+    """Return by how much the first facing is likelier, believed nats, and the windows in which this is decided, or the
+    last ones; None where nobody who faces the other way can be followed.
+
+    Errors of shape are common to all windows, so their mean counts, not their sum.
+    """
+    nats, moved, mine, theirs = list[float](), 0.0, next(one), next(other, None)
+    while theirs is not None:
+        nats.append(frames_nats(*mine, run) - frames_nats(*theirs, run))
+        moved += theirs[1].moved - mine[1].moved
         known = known_nats(*mine, run) - known_nats(*theirs, run)
-        chosen = chain([mine], one) if lead + known >= 0.0 else chain([theirs], other)
-        if abs(lead + known) >= DECIDED:
-            break
-    return chosen
+        lead = believed(float(np.mean(nats)), PARTS, OWN_BODY_ERROR) + moved + known
+        later = None if abs(lead) >= DECIDED else next(one, None)
+        if later is None:
+            return lead, mine, theirs
+        mine, theirs = later, next(other, None)
+    return 0.0, mine, None
 
 
 def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
@@ -197,14 +240,19 @@ def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
     return facing - 0.5 * shape_cost(learnt.shape, run.room.recording.subject, run.config)
 
 
-def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s: float) -> Iterator[_Window]:
-    """Yield the frames of a stretch in windows; tracking continues when the next window is requested."""
+def _windows(
+    run: Run, stretch: Stretch, before: LearntPatient | None, longest_s: float, one_facing: bool = False
+) -> Iterator[_Window]:
+    """Yield the frames of a stretch in windows; tracking continues when the next window is requested.
+
+    one_facing: end where the body turns round, since another pass has that facing.
+    """
     learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
     known = None if before is None else before.shape
     begin = stretch.start if before is None else None  # begin with the first pose's body, not the learnt body
-    kept, began_s, frame, turned = list[_Seen](), None, 0, tuple[Start, ...]()
-    moved, last, by = 0.0, None, None
+    kept, began_s, frame, turned = list[_Seen](), None, 0, None
+    moved, last = 0.0, None
     for estimate, tracker in follow_openly(run, stretch.frames(), stretch.choice, known, begin):
         time_s = estimate.frame_set.time_s
         # time before the patient is found does not count
@@ -216,14 +264,15 @@ def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s
             continue
         if began_s is None:
             began_s, frame = time_s, estimate.frame_set.frame
-            turned = () if tracker is None else tuple(starts_turned(estimate, tracker.rivals, run.config))
+            turned = None if tracker is None else _turned(estimate, tracker, run)
         if kept and _apart_s(kept[0], seen) > learning.window_s:
             yield _Window(kept, abs(kept[-1].time_s - began_s), moved, tracker, turned, frame)
             kept, moved = [], 0.0
-        # by: the tracker that found a lost patient again
-        if last is not None and (estimate.moved or tracker is not by):
+        if last is not None and last.pose.faces_away(seen.pose):
+            if one_facing:
+                return
             moved += _moved(last, seen)
-        last, by = seen, tracker
+        last = seen
         if not kept or _apart_s(kept[-1], seen) >= interval_s - 1e-6:
             kept.append(seen)
         if not learning.own_shape:
@@ -232,11 +281,17 @@ def _windows(run: Run, stretch: Stretch, before: LearntPatient | None, longest_s
         yield _Window(kept, abs(kept[-1].time_s - began_s), moved, None, turned, frame)
 
 
+def _turned(estimate: Estimate, tracker: PatientTracker, run: Run) -> Start | None:
+    """Return the start of a frame in which the person faces the other way, as in ``start_turned``."""
+    if estimate.observation is None or tracker.turned is None:
+        return None
+    return start_turned(estimate.observation, tracker.turned, run.config)
+
+
 def _moved(before: _Seen, after: _Seen) -> float:
-    """Return the cost, in nats, of a body that turned round since the frame before; 0 where only limbs moved."""
+    """Return the cost, in nats, of the body's move since the frame before."""
     expected = expected_joints(before.body, before.belief.later(before.pose, _apart_s(before, after)))
-    joints_m = after.body.joints(after.pose)
-    return expected.moved(joints_m) if parts_apart(expected.joints_m, joints_m) >= PARTS - 1 else 0.0
+    return expected.moved(after.body.joints(after.pose))
 
 
 def _seen(estimate: Estimate, run: Run) -> _Seen | None:
@@ -248,11 +303,12 @@ def _seen(estimate: Estimate, run: Run) -> _Seen | None:
     return _Seen(estimate.frame_set.time_s, estimate.belief, estimate.shape, estimate.observation.evidence)
 
 
-def _fixed(shape: FittedShape, run: Run) -> LearntPatient:
+def _fixed(window: _Window, run: Run) -> LearntPatient:
     """Return the body of the first pose as the result, for settings without learning."""
+    shape = window.kept[0].shape
     beliefs = known_beliefs(run.room.recording.subject, run.config)
     fixed = replace(likeliest(beliefs, shape), shape=shape)
-    return LearntPatient(fixed, fixed, 0.0)
+    return LearntPatient(fixed, fixed, 0.0, window.kept[0].pose, window.frame)
 
 
 def _apart_s(one: _Seen, other: _Seen) -> float:
@@ -260,20 +316,20 @@ def _apart_s(one: _Seen, other: _Seen) -> float:
     return abs(other.time_s - one.time_s)
 
 
-def _learn_more(learnt: LearntPatient | None, kept: Sequence[_Seen], seconds: float, run: Run) -> LearntPatient:
+def _learn_more(learnt: LearntPatient | None, window: _Window, seconds: float, run: Run) -> LearntPatient:
     """Learn from one more window. seconds: total time for which the patient was followed."""
     with run.stage("body shape"):
         if learnt is None:
-            return _learn_first(seconds, kept, run)
-        belief = _learn(learnt.belief, kept, run.config.learning.frame_count // 2, REFINING_M, run)
+            return _learn_first(seconds, window, run)
+        belief = _learn(learnt.belief, window.kept, run.config.learning.frame_count // 2, REFINING_M, run)
         return replace(learnt, belief=belief, seconds=seconds)
 
 
-def _learn_first(seconds: float, kept: Sequence[_Seen], run: Run) -> LearntPatient:
+def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
     """Learn from the first window. Where statements about the patient contradict the images, the statements are
     ignored.
     """
-    subject, config = run.room.recording.subject, run.config
+    subject, config, kept = run.room.recording.subject, run.config, window.kept
     shape = kept[0].shape
 
     def learnt(stated: Subject) -> ShapeBelief:
@@ -287,7 +343,7 @@ def _learn_first(seconds: float, kept: Sequence[_Seen], run: Run) -> LearntPatie
         seen = learnt(subject.unmeasured)
         why = contradiction(subject, seen, config)
         belief = seen if why else belief
-    return LearntPatient(belief, belief, seconds, why)
+    return LearntPatient(belief, belief, seconds, kept[0].pose, window.frame, why)
 
 
 def _learn(known: ShapeBelief, kept: Sequence[_Seen], count: int, reaches_m: Sequence[float], run: Run) -> ShapeBelief:

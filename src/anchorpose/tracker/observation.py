@@ -147,8 +147,10 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """The first frame of a track: its observation, the body, the belief in its pose; rivals: other poses that explain
-    the frame almost as well.
+    """The first frame of a track: its observation, the body, the belief in its pose.
+
+    rivals: other poses that explain the frame almost as well. turned: the person facing the other way, however well
+    this explains the frame; None unless the body is still to be learnt.
     """
 
     observation: Observation
@@ -156,3 +158,4 @@ class Start:
     belief: PoseBelief
     explained: float
     rivals: tuple[Rival, ...] = ()
+    turned: Rival | None = None

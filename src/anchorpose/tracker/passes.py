@@ -109,13 +109,13 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
     return learn_patient(run, route.stretches())
 
 
-def track_on(route: Route, run: Run, shape: FittedShape | None, journal: Journal) -> Iterator[TrackedFrame]:
+def track_on(route: Route, run: Run, learnt: LearntPatient | None, journal: Journal) -> Iterator[TrackedFrame]:
     """Track all frames when the first is requested, then yield them in the order of time.
 
     Every block is stored in the journal; if the journal has frames already, tracking continues after them. Raises
     InputError at once where it cannot continue.
     """
-    passes = _Passes(route, run, shape, None if shape is None else build_body(body_points(), shape), journal)
+    passes = _Passes(route, run, learnt, None if learnt is None else build_body(body_points(), learnt.shape), journal)
     passes.require_readable()
     return passes.frames()
 
@@ -144,7 +144,7 @@ class _Passes:
 
     route: Route
     run: Run
-    shape: FittedShape | None
+    learnt: LearntPatient | None
     body: Body | None
     journal: Journal
 
@@ -255,7 +255,7 @@ class _Passes:
             self.route.skip(state.frames)
         except KeyError:
             choice = None if initial is None else initial.choice
-            state = _PassState(0, 0, 0, Waiting(), Follower(self.run, choice, self.shape, begin()), None, {})
+            state = _PassState(0, 0, 0, Waiting(), Follower(self.run, choice, self._shape, begin()), None, {})
         while state.follower is not None:
             some = positions[state.frames : state.frames + BLOCK]
             frames, ends = state.frames + len(some), state.frames + len(some) == len(positions)
@@ -285,7 +285,11 @@ class _Passes:
 
     def _start(self) -> Start | None:
         """Find the patient in the initial frame, where both sides begin; return None where nobody is found in it."""
-        return self.journal.once("start", Start | None, lambda: _start_of(self.route, self.run, self.shape))
+        return self.journal.once("start", Start | None, lambda: _start_of(self.route, self.run, self.learnt))
+
+    @property
+    def _shape(self) -> FittedShape | None:
+        return None if self.learnt is None else self.learnt.shape
 
     def _blocks(self, name: str) -> Blocks[Any]:
         return Blocks(self.journal.inside(name), Kept)
@@ -295,9 +299,11 @@ class _Passes:
         return TrackedFrame(record_of(estimate, self.body, self.run), labels)
 
 
-def _start_of(route: Route, run: Run, shape: FittedShape | None) -> Start | None:
+def _start_of(route: Route, run: Run, learnt: LearntPatient | None) -> Start | None:
     initial = run.room.initial_frame
     if initial is None or not len(route.forward):
         return None
-    found = find_start(route.frame(route.forward[0]), run, initial.choice, shape)
+    frame_set, shape = route.frame(route.forward[0]), None if learnt is None else learnt.shape
+    facing = None if learnt is None or learnt.frame != frame_set.frame else learnt.facing()
+    found = find_start(frame_set, run, initial.choice, shape, facing=facing)
     return found if isinstance(found, Start) else None

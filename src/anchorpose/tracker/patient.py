@@ -49,7 +49,8 @@ class PatientTracker:
     """The tracker of one patient. Its window holds the last registered frame and up to ``look_ahead`` later frames.
 
     ahead: predicted poses; rivals: other poses that explain the last frames almost as well; moved: whether limbs were
-    found elsewhere than in earlier frames; ends: hands and feet that were lost and not seen since; limb_seen_s (PARTS,
+    found elsewhere than in earlier frames; turned: the person facing the other way in the first frame, as in ``Start``;
+    ends: hands and feet that were lost and not seen since; limb_seen_s (PARTS,
     2): when each limb was last seen, up to elbow or knee and beyond (NaN: never).
     """
 
@@ -68,6 +69,7 @@ class PatientTracker:
     last: LastSeen
     watch: LimbWatch
     rivals: tuple[Rival, ...]
+    turned: Rival | None
     moved: bool
     feet: StandingFeet
     ends: frozenset[int]
@@ -88,7 +90,7 @@ class PatientTracker:
         self.pace = PATIENT_PACE
         self.last = LastSeen(start.observation, start.belief)
         self.watch = LimbWatch(run)
-        self.rivals, self.moved = start.rivals, False
+        self.rivals, self.turned, self.moved = start.rivals, start.turned, False
         self.feet = StandingFeet(self.points)
         self.ends = frozenset()
         self.limb_seen_s = np.full((PARTS, 2), np.nan)

@@ -6,7 +6,7 @@ patient is alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from typing import Final, NamedTuple
@@ -77,6 +77,15 @@ class NoStart(StrEnum):
     LIMBS_ALONE = "neither trunk nor head is in view, only limbs"
 
 
+class Facing(NamedTuple):
+    """The facing of the patient in a frame by a longer stretch of the recording: a pose that has it, and the person
+    facing the other way with a body of its own, None where the stretch excludes it.
+    """
+
+    pose: Pose
+    other: Rival | None
+
+
 def find_start(
     frame_set: FrameSet,
     run: Run,
@@ -84,12 +93,13 @@ def find_start(
     known: FittedShape | None,
     crowd: Crowd | None = None,
     expected: PoseBelief | None = None,
+    facing: Facing | None = None,
 ) -> Start | NoStart:
     """Find the patient in this frame, or return why there is none.
 
     known: the learnt shape, None before learning; crowd: the people in this frame, None where unknown; expected: the
     pose before the patient was lost. The first pose is found without the expected pose; a search may then turn the body
-    round.
+    round. facing: decides on the facing in place of this frame alone.
     """
     points, room, config = body_points(), run.room, run.config
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
@@ -100,14 +110,18 @@ def find_start(
     if known is None and not _is_likely(first, room.recording.subject):
         return NoStart.NOT_HUMAN
     body = build_body(points, first.shape)
+    turned = _turned(first)
+    if facing is not None:
+        first = first.facing_as(facing.pose)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
     rivals = tuple[Rival, ...]()
     if found.found:  # exchanged sides, and limbs without matches
         before = expected or vague_belief(found.belief.pose)
         search = search_limbs(body, found, before, observation.evidence, config.registration)
         found = search.registration
-        rivals = rivals_of(body, found.belief, [*search.rivals, *_turned(first)])
-    start = Start(observation, first.shape, found.belief, found.explained, rivals)
+        others = [*search.rivals, turned] if facing is None else _facing_as(facing, search.rivals)
+        rivals = rivals_of(body, found.belief, others)
+    start = Start(observation, first.shape, found.belief, found.explained, rivals, turned if known is None else None)
     if not found.found or found.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
     if expected is not None and _turned_round(expected, found.belief.pose):
@@ -125,24 +139,27 @@ def _turned_round(before: PoseBelief, now: Pose) -> bool:
     return float(turn @ np.linalg.solve(before.covariance[:3, :3], turn)) > TURN_GATE
 
 
-def _turned(first: FirstPose) -> Iterator[Rival]:
-    """Yield the person facing the other way, with the same body or with one learnt for that facing, whichever is
+def _turned(first: FirstPose) -> Rival:
+    """Return the person facing the other way, with the same body or with one learnt for that facing, whichever is
     likelier.
     """
-    for other in sorted(first.others, key=first.ahead_of)[:1]:
-        own = None if other.shape is first.shape else build_body(body_points(), other.shape)
-        yield Rival(vague_belief(other.pose), first.ahead_of(other), body=own)
+    other = min(first.others, key=first.ahead_of)
+    own = None if other.shape is first.shape else build_body(body_points(), other.shape)
+    return Rival(vague_belief(other.pose), first.ahead_of(other), body=own)
 
 
-def starts_turned(first: Estimate, rivals: Sequence[Rival], config: TrackConfig) -> Iterator[Start]:
-    """Yield the starts in which the person faces the other way, among the rivals of a first estimate."""
-    seen = first.observation
-    for rival in rivals:
-        if seen is None or rival.body is None:
-            continue
-        found = posterior(rival.body, rival.belief.pose, rival.belief, seen.evidence, config.registration)
-        if found.found:
-            yield Start(seen, rival.body.shape, found.belief, found.explained)
+def _facing_as(facing: Facing, rivals: Sequence[Rival]) -> list[Rival]:
+    """Return the rivals with a known facing, and the person facing the other way as far as this is possible."""
+    alike = [one for one in rivals if not facing.pose.faces_away(one.belief.pose)]
+    return alike if facing.other is None else [*alike, facing.other]
+
+
+def start_turned(seen: Observation, turned: Rival, config: TrackConfig) -> Start | None:
+    """Return the start with a rival that faces the other way and has its own body; None where it explains nothing."""
+    if turned.body is None:
+        return None
+    found = posterior(turned.body, turned.belief.pose, turned.belief, seen.evidence, config.registration)
+    return Start(seen, turned.body.shape, found.belief, found.explained) if found.found else None
 
 
 def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: FittedShape | None) -> FirstPose:
