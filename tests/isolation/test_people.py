@@ -1,5 +1,6 @@
 """Who is in the room: people in a built room, then the shared recordings."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from room_builder import FRONT, KNEE_BAR, ROOM, body, built_scene, camera_at, in
 from scipy.spatial import cKDTree
 
 from anchorpose.calibration.world import find_world
+from anchorpose.descriptor.people import LEAST_AREA_M2, find_people
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.people import PatientChoice, People, see_people
 from anchorpose.isolation.scene import Pieces, find_pieces, set_scene
@@ -168,3 +170,21 @@ def test_the_board_is_apart_from_the_man_who_holds_it():
     man = np.bincount(legs[legs >= 0]).argmax()
     assert (legs == man).mean() > 0.6
     assert (owner[:22, 160:240] == man).sum() > 200
+
+
+def test_a_person_of_whom_little_is_left_in_the_foreground_keeps_these_pixels(monkeypatch):
+    """Rays of edges and beside equipment have no foreground pixels, so the descriptor's area is the larger one."""
+    pieces, _ = seen(*body(0, 0))
+
+    def head_apart(*given):
+        (one,) = find_people(*given)
+        (own,) = one.rays
+        rows = np.arange(own.shape[0])[:, None]
+        head = own & (rows < np.flatnonzero(own.any(axis=1))[0] + 4)
+        return (replace(one, rays=(own & ~head,)), replace(one, rays=(head,), area_m2=LEAST_AREA_M2))
+
+    monkeypatch.setattr("anchorpose.isolation.people.find_people", head_apart)
+    people = see_people(pieces, (FRONT,))
+    assert len(people.people) == 2
+    assert 0.0 < people.people[1].area_m2 < LEAST_AREA_M2
+    assert (people.of[0] == 1).sum() > 20

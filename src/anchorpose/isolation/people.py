@@ -10,7 +10,7 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.descriptor.learnt import described, nearest_rays
-from anchorpose.descriptor.people import LEAST_AREA_M2, LEAST_CERTAINTY, FoundPerson, find_people
+from anchorpose.descriptor.people import LEAST_CERTAINTY, FoundPerson, find_people
 from anchorpose.isolation.scene import Pieces
 from anchorpose.settings import Positive, settings
 from anchorpose.threads import each
@@ -125,10 +125,10 @@ def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray 
 
 
 def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, np.ndarray]]) -> Person | None:
-    """Return the person with a number, measured on their foreground pixels; None where these are too few."""
+    """Return the person with a number, measured on their foreground pixels; None where there are none."""
     heights = np.concatenate([pixels.points_m[own == number, 1] for pixels, own in shown])
     area_m2 = sum(float(pixels.area_m2[own == number].sum()) for pixels, own in shown)
-    if area_m2 < LEAST_AREA_M2:
+    if not len(heights):
         return None
     bottom, top = np.percentile(heights, [1, 99])
     return Person(found.pelvis_m[[0, 2]], float(bottom), float(top), area_m2)
