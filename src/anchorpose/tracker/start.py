@@ -101,7 +101,7 @@ def find_start(
     pose before the patient was lost. The first pose is found without the expected pose; a search may then turn the body
     round. facing: decides on the facing in place of this frame alone.
     """
-    points, room, config = body_points(), run.room, run.config
+    room, config = run.room, run.config
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
     matches = matches_of(observation.evidence.views, room.cameras, PixelLabel.PATIENT)
     if len(observation.surface) < config.registration.least_nodes or len(matches) < LEAST_MATCHES:
@@ -109,24 +109,32 @@ def find_start(
     first = _first_body(observation, match_person(matches), run, known)
     if known is None and not _is_likely(first, room.recording.subject):
         return NoStart.NOT_HUMAN
-    body = build_body(points, first.shape)
-    turned = _turned(first)
+    start = _start_with(first, observation, expected, facing, config)
+    if start is None or start.explained < LEAST_EXPLAINED:
+        return NoStart.NO_BODY_FITS
+    if expected is not None and _turned_round(expected, start.belief.pose):
+        return NoStart.WHO_IS_IT
+    return _why_not(start, run) or (start if known is None else replace(start, turned=None))
+
+
+def _start_with(
+    first: FirstPose, seen: Observation, expected: PoseBelief | None, facing: Facing | None, config: TrackConfig
+) -> Start | None:
+    """Return the start with a first pose after a search for its limbs; None where the pose does not fit. The other
+    arguments are those of ``find_start``.
+    """
+    body, turned = build_body(body_points(), first.shape), _turned(first)
     if facing is not None:
         first = first.facing_as(facing.pose)
-    found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
-    rivals = tuple[Rival, ...]()
-    if found.found:  # exchanged sides, and limbs without matches
-        before = expected or vague_belief(found.belief.pose)
-        search = search_limbs(body, found, before, observation.evidence, config.registration)
-        found = search.registration
-        others = [*search.rivals, turned] if facing is None else _facing_as(facing, search.rivals)
-        rivals = rivals_of(body, found.belief, others)
-    start = Start(observation, first.shape, found.belief, found.explained, rivals, turned if known is None else None)
-    if not found.found or found.explained < LEAST_EXPLAINED:
-        return NoStart.NO_BODY_FITS
-    if expected is not None and _turned_round(expected, found.belief.pose):
-        return NoStart.WHO_IS_IT
-    return _why_not(start, run) or start
+    found = posterior(body, first.pose, vague_belief(first.pose), seen.evidence, config.registration)
+    if not found.found:
+        return None
+    before = expected or vague_belief(found.belief.pose)
+    search = search_limbs(body, found, before, seen.evidence, config.registration)  # sides, limbs without matches
+    found = search.registration
+    others = [*search.rivals, turned] if facing is None else _facing_as(facing, search.rivals)
+    rivals = rivals_of(body, found.belief, others)
+    return Start(seen, first.shape, found.belief, found.explained, rivals, turned) if found.found else None
 
 
 def _turned_round(before: PoseBelief, now: Pose) -> bool:
