@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -15,16 +16,20 @@ from recording_builder import DATA
 
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.segments import load_body_asset
+from anchorpose.body.skin_points import FittedShape, even_clothes
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, LIMBS, STATE_CODE, JointState
 from anchorpose.pipeline import track_recording
+from anchorpose.recording.recording import UNKNOWN
 from anchorpose.results.explained import SEEN_PAST, UNCOVERED_CM2, read_explained
 from anchorpose.results.records import decode_labels, read_people
 from anchorpose.results.tables import JointTable, pose_of, read_anchors, read_joints, read_poses
 from anchorpose.simulate.config import SimulationConfig, clinic, single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.learning_pass import OtherFacing
+from anchorpose.writing import _notes
 
 FRAMES, FPS, DAMAGED = 9, 8.0, 5
 NAMES = "axes anchors angles contacts episodes explained joints measures people poses posture"
@@ -267,3 +272,16 @@ def test_the_sample_recordings_are_tracked(sample, bound_m, tmp_path):
         errors = errors_m(read_joints(tmp_path / "joints.parquet"), truth["joints"])
     assert np.isnan(errors).mean() < 0.02
     assert np.nanmean(errors) < bound_m
+
+
+def test_an_undecided_facing_is_noted():
+    choice = SimpleNamespace(ground_xz_m=(0.0, 1.0), reason="is alone", rival_xz_m=None)
+    room = SimpleNamespace(
+        initial_frame=SimpleNamespace(choice=choice, frame=3), recording=SimpleNamespace(subject=UNKNOWN)
+    )
+    shape = FittedShape(np.zeros(load_body_asset().shape_count), even_clothes(0.006))
+    learnt = SimpleNamespace(shape=shape, contradiction="", turned=None)
+    decided = _notes(room, learnt)
+    learnt.turned = OtherFacing(pose=None, shape=shape, behind=2.0)
+    (more,) = set(_notes(room, learnt)) - set(decided)
+    assert "which way the patient faces" in more

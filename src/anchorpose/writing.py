@@ -298,6 +298,11 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
         notes.append(f"thickness of the learnt clothes: {thick}")
         if learnt.contradiction:
             notes.append(learnt.contradiction)
+        if learnt.turned is not None:
+            notes.append(
+                "the images do not decide which way the patient faces, so sigma includes the other way; a second "
+                "camera or the patient's height (--height) may decide"
+            )
         stated = room.recording.subject.covered
         notes += [
             f"what is seen of the patient's {part.replace('_', ' ')} is {1000 * away_m:.0f} mm off a human one, more "
