@@ -36,7 +36,7 @@ class Anomaly(NamedTuple):
 
 
 ANOMALIES: Final = (
-    Anomaly("hard-parallel-bars-sit-to-stand-41019-10-front", 118, "A hidden leg is laid on a therapist behind"),
+    Anomaly("hard-parallel-bars-sit-to-stand-41019-10-front", 118, "A hidden leg is placed wrong"),
     Anomaly("hard-parallel-bars-sit-to-stand-41007-10-front", 60, "A seated pelvis is too high"),
     Anomaly("iit_rehab_room", 180, "Filters smear the depth image"),
 )
