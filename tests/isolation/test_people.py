@@ -172,8 +172,9 @@ def test_the_board_is_apart_from_the_man_who_holds_it():
     assert (owner[:22, 160:240] == man).sum() > 200
 
 
-def test_a_person_of_whom_little_is_left_in_the_foreground_keeps_these_pixels(monkeypatch):
-    """Rays of edges and beside equipment have no foreground pixels, so the descriptor's area is the larger one."""
+@pytest.mark.parametrize(("share", "kept"), [(1.0, True), (5.0, False)])
+def test_a_person_keeps_few_foreground_pixels_unless_most_of_their_surface_is_the_room(monkeypatch, share, kept):
+    """Rays at outlines have no foreground pixels of their depth, so the descriptor's area is the larger one."""
     pieces, _ = seen(*body(0, 0))
 
     def head_apart(*given):
@@ -181,10 +182,14 @@ def test_a_person_of_whom_little_is_left_in_the_foreground_keeps_these_pixels(mo
         (own,) = one.rays
         rows = np.arange(own.shape[0])[:, None]
         head = own & (rows < np.flatnonzero(own.any(axis=1))[0] + 4)
-        return (replace(one, rays=(own & ~head,)), replace(one, rays=(head,), area_m2=LEAST_AREA_M2))
+        return (
+            replace(one, rays=(own & ~head,)),
+            replace(one, rays=(head,), area_m2=share * one.area_m2 * head.sum() / own.sum()),
+        )
 
     monkeypatch.setattr("anchorpose.isolation.people.find_people", head_apart)
     people = see_people(pieces, (FRONT,))
-    assert len(people.people) == 2
-    assert 0.0 < people.people[1].area_m2 < LEAST_AREA_M2
-    assert (people.of[0] == 1).sum() > 20
+    assert len(people.people) == 1 + kept
+    assert ((people.of[0] == 1).sum() > 20) == kept
+    if kept:
+        assert 0.0 < people.people[1].area_m2 < LEAST_AREA_M2

@@ -24,6 +24,10 @@ class IsolationConfig:
 
 
 PERSON_AREA_M2: Final = 0.12  # m2, least seen surface of a person: a fifth of an adult's frontal area
+FOREGROUND: Final = 0.33
+"""Least share of a found person's area that is foreground: people have 0.5 to 0.9, since rays at outlines have no pixel
+of their depth; parts of the room that were taken for people had 0.1 and 0.16."""
+
 EDGE_M: Final = 0.1  # m, largest depth step from a pixel to its nearest ray; across an outline depth jumps by more
 
 
@@ -125,10 +129,12 @@ def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray 
 
 
 def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, np.ndarray]]) -> Person | None:
-    """Return the person with a number, measured on their foreground pixels; None where there are none."""
+    """Return the person with a number, measured on their foreground pixels; None where these are too few, so that the
+    descriptor took a part of the room for a person.
+    """
     heights = np.concatenate([pixels.points_m[own == number, 1] for pixels, own in shown])
     area_m2 = sum(float(pixels.area_m2[own == number].sum()) for pixels, own in shown)
-    if not len(heights):
+    if area_m2 < FOREGROUND * found.area_m2:
         return None
     bottom, top = np.percentile(heights, [1, 99])
     return Person(found.pelvis_m[[0, 2]], float(bottom), float(top), area_m2)
