@@ -10,7 +10,7 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.descriptor.learnt import described, nearest_rays
-from anchorpose.descriptor.people import LEAST_CERTAINTY, FoundPerson, find_people
+from anchorpose.descriptor.people import LEAST_AREA_M2, LEAST_CERTAINTY, FoundPerson, find_people
 from anchorpose.isolation.scene import Pieces
 from anchorpose.settings import Positive, settings
 from anchorpose.threads import each
@@ -25,8 +25,9 @@ class IsolationConfig:
 
 PERSON_AREA_M2: Final = 0.12  # m2, least seen surface of a person: a fifth of an adult's frontal area
 FOREGROUND: Final = 0.33
-"""Least share of a found person's area that is foreground: people have 0.5 to 0.9, since rays at outlines have no pixel
-of their depth; parts of the room that were taken for people had 0.1 and 0.16."""
+"""Share of a found person's area that must be foreground where this is less than ``LEAST_AREA_M2``: people have 0.5 to
+0.9, since rays at outlines have no pixel of their depth; parts of the room that were taken for people had 0.1 and
+0.16."""
 
 EDGE_M: Final = 0.1  # m, largest depth step from a pixel to its nearest ray; across an outline depth jumps by more
 
@@ -134,7 +135,7 @@ def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, 
     """
     heights = np.concatenate([pixels.points_m[own == number, 1] for pixels, own in shown])
     area_m2 = sum(float(pixels.area_m2[own == number].sum()) for pixels, own in shown)
-    if area_m2 < FOREGROUND * found.area_m2:
+    if area_m2 < min(LEAST_AREA_M2, FOREGROUND * found.area_m2):
         return None
     bottom, top = np.percentile(heights, [1, 99])
     return Person(found.pelvis_m[[0, 2]], float(bottom), float(top), area_m2)
