@@ -25,7 +25,7 @@ ORIGIN: Final = re.compile(r"^\*Commit [0-9a-f]{7,12}, \d{4}-\d\d-\d\d, [^\n]+:\
 
 NOT_MEASURED: Final = {
     ("docs/benchmark.md", "| part |"): "numbers of recordings",
-    ("docs/calibration.md", "| asked of |"): "limits of the program",
+    ("docs/calibration.md", "| tested |"): "limits of the program",
     ("docs/export.md", "| seed |"): "tests/exports/test_opensim.py checks these figures",
     ("docs/guide/cameras.md", "| camera, mode |"): "makers' specifications",
     ("docs/guide/record.md", "| question |"): "limits of the program",
