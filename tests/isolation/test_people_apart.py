@@ -207,32 +207,6 @@ def test_a_moment_without_any_depth_image_has_no_view_even_where_the_patient_is_
     assert separate([None], empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CAMERAS) == (None,)
 
 
-def test_whoever_was_taken_for_part_of_the_patient_is_split_off():
-    pieces = pieces_of(*body(0, 0), *body(0.2, 0.8))
-    points = pieces[0].points_m[::5]
-    mistaken = replace(
-        empty_memory(),
-        points_m=points,
-        owner=np.full(len(points), PATIENT, np.uint8),
-        age_s=np.zeros(len(points), np.float32),
-    )
-    (view,) = separate(pieces, mistaken, None, A_FRAME_S, CAMERAS)
-    labels = [np.unique(view.labels[in_front(FRONT, *body(x, z))], return_counts=True) for x, z in ((0, 0), (0.2, 0.8))]
-    most = [int(values[counts.argmax()]) for values, counts in labels]
-    assert sorted(most) == [PATIENT, OTHER]
-
-
-@pytest.mark.parametrize("foreseen", [True, False])
-def test_a_second_column_is_the_patients_where_their_skin_is_predicted(foreseen):
-    """Somebody who bends down has trunk and legs in two columns, each as large as a person."""
-    trunk, legs = body(0.3, 0.55), body(0, 0)[:1]
-    joint = bar(0.15, 1.0, 0.27, 0.5)
-    predicted = skin_likelihood(*trunk, *legs, joint) if foreseen else skin_likelihood(*trunk)
-    (view,) = separate(pieces_of(*trunk, *legs, joint), empty_memory(), predicted, A_FRAME_S, CAMERAS)
-    owned = view.labels[shown(legs[0], *trunk, joint)] == PATIENT
-    assert owned.mean() > 0.95 if foreseen else owned.mean() < 0.05
-
-
 def test_a_forearm_that_a_bar_cuts_off_is_its_owners():
     """No skin was expected there: it came from behind somebody. It nearly touches the patient and nobody else."""
     stump, forearm = bar(0.1, 1.2, 0.22, 0.2), bar(0.1, 1.2, 0.55, 0.3)

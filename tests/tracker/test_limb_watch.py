@@ -17,7 +17,8 @@ from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.tracker import limb_watch
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.limb_watch import LONGEST_PAUSE, MISNAMED, NAMED_PAUSE, SEARCH_PAUSE, LimbWatch, is_doubtful
+from anchorpose.tracker.limb_watch import LONGEST_PAUSE, MISNAMED, SEARCH_PAUSE, LimbWatch, is_doubtful
+from anchorpose.tracker.observation import DESCRIBED_EVERY
 
 BODY = adult_body()
 POSE = standing()
@@ -30,9 +31,15 @@ def explained(uncovered_m2: float) -> SimpleNamespace:
     return SimpleNamespace(uncovered_m2=uncovered_m2, covering=np.ones(len(BODY.rest_m), dtype=bool))
 
 
-def seen(places_m: np.ndarray = TIPS) -> SimpleNamespace:
+def seen(places_m: np.ndarray = TIPS, frame: int = 0) -> SimpleNamespace:
     anchors = replace(no_anchors(), position_m=places_m, node=np.arange(5, dtype=np.int32))
-    return SimpleNamespace(anchors=anchors, evidence=SimpleNamespace(views=()), seen_anchors=None, surface=range(1000))
+    return SimpleNamespace(
+        anchors=anchors,
+        evidence=SimpleNamespace(views=()),
+        seen_anchors=None,
+        surface=range(1000),
+        frame_set=SimpleNamespace(frame=frame),
+    )
 
 
 def test_a_covered_frame_whose_anchors_are_where_the_body_has_them_is_in_no_doubt():
@@ -82,9 +89,9 @@ def searches(monkeypatch) -> list[float]:
 
 def watch_frames(monkeypatch, areas_m2: list[float], config: TrackConfig = TrackConfig()) -> None:  # noqa: B008
     watch = LimbWatch(SimpleNamespace(config=config))
-    for area in areas_m2:
+    for frame, area in enumerate(areas_m2):
         monkeypatch.setattr(limb_watch, "explained_by", lambda *_, area=area: explained(area))
-        search = watch.look(BODY, FOUND, explained(area), FOUND.belief, seen())
+        search = watch.look(BODY, FOUND, explained(area), FOUND.belief, seen(frame=frame))
         assert search is None or search.registration is FOUND
 
 
@@ -113,7 +120,7 @@ def test_a_limb_that_the_descriptor_names_otherwise_is_searched_for_and_asked_ab
         return nats
 
     monkeypatch.setattr(limb_watch, "named_nats", named)
-    watch_frames(monkeypatch, [0.0] * (2 * NAMED_PAUSE + 2))
+    watch_frames(monkeypatch, [0.0] * (DESCRIBED_EVERY + 2))
     assert (len(asked), searches) == (2, [])
     nats[3] = [1.0, 1.1 * MISNAMED - 1.0]
     watch_frames(monkeypatch, [0.0])

@@ -1,6 +1,4 @@
-"""Correct the patient's pixels: add parts that were labelled as another person, and remove stray pieces of other people
-and whole other people.
-"""
+"""Correct the patient's pixels: add parts that were labelled as another person, and remove stray pieces of others."""
 
 from __future__ import annotations
 
@@ -10,12 +8,10 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from anchorpose.camera import Camera
-from anchorpose.descriptor.people import LEAST_AREA_M2
 from anchorpose.isolation.bystander_memory import SAMPLE_PX
 from anchorpose.isolation.components import label_components
 from anchorpose.isolation.ownership import NOBODY, OwnershipLikelihood
-from anchorpose.isolation.people import PERSON_AREA_M2, see_people
+from anchorpose.isolation.people import PERSON_AREA_M2
 from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel
@@ -60,9 +56,6 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
     return grow_regions(pixels, np.where(mine & stray[piece], np.uint8(NOBODY), owner))
 
 
-# share of a person's pixels on the patient's expected skin, above which the person is the patient
-OWN_SHARE: Final = 0.5
-OFF_SKIN_M: Final = 0.2  # m from the expected skin; an arm moves as far between two frames without a fit
 PART_CONTACT_M: Final = 0.05  # m, a wrist's width: least border between a part of the patient and the rest
 ON_SKIN_M: Final = 0.05  # m from the patient's expected skin, for its spacing, clothes and movement
 LAST_LABEL: Final = 254
@@ -100,84 +93,6 @@ def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, 
         which = np.where(owner == label, 1, np.where(owner == PixelLabel.PATIENT, 0, -1))
         contact_m = max(contact_m, float(smooth_contact_m(pixels, which, 2)[0, 1]))
     return on_skin > elsewhere and elsewhere < PERSON_AREA_M2 and contact_m >= PART_CONTACT_M
-
-
-def one_patient(
-    shown: Sequence[Pieces],
-    cameras: Sequence[Camera],
-    owners: list[np.ndarray],
-    expected: OwnershipLikelihood | None,
-    free: int,
-) -> list[np.ndarray]:
-    """Return the owners after splitting off other people who had been taken for a part of the patient.
-
-    This is tested only where much of the patient lies off the expected skin; the learnt descriptor then shows whether
-    several people share the pixels. The patient is the person with most pixels, together with all people whose pixels
-    lie mostly on the expected skin, since the trunk of a patient who bends down is beside the legs. expected: the
-    likelihood of predicted skin, None without a prediction. free: the first unused label.
-    """
-    skin = None if expected is None else expected.points_m[expected.owner == PixelLabel.PATIENT]
-    tree = None if skin is None or not len(skin) else cKDTree(skin)
-    if _off_skin_m2(shown, owners, tree) < LEAST_AREA_M2:
-        return owners
-    theirs = [pixels.only(o == PixelLabel.PATIENT) for pixels, o in zip(shown, owners, strict=True)]
-    people = see_people(theirs, cameras)
-    if len(people.people) < 2:
-        return owners
-    others = np.arange(len(people.people)) != np.argmax([person.area_m2 for person in people.people])
-    others &= _share_on_skin(theirs, people.of, tree, len(others)) < OWN_SHARE
-    if not others.any():
-        return owners
-    first = max(free, *(int(owner.max(initial=0)) + 1 for owner in owners))
-    label = np.full(len(others) + 1, PixelLabel.PATIENT, np.int64)
-    label[:-1][others] = np.minimum(first + np.arange(others.sum()), LAST_LABEL)
-    label[-1] = NOBODY
-    return [_split(pixels, owner, label[of]) for pixels, owner, of in zip(shown, owners, people.of, strict=True)]
-
-
-def _off_skin_m2(shown: Sequence[Pieces], owners: Sequence[np.ndarray], skin: cKDTree | None) -> float:
-    """Return the area of the patient's pixels farther than ``OFF_SKIN_M`` from the expected skin; without a prediction,
-    of all these pixels.
-    """
-    area_m2 = 0.0
-    for pixels, owner in zip(shown, owners, strict=True):
-        points, _, area = sampled(pixels, owner, owner == PixelLabel.PATIENT)
-        if len(points):
-            off = np.ones(len(points), bool) if skin is None else ~np.isfinite(_away_m(skin, points, OFF_SKIN_M))
-            area_m2 += float(area[off].sum())
-    return area_m2
-
-
-def _away_m(skin: cKDTree, points_m: np.ndarray, reach_m: float) -> np.ndarray:
-    """Return the distance (n,) of points from the skin, inf beyond the reach."""
-    return np.asarray(skin.query(points_m, distance_upper_bound=reach_m)[0])
-
-
-def _share_on_skin(
-    theirs: Sequence[Pieces], people: Sequence[np.ndarray | None], skin: cKDTree | None, count: int
-) -> np.ndarray:
-    """Return the share (k,) of each person's pixels that lies on the patient's expected skin; the people share the
-    patient's pixels.
-    """
-    own, every = np.zeros(count + 1), np.zeros(count + 1)
-    for pixels, of in zip(theirs, people, strict=True):
-        if of is None or skin is None or not len(of):
-            continue
-        on_skin = np.isfinite(_away_m(skin, pixels.points_m, ON_SKIN_M))
-        every += np.bincount(of % (count + 1), pixels.area_m2, count + 1)
-        own += np.bincount(of % (count + 1), np.where(on_skin, pixels.area_m2, 0.0), count + 1)
-    return np.asarray(own / np.maximum(every, 1e-9))[:-1]
-
-
-def _split(pixels: Pieces, owner: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-    """Return (n,) uint8 owners after region growing divided the patient's pixels. seeds: the label of each pixel from
-    which it starts, else ``NOBODY``.
-    """
-    patient = owner == PixelLabel.PATIENT
-    grown = grow_regions(pixels.only(patient), seeds.astype(np.uint8))
-    split = owner.copy()
-    split[patient] = np.where(grown == NOBODY, PixelLabel.PATIENT, grown)
-    return split
 
 
 def sampled(pixels: Pieces, owner: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

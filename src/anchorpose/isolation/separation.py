@@ -20,14 +20,7 @@ from anchorpose.isolation.ownership import (
     join_likelihoods,
     sort_likelihood,
 )
-from anchorpose.isolation.patient_label import (
-    LAST_LABEL,
-    ON_SKIN_M,
-    one_patient,
-    sampled,
-    without_parts,
-    without_strays,
-)
+from anchorpose.isolation.patient_label import LAST_LABEL, ON_SKIN_M, sampled, without_parts, without_strays
 from anchorpose.isolation.people import PERSON_AREA_M2, PatientChoice, People, see_people
 from anchorpose.isolation.region_growing import grow_regions
 from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
@@ -93,13 +86,15 @@ def separate(
     grid = sort_likelihood(likelihood) if len(likelihood) else None
     decided = each(lambda pixels: _decided(pixels, grid), shown)
     owners = without_strays(shown, _with_detached(shown, _grown(shown, decided)))
-    free = memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
     owners = _with_remembered_patient(shown, owners, memory.points_m[memory.owner == PixelLabel.PATIENT])
-    owners = _with_newcomers(shown, of_shown, owners, free)
+    owners = _with_newcomers(shown, of_shown, owners, first_free(memory, elapsed_s))
     owners = owners if expected is None else without_parts(shown, owners, expected)
-    # remembered skin is not used as expected skin here, since its person label may be wrong
-    owners = one_patient(shown, of_shown, owners, expected, free)
     return _views(pieces, owners)
+
+
+def first_free(memory: BystanderMemory, elapsed_s: float) -> int:
+    """Return the label of the next new person, ``elapsed_s`` after the frame of the memory."""
+    return memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
 
 
 def _decided(pixels: Pieces, grid: LikelihoodGrid | None) -> np.ndarray:

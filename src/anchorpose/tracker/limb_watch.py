@@ -15,11 +15,10 @@ from anchorpose.body.limb_search import Search, needs_search, search_limbs
 from anchorpose.body.pose_probability import named_nats
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import Body, pose_points
-from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.observation import Observation, is_described
 from anchorpose.tracker.room import Run
 
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing; a search takes as long as three frames
-NAMED_PAUSE: Final = 8  # frames between checks of the descriptor's limb names, which take a third of a frame's time
 # nats per limb; correctly tracked people, real and simulated, have more (``measure_named_places``)
 MISNAMED: Final = -1.0
 MORE: Final = 1.5  # times the uncovered area left by the last search; a larger area starts a new search at once
@@ -35,13 +34,11 @@ class LimbWatch:
     search_wait: int
     search_pause: int
     left_uncovered_m2: float
-    named_wait: int
 
     def __init__(self, run: Run) -> None:
         self.run = run
         self.search_wait, self.search_pause = 0, SEARCH_PAUSE  # frames until the next search for limbs
         self.left_uncovered_m2 = 0.0  # uncovered area after the last search without a result
-        self.named_wait = 0  # frames until the descriptor's limb names are checked against the pose again
 
     def look(
         self, body: Body, found: Registration, explanation: Explanation, predicted: PoseBelief, seen: Observation
@@ -55,20 +52,10 @@ class LimbWatch:
         waiting = self.search_wait >= 0 and explanation.uncovered_m2 < MORE * self.left_uncovered_m2
         sources = self.run.config.registration.sources
         if waiting or not (
-            is_doubtful(body, found, explanation, seen, sources) or self._misnamed(body, found, seen, sources)
+            is_doubtful(body, found, explanation, seen, sources) or _misnamed(body, found, seen, sources)
         ):
             return None
         return self._search(body, found, predicted, explanation, seen)
-
-    def _misnamed(self, body: Body, found: Registration, seen: Observation, sources: Sequence[Source]) -> bool:
-        """Return whether the descriptor assigns a limb's skin to another limb than the pose does; this is checked every
-        few frames.
-        """
-        self.named_wait -= 1
-        if self.named_wait >= 0 or Source.DESCRIPTOR not in sources:
-            return False
-        self.named_wait = NAMED_PAUSE
-        return bool(named_nats(body, found.belief.pose, seen.evidence).sum(axis=1).min() < MISNAMED)
 
     def look_for_whole(self, body: Body, lost: Registration, predicted: PoseBelief, seen: Observation) -> Search | None:
         """Search again for a body that explains nothing: it may have turned round, or its limbs may be elsewhere.
@@ -97,6 +84,15 @@ class LimbWatch:
             self.search_wait, self.search_pause = self.search_pause, min(2 * self.search_pause, LONGEST_PAUSE)
             self.left_uncovered_m2 = explanation.uncovered_m2
         return search
+
+
+def _misnamed(body: Body, found: Registration, seen: Observation, sources: Sequence[Source]) -> bool:
+    """Return whether the descriptor assigns a limb's skin to another limb than the pose does; this is checked every few
+    frames.
+    """
+    if Source.DESCRIPTOR not in sources or not is_described(seen.frame_set.frame):
+        return False
+    return bool(named_nats(body, found.belief.pose, seen.evidence).sum(axis=1).min() < MISNAMED)
 
 
 def hidden_limbs(body: Body, explanation: Explanation) -> list[Chain]:

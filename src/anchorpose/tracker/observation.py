@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -23,6 +24,15 @@ from anchorpose.tracker.stopwatch import Stopwatch
 
 # anchors; three identify a node (paper, Section IV-D), and four give two subsets; a node with fewer keeps all distances
 LEAST_TRUSTED = 4
+# frames between looks by the learnt descriptor at the patient, which take a third of a frame's time
+DESCRIBED_EVERY: Final = 8
+
+
+def is_described(frame: int) -> bool:
+    """Return whether the learnt descriptor looks at the patient in this frame, whatever the prediction says: at the
+    names of limbs, and at the number of people.
+    """
+    return frame % DESCRIBED_EVERY == 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

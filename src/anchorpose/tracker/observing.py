@@ -18,7 +18,7 @@ from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory,
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.people import IsolationConfig, PatientChoice
 from anchorpose.isolation.scene import Pieces, find_all_pieces
-from anchorpose.isolation.separation import by_distance, label_people, separate
+from anchorpose.isolation.separation import by_distance, first_free, label_people, separate
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.border import Border, border
@@ -35,7 +35,15 @@ from anchorpose.tracker.bystanders import (
     label_by_bodies,
 )
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.observation import AnchorDistances, Expectation, Isolated, Observation, SeenSurface
+from anchorpose.tracker.observation import (
+    AnchorDistances,
+    Expectation,
+    Isolated,
+    Observation,
+    SeenSurface,
+    is_described,
+)
+from anchorpose.tracker.one_patient import one_patient
 from anchorpose.tracker.room import FACING, UP, Run
 from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
@@ -85,6 +93,7 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
     others = bystanders_placed(before.bystanders, memory, pieces, run.room.cameras, elapsed_s)
     apart = _not_in(others, expected.skin.points_m.mean(axis=0))
     views = _separated(pieces, expected, memory, apart, elapsed_s, run)
+    views = _without_others(pieces, views, expected, first_free(memory, elapsed_s), frame_set.frame, run)
     bystanders = see_bystanders(others, views, elapsed_s, run)
     return _isolated(pieces, views, memory, bystanders, elapsed_s, run), step
 
@@ -140,6 +149,22 @@ def _separated(
         others = bystander_likelihood(bystanders, body_points(), elapsed_s)
         likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
         return separate(pieces, memory, likelihood, elapsed_s, run.room.cameras)
+
+
+def _without_others(
+    pieces: Sequence[Pieces | None],
+    views: Sequence[View | None],
+    expected: Expectation,
+    free: int,
+    frame: int,
+    run: Run,
+) -> tuple[View | None, ...]:
+    """Return the views without other people among the patient's pixels (``one_patient``). free: first unused label."""
+    with run.stage("isolation"):
+        free = max(free, *(int(view.labels.max(initial=0)) + 1 for view in views if view is not None), free)
+        skin_m = patient_likelihood(expected, run.config.isolation).points_m
+        place_xz_m = expected.skin.points_m.mean(axis=0)[[0, 2]]
+        return one_patient(pieces, views, run.room.cameras, skin_m, place_xz_m, free, is_described(frame))
 
 
 def see_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:

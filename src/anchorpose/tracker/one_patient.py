@@ -1,0 +1,133 @@
+"""Split off other people whose pixels have the patient's label, by what the learnt descriptor sees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from anchorpose.camera import Camera
+from anchorpose.descriptor.people import APART_M, LEAST_AREA_M2
+from anchorpose.isolation.ownership import NOBODY
+from anchorpose.isolation.patient_label import LAST_LABEL, ON_SKIN_M, sampled
+from anchorpose.isolation.people import PERSON_AREA_M2, People, see_people
+from anchorpose.isolation.region_growing import grow_regions
+from anchorpose.isolation.scene import Pieces
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.tracker.sighting import see_people_apart
+
+OFF_SKIN_M: Final = 0.2  # m from the expected skin; an arm moves as far between two frames without a fit
+# share of a person's pixels on the patient's expected skin, from which on a small person is a part of the patient
+OWN_SHARE: Final = 0.5
+
+
+def one_patient(
+    pieces: Sequence[Pieces | None],
+    views: Sequence[View | None],
+    cameras: Sequence[Camera],
+    skin_m: np.ndarray,
+    place_xz_m: np.ndarray,
+    free: int,
+    due: bool,
+) -> tuple[View | None, ...]:
+    """Return the views after splitting off other people who had been taken for a part of the patient.
+
+    This is tested where much of the patient lies off the expected skin, and whenever it is ``due``, since a body that
+    was drawn onto another person expects that person. A part of the patient that the descriptor took for a person of
+    its own is joined by the rough bodies (``see_people_apart``). The patient has most surface near the expected place.
+    All others are other people if they show enough surface, or lie off the expected skin. skin_m (s, 3): the patient's
+    skin where it is expected closely; place_xz_m (2,): the expected place over the ground; free: the first unused
+    label.
+    """
+    theirs = [_patient_pixels(pixels, view) for pixels, view in zip(pieces, views, strict=True)]
+    skin = cKDTree(skin_m) if len(skin_m) else None
+    moved = _off_skin_m2(theirs, skin) >= LEAST_AREA_M2
+    if not (moved or due):
+        return tuple(views)
+    people = see_people(theirs, cameras)
+    if len(people.people) < 2 or not _may_be_others(theirs, people, skin, moved).any():
+        return tuple(views)
+    people = see_people_apart(theirs, cameras).people
+    others = _may_be_others(theirs, people, skin, moved)
+    others[_nearest(people, place_xz_m)] = False
+    if not others.any():
+        return tuple(views)
+    label = np.full(len(others) + 1, PixelLabel.PATIENT, np.int64)
+    label[:-1][others] = np.minimum(free + np.arange(others.sum()), LAST_LABEL)
+    label[-1] = NOBODY
+    return tuple(
+        view if pixels is None or view is None or of is None else _split(pixels, view, label[of])
+        for pixels, view, of in zip(theirs, views, people.of, strict=True)
+    )
+
+
+def _patient_pixels(pixels: Pieces | None, view: View | None) -> Pieces | None:
+    if pixels is None or view is None:
+        return None
+    return pixels.only(view.labels[pixels.row, pixels.column] == PixelLabel.PATIENT)
+
+
+def _may_be_others(theirs: Sequence[Pieces | None], people: People, skin: cKDTree | None, moved: bool) -> np.ndarray:
+    """Return (k,) bool: people who show enough surface for a person or, where much of the patient lies off the expected
+    skin, lie mostly off it.
+
+    Where only one person shows enough surface, no others are.
+    """
+    large = np.array([person.area_m2 >= PERSON_AREA_M2 for person in people.people])
+    large &= large.sum() > 1
+    return large | (_share_on_skin(theirs, people, skin) < OWN_SHARE) if moved else large
+
+
+def _nearest(people: People, place_xz_m: np.ndarray) -> int:
+    """Return the number of the person with most surface near a place: the area, weighted by a normal distribution."""
+    weight = [
+        person.area_m2 * np.exp(-0.5 * np.sum((person.ground_xz_m - place_xz_m) ** 2) / APART_M**2)
+        for person in people.people
+    ]
+    return int(np.argmax(weight))
+
+
+def _off_skin_m2(theirs: Sequence[Pieces | None], skin: cKDTree | None) -> float:
+    """Return the area of the patient's pixels farther than ``OFF_SKIN_M`` from the expected skin; without expected
+    skin, of all these pixels.
+    """
+    area_m2 = 0.0
+    for pixels in theirs:
+        if pixels is None:
+            continue
+        every = np.ones(len(pixels.row), dtype=bool)
+        points, _, area = sampled(pixels, every, every)
+        if len(points):
+            area_m2 += float(area[~_near(skin, points, OFF_SKIN_M)].sum())
+    return area_m2
+
+
+def _share_on_skin(theirs: Sequence[Pieces | None], people: People, skin: cKDTree | None) -> np.ndarray:
+    """Return the share (k,) of each person's pixels that lies on the patient's expected skin."""
+    own, every = np.zeros(len(people.people) + 1), np.zeros(len(people.people) + 1)
+    for pixels, of in zip(theirs, people.of, strict=True):
+        if pixels is None or of is None or not len(of):
+            continue
+        every += np.bincount(of % len(every), pixels.area_m2, len(every))
+        on_skin = _near(skin, pixels.points_m, ON_SKIN_M)
+        own += np.bincount(of % len(own), np.where(on_skin, pixels.area_m2, 0.0), len(own))
+    return np.asarray(own / np.maximum(every, 1e-9))[:-1]
+
+
+def _near(skin: cKDTree | None, points_m: np.ndarray, reach_m: float) -> np.ndarray:
+    """Return (n,) bool: points within reach of the skin; none without skin."""
+    if skin is None:
+        return np.zeros(len(points_m), dtype=bool)
+    return np.asarray(np.isfinite(skin.query(points_m, distance_upper_bound=reach_m)[0]))
+
+
+def _split(pixels: Pieces, view: View, seeds: np.ndarray) -> View:
+    """Return the view after region growing divided the patient's pixels. seeds: the label of each pixel from which it
+    starts, else ``NOBODY``.
+    """
+    grown = grow_regions(pixels, seeds.astype(np.uint8))
+    labels = view.labels.copy()
+    labels[pixels.row, pixels.column] = np.where(grown == NOBODY, PixelLabel.PATIENT, grown)
+    return View(view.depth_m, labels)
