@@ -87,8 +87,7 @@ class SimulateOptions:
     librealsense does."""
 
     lens: LensName | None = None
-    """The lens of the cameras: a pinhole, or one of OpenCV's models with realistic coefficients; by default that of the
-    sensor."""
+    """The lens: a pinhole, or one of OpenCV's models with realistic coefficients; by default that of the sensor."""
 
     therapists: Annotated[int | None, whole(0, 100)] = None
     """Number of therapists who come and go, 0 to 3; by default that of the preset."""

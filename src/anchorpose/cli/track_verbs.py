@@ -55,10 +55,7 @@ class RunOptions:
     """Replace an existing results folder."""
 
     def settings(self, **more: Any) -> TrackConfig:
-        """Return the settings of the file, replaced by the options that are given and by ``more``.
-
-        Raises AnchorposeError if they contradict each other.
-        """
+        """Return the file's settings, changed by options and ``more``; raises AnchorposeError for a contradiction."""
         from anchorpose.settings import sentence_of
 
         place, frame = (None, None) if self.patient is None else parse_patient(self.patient)
@@ -156,10 +153,7 @@ def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: st
 
 
 def parse_patient(text: str) -> tuple[tuple[float, float], int | None]:
-    """Parse ``x,z`` or ``x,z@frame`` into (x, z) in metres and the frame's number, None without one.
-
-    Raises AnchorposeError for any other text.
-    """
+    """Parse ``x,z`` or ``x,z@frame`` into metres and a frame number or None; raises AnchorposeError otherwise."""
     place, at, frame = text.partition("@")
     if at and not frame.isdecimal():
         raise AnchorposeError(
