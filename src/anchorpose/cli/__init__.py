@@ -42,7 +42,7 @@ app = App(
     name="anchorpose",
     version=__version__,
     help=(
-        "Depth recordings of stand training to 21 joints over time, each with its state and its uncertainty.\n\n"
+        "Turn depth recordings of stand training into 21 joints over time, each with state and uncertainty.\n\n"
         "Start with 'anchorpose demo'. For research use; this is not a medical device."
     ),
     default_parameter=Parameter(negative=()),

@@ -30,7 +30,7 @@ TABLES: Final = (
     "track",
     "view",
 )
-"""The verbs that accept a settings file; the file may have a table with the name of each."""
+"""The commands (verbs) that accept a settings file; the file may have a table with the name of each."""
 
 COMMAND_ONLY: Final = frozenset({"config", "output", "overwrite"})
 """Options that must be given on the command line: a file must not decide where results go or what is replaced."""
@@ -39,7 +39,7 @@ COMMAND_ONLY: Final = frozenset({"config", "output", "overwrite"})
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SettingsFile:
-    """The option ``--config`` of verbs that use only their own table; ``fill_from_file`` reads it before they start."""
+    """The option ``--config`` of commands that use only their own table; ``fill_from_file`` reads it beforehand."""
 
     config: Path | None = None
     """A TOML or JSON settings file; its table with the name of this command has defaults for these options."""
@@ -48,7 +48,7 @@ class SettingsFile:
 def tracking_settings(path: Path | None) -> TrackConfig:
     """Return the settings of tracking in a settings file, or the defaults if ``path`` is None.
 
-    Raises InputError if the file cannot be used (``load_config``); the tables of verbs are ignored.
+    Raises InputError if the file cannot be used (``load_config``); the tables of commands are ignored.
     """
     from anchorpose.recording.document import read_config, validate
     from anchorpose.tracker.config import TrackConfig
@@ -84,7 +84,7 @@ def fill_from_file(app: App, commands: tuple[str, ...], arguments: ArgumentColle
 
 
 def require_options(path: Path, verb: str, table: object, options: set[str]) -> None:
-    """Raise InputError unless ``table`` is a table and its names are among the verb's options."""
+    """Raise InputError unless ``table`` is a table and its names are among the options of the command ``verb``."""
     if not isinstance(table, dict):
         raise InputError(
             path, f"'{verb}' is not a table", f"write [{verb}], and options of 'anchorpose {verb}' below it"
@@ -101,7 +101,7 @@ def require_options(path: Path, verb: str, table: object, options: set[str]) -> 
 def unknown_key(path: Path, place: str, name: str, known: set[str], otherwise: str) -> InputError:
     """Return the error for an unknown name; its remedy is the nearest known name, or ``otherwise`` if none is similar.
 
-    place: the name with that of its table.
+    place: the name after that of its table, as in track.threads.
     """
     from anchorpose.settings import LONGEST_KEY, nearest_key
 

@@ -237,7 +237,7 @@ def simulate(out: Path, /, *, options: SimulateOptions | None = None, defaults: 
 
 DEMO_SECONDS, QUICK_SECONDS = 3.0, 1.0
 DEMO_SEED = 3  # with this seed, the patient and not the therapist is nearest to the camera at the start
-DEMO_FPS = 15.0  # enough for slow movements, and half the work of 30
+DEMO_FPS = 15.0  # frames per second; enough for slow movements, with half the work of 30
 
 
 def demo(
@@ -264,7 +264,7 @@ def demo(
     if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
         raise InputError(out, "exists already", "choose another name or remove it first")
     seconds = QUICK_SECONDS if quick else DEMO_SECONDS
-    # before the imports, which take seconds
+    # printed before the imports, which take seconds
     say(f"1. Simulating {seconds:g} s of a patient in a standing frame, one camera, one therapist.")
     from anchorpose.cli.console import open_page
     from anchorpose.cli.evaluate_verbs import print_evaluation

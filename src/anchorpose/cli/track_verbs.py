@@ -128,7 +128,7 @@ def track(recording: str, /, *, results: Annotated[str, OUTPUT], options: TrackO
     with local_results(results) as folder, local_copy(recording) as source:
         track_locally(source, folder, given)
         if is_address(results):
-            say(f"They go to {results}.")
+            say(f"The results are copied to {results}.")
 
 
 def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: str | None = None) -> None:
@@ -231,7 +231,7 @@ def batch(
 
     check_place(out)
     if not recordings:
-        raise InputError(out, "is to hold no session", "give recordings, folders, patterns or a .csv table")
+        raise InputError(out, "was given no recordings", "give recordings, folders, patterns or a .csv table")
     place = Place(workers, scheduler, {} if slurm is None else read_toml(slurm))
     options = TrackOptions(config=config, smooth=smooth)
     options.settings()  # refuses a mistake in the file now, once, not in every session
