@@ -50,6 +50,6 @@ def test_both_examples_are_accepted_and_mean_the_same(tmp_path: Path) -> None:
 
 
 def test_the_page_names_every_verb_that_may_have_a_table() -> None:
-    sentence = re.search(r"for its verb alone\. (.*?)\s+may have a table", PAGE, re.DOTALL)
+    sentence = re.search(r"to its command alone\. (.*?)\s+may have a table", PAGE, re.DOTALL)
     assert sentence is not None
     assert tuple(re.findall(r"`(\w+)`", sentence.group(1))) == TABLES

@@ -1,4 +1,4 @@
-"""The command line: a few thin verbs. Heavy imports happen inside them, so that help is instant."""
+"""The command line: thin commands, called verbs. Heavy imports happen inside them, so that help is instant."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ from anchorpose.cli.viewing_verbs import inspect, view
 from anchorpose.errors import AnchorposeError, InputError, is_utf8
 
 EXIT_CANNOT: Final = 2
-EXIT_SIGNAL: Final = 128  # and the signal's number: 130 for Ctrl+C, 143 where the system ends the process
+EXIT_SIGNAL: Final = 128  # plus the signal's number: 130 after Ctrl+C, 143 if the system ends the process
 STOPPING: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal that ends the process; it unwinds, so that half-written folders are removed or kept to go on with."""
+    """A signal that ends the process. As an exception it lets each function on the call stack clean up: half-written
+    folders are removed, or kept for a later run that continues."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -41,7 +42,7 @@ app = App(
     name="anchorpose",
     version=__version__,
     help=(
-        "Depth recordings of stand training to 21 joints over time, each with its state and its uncertainty.\n\n"
+        "Turn depth recordings of stand training into 21 joints over time, each with state and uncertainty.\n\n"
         "Start with 'anchorpose demo'. For research use; this is not a medical device."
     ),
     default_parameter=Parameter(negative=()),
@@ -70,7 +71,7 @@ GROUPS: Final = {
 for _place, (_title, _verbs) in enumerate(GROUPS.items()):
     _group = Group(_title, sort_key=_place)
     for _verb in _verbs:
-        if isinstance(_verb, App):  # a verb with verbs of its own
+        if isinstance(_verb, App):  # a command with subcommands
             _verb.group = _group
             app.command(_verb)
         else:
@@ -90,15 +91,15 @@ def main(tokens: Sequence[str] | None = None) -> int:
 
 
 def _require_text(tokens: Sequence[str]) -> None:
-    """Raise InputError for bytes that are no text in UTF-8: no table and no JSON can name such a file."""
+    """Raise InputError for bytes that are not text in UTF-8: neither a table nor JSON can name such a file."""
     for token in tokens:
         if not is_utf8(token):
             raise InputError(token, "is not text in UTF-8", "rename the file, or write the text in UTF-8")
 
 
 def exit_code_of(work: Callable[[], object]) -> int:
-    """Do the work and return the exit code of the process; an error that ends it is one sentence on the error
-    stream.
+    """Do the work and return the exit code of the process. An error that ends the work is printed as one sentence on
+    the error stream.
     """
     for number in STOPPING:
         signal.signal(number, _stop)
@@ -126,14 +127,14 @@ def _refuse(sentence: str, error: Exception) -> int:
 
 
 def _notes(error: BaseException) -> tuple[str, ...]:
-    """Return what is left behind and how to go on (``unfinished_results``)."""
+    """Return the notes of an error: which files are left behind, and how to continue (``unfinished_results``)."""
     return tuple(getattr(error, "__notes__", ()))
 
 
 def _signal_of(error: BaseException | None) -> int | None:
-    """Return the number of the signal behind an error, None where there is none.
+    """Return the number of the signal that caused an error; None if no signal did.
 
-    A signal that arrives in a compiled kernel comes out of it as a SystemError.
+    A signal that arrives while a compiled kernel runs is raised as a SystemError.
     """
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__

@@ -1,6 +1,6 @@
-"""Everything that verbs print. Names come from files, so no character of them may act on the terminal.
+"""Print everything that commands print. Names come from files, so none of their characters may control the terminal.
 
-Nothing else in the program calls ``print`` or makes a console (``tests/test_structure.py``).
+No other module calls ``print`` or makes a console (``tests/test_structure.py``).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from rich.table import Column
     from rich.text import Text
 
-ACTING: Final = frozenset(("Cc", "Zl", "Zp", "Cs"))  # control characters, line breaks, undecodable bytes of file names
+ACTING: Final = frozenset(("Cc", "Zl", "Zp", "Cs"))  # categories: controls, line breaks, undecodable bytes
 BIDIRECTIONAL: Final = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 
 
 def printable(text: str) -> str:
-    """Return the text with every character that would act on a terminal written as its escape, such as ``\\x1b``,
-    and passwords of addresses as stars."""
+    """Return the text with each character that would control a terminal replaced by its escape, such as ``\\x1b``,
+    and with passwords in addresses replaced by stars."""
     return "".join(
         each.encode("unicode_escape").decode("ascii")
         if each in BIDIRECTIONAL or unicodedata.category(each) in ACTING
@@ -37,7 +37,7 @@ def printable(text: str) -> str:
 
 
 def say(sentence: str, error: bool = False) -> None:
-    """Print one line at once; error: on the error stream."""
+    """Print one line without delay; error: whether it goes to the error stream."""
     print(printable(sentence), file=sys.stderr if error else sys.stdout, flush=True)
 
 
@@ -48,7 +48,7 @@ def show_table(
     title: str | None = None,
     numbers: bool = False,
 ) -> None:
-    """Print a table of texts without markup; numbers: all columns but the first are set to the right."""
+    """Print a table of texts without markup; numbers: whether all columns but the first are aligned to the right."""
     from rich.table import Table
 
     table = Table(*head, title=title)
@@ -60,7 +60,7 @@ def show_table(
 
 
 def plain_console(error: bool = False) -> Console:
-    """Return a console of rich that takes every text as it stands: no markup, no emoji, nothing that acts on it."""
+    """Return a console of the package rich that prints every text literally, without markup and emoji."""
     from rich.console import Console
 
     class PlainConsole(Console):
@@ -72,9 +72,9 @@ def plain_console(error: bool = False) -> Console:
 
 @contextmanager
 def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
-    """Draw a bar on the error stream; the yielded function is called with (done, total), total None where unknown.
+    """Draw a progress bar on the error stream; the yielded function takes (done, total), total None if unknown.
 
-    at_once: shown before the first call, which may take long, or not: then work that is refused shows no bar.
+    at_once: whether the bar appears before the first call, which may come late. If not, refused work shows no bar.
     """
     from rich import progress as parts
 
@@ -103,10 +103,9 @@ def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
 
 
 def open_page(page: Path) -> bool:
-    """Open a page of this computer in the browser; returns False where there is none to be seen.
+    """Open a page of this computer in the browser; returns False if no browser can be shown.
 
-    Nothing opens in CI, where the output goes to a file or another program, and on a machine that is used from another
-    without a display.
+    Nothing opens in CI, if the output goes to a file or another program, or on a remote machine without a display.
     """
     import webbrowser
 
@@ -148,7 +147,10 @@ def counter(what: str) -> Iterator[Callable[[], None]]:
 
 
 def log_event(results: Path, what: str, files: Iterable[str], by: str, about: dict[str, Any] | None = None) -> None:
-    """Add a line to the results' log; where this fails, as on a read-only disk, print a sentence."""
+    """Add a line to the results' log. If this fails, as on a read-only disk, print a sentence instead.
+
+    what: the operation, such as "measure"; files: names of the files that it wrote; by: who did it; about: its options.
+    """
     from anchorpose.results.verify import LOG_FILE, add_event
 
     try:
@@ -158,7 +160,7 @@ def log_event(results: Path, what: str, files: Iterable[str], by: str, about: di
 
 
 def print_outcome(results: Path) -> None:
-    """Print how much was seen, inferred and lost, what was dropped, and where the report is."""
+    """Print the shares of joints seen, inferred and lost, the frames with problems, and where the report is."""
     import numpy as np
 
     from anchorpose.joints import LOST

@@ -1,4 +1,4 @@
-"""The closing words of ``anchorpose demo``: an evaluation in a few sentences."""
+"""Write the sentences that ``anchorpose demo`` prints at its end: an evaluation in words."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from anchorpose.results.evaluation_file import longest_error_sentence
 
 
 def account(evaluation: Evaluation) -> list[str]:
-    """Return what an evaluation found, one sentence per line; a sentence whose figures are unknown is left out."""
+    """Return the findings of an evaluation, one sentence per item; sentences without known figures are left out."""
     return [
         *_accuracy(evaluation),
         *_seen_and_inferred(evaluation),

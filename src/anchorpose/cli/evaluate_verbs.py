@@ -1,4 +1,4 @@
-"""Verbs that compare results: with the truth, with another system, with each other."""
+"""Commands that compare results: with the truth, with another system, or with each other."""
 
 from __future__ import annotations
 
@@ -28,20 +28,22 @@ class ReferenceOptions:
     """The options of ``anchorpose evaluate`` for another motion capture system, and for labels in images."""
 
     reference: list[Path] | None = None
-    """Markers, joint centres or angles of another system: .c3d, .trc, .csv, .mot or .sto; once for each results folder.
-    Clock and position are found from the movement."""
+    """A file of another system with markers, joint centres or angles: .c3d, .trc, .csv, .mot or .sto. Give the option
+    once for each results folder. Clock and position of the other system are found from the movement."""
 
     output: Annotated[Path | None, OUTPUT] = None
-    """With --reference: the folder to write tables, methods sentences and agreement.html to."""
+    """With --reference: the folder to write tables, agreement.html and methods.txt (a text for publications) to."""
 
     overwrite: bool = False
     """Replace an earlier comparison in that folder."""
 
     subject: list[str] | None = None
-    """With --reference: who was recorded, once for each results folder; by default each folder is another person."""
+    """With --reference: the name of the person recorded. Give the option once for each results folder; by default each
+    folder counts as a different person."""
 
     labels: Path | None = None
-    """A CSV with the columns camera,frame,joint,u,v: joints labelled in depth images; needs --recording."""
+    """A CSV of joints labelled in depth images, with the columns camera,frame,joint,u,v (u: column, v: row of the
+    pixel). It needs --recording."""
 
     recording: Path | None = None
     """With --labels: the recording folder."""
@@ -60,19 +62,20 @@ def evaluate(
 ) -> None:
     """Compare results with the true joints, with another motion capture system, or with labels in images.
 
-    Give one of --truth, --reference and --labels. With --truth: position errors, whether the stated uncertainty is
-    right, and which contacts were found. With --reference: bias, limits of agreement and more, of joints and angles.
+    Give one of --truth, --reference and --labels. With --truth, the command prints position errors, whether the stated
+    uncertainty is right, and which contacts were found. With --reference, it prints bias, limits of agreement and more
+    for joints and angles.
 
     Parameters
     ----------
     results
         A results folder made by 'anchorpose track'.
     others
-        With --reference: further results folders, compared all together.
+        With --reference: further results folders; all of them are compared together.
     truth
-        The truth.npz that belongs to the recording (simulated recordings have one in truth/).
+        The file truth.npz that belongs to the recording (simulated recordings have it in truth/).
     json
-        With --truth: write all figures to this JSON file as well.
+        With --truth: also write all figures to this JSON file.
     skip
         With --truth: leave out this many seconds at the start.
     """
@@ -134,7 +137,7 @@ def print_comparison(comparison: Comparison) -> None:
 
 
 def print_image_errors(errors: tuple[ImageErrors, ...]) -> None:
-    """Print a table with a row per joint and one for all joints."""
+    """Print a table with one row per joint and a last row for all joints."""
     rows = list[list[str]]()
     for row in errors:
         lengths = (row.median_px, row.median_mm, row.p95_mm)
@@ -160,7 +163,7 @@ def _with_truth(results: Path, truth: Path, json: Path | None, skip: float) -> N
 
 
 def print_evaluation(evaluation: Evaluation) -> None:
-    """Print the figures as a table on the output."""
+    """Print the figures of an evaluation as tables and sentences."""
     from anchorpose.results.evaluation_file import (
         angle_rows,
         compared_sentence,
@@ -197,19 +200,20 @@ def print_evaluation(evaluation: Evaluation) -> None:
 def reliability(sessions: Path, /, *others: Path, out: Annotated[Path | None, OUTPUT] = None) -> None:
     """Report how well measures repeat from session to session, and how large a change must be to mean something.
 
-    For every measure: intraclass correlations ICC(2,1) and ICC(3,1) with intervals, standard error of measurement
-    (SEM), and minimal detectable change (MDC95). With the score files of two raters or more: how well they agree.
+    For every measure, this prints the intraclass correlations ICC(2,1) and ICC(3,1) with intervals, the standard error
+    of measurement (SEM), and the minimal detectable change (MDC95). With the score files of two or more raters, it
+    prints how well the raters agree.
 
     Parameters
     ----------
     sessions
-        A CSV with the columns subject, session (or rater, or device) and results (a results folder, relative to this
-        file); or, in place of results, measure and value. Or the scores of a rater, which 'anchorpose view --rate'
-        wrote.
+        A CSV with the columns subject, session (or rater, or device) and results (a results folder, relative to the
+        folder of this file); in place of results, it may have measure and value. Or a file with the scores of a rater,
+        which 'anchorpose view --rate' wrote.
     others
-        The scores of other raters, and of further sessions: one file per rater and session.
+        Files with scores of other raters and of further sessions, one file per rater and session.
     out
-        Write all figures to this CSV file as well; 'anchorpose report --reliability' reads it.
+        Also write all figures to this CSV file; 'anchorpose report --reliability' reads it.
     """
     from anchorpose.agreement.raters import rater_agreement
     from anchorpose.agreement.reliability import HEAD, reliability_text, session_reliability

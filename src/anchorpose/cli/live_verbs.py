@@ -1,4 +1,4 @@
-"""Verbs that use connected cameras: live and record."""
+"""Commands that use connected cameras: live and record."""
 
 from __future__ import annotations
 
@@ -32,24 +32,25 @@ class LiveGiven:
     """The options of ``anchorpose live``."""
 
     wait_frames: Literal[0, 1] = 0
-    """Later frames to wait for before a frame is answered. 1 was more accurate only in a clinic with one camera."""
+    """Number of later frames that are awaited before the joints of a frame are computed. In tests, 1 was more accurate
+    than 0 only in a clinic with one camera."""
 
     start_seconds: Annotated[float, positive(DAY_S)] = 6.0
-    """Seconds of room and patient that are recorded before the body is learnt; the patient should move a little."""
+    """How many seconds of room and patient are recorded to learn the body; the patient should move a little."""
 
     seconds: Annotated[float | None, positive(DAY_S)] = None
-    """Track for this many seconds; the default is until Ctrl+C, or until the source ends."""
+    """Track for this many seconds; by default until Ctrl+C, or until the source ends."""
 
     like: Path | None = None
     """An earlier recording of the same cameras in the same place, whose equipment and images of the empty room are used
-    again. A recording that is played uses its own."""
+    again. Not needed for a recording that is played: it has its own."""
 
     record: Path | None = None
-    """A folder to keep all depth images in, as a recording."""
+    """A folder in which all depth images are kept, as a recording."""
 
     markers: str | None = None
-    """With --record: the name of a Lab Streaming Layer stream whose markers are kept with the recording; 'begin NAME',
-    'end' and 'rating NUMBER' make its events.tsv."""
+    """With --record: the name of a Lab Streaming Layer stream whose markers are kept with the recording. The markers
+    'begin NAME', 'end' and 'rating NUMBER' become trials in its events.tsv."""
 
     lsl: bool = False
     """Send joints and angles as Lab Streaming Layer streams."""
@@ -61,10 +62,10 @@ class LiveGiven:
     """Show skeleton and angles in the browser, for patient and therapist."""
 
     port: Annotated[int, whole(0, LARGEST_PORT)] = 8470
-    """The port of the page, always the same, so that the browser remembers the chosen angles; 0 takes a free one."""
+    """The port of the page, always the same, so that the browser remembers the chosen angles; 0: any free port."""
 
     finish: bool = False
-    """Make the results folder of a session that was cut off, from all frames tracked; no sources are needed."""
+    """Make the results folder of a session that was cut off, from all tracked frames; no sources are needed."""
 
 
 def live(
@@ -76,14 +77,14 @@ def live(
 ) -> int:
     """Find the patient's joints while the patient stands there, and send them to other programs.
 
-    Ctrl+C ends it with a finished results folder, as 'anchorpose track' makes one. Where the program is killed or the
-    disk is full, '--finish' makes one of what was tracked.
+    Ctrl+C ends the session with a complete results folder, like that of 'anchorpose track'. If the program is killed or
+    the disk is full, '--finish' makes such a folder from the tracked frames.
 
     Parameters
     ----------
     sources
-        Where depth images come from: 'realsense' or 'realsense:SERIAL', 'orbbec' or 'orbbec:SERIAL', several of them;
-        or the folder of a recording, which is played at its own pace.
+        Where depth images come from: one or more cameras, each 'realsense', 'realsense:SERIAL', 'orbbec' or
+        'orbbec:SERIAL'; or the folder of a recording, which is played at recorded speed.
     results
         The folder to write.
     """
@@ -138,29 +139,29 @@ def record(
     finish: bool = False,
     defaults: SettingsFile | None = None,
 ) -> None:
-    """Record what depth cameras see: lossless, with the cameras' own times.
+    """Record the depth images of connected cameras: lossless, with the cameras' own times.
 
-    Ctrl+C ends it. After a power cut all but the last second is there: '--finish' makes a recording of it.
+    Ctrl+C ends the recording. After a power cut, all but the last second is kept: '--finish' makes a recording of it.
 
     Parameters
     ----------
     sources
-        'realsense' or 'realsense:SERIAL', 'orbbec' or 'orbbec:SERIAL', several of them; the folder of a recording is
-        played at its own pace.
+        One or more cameras, each 'realsense', 'realsense:SERIAL', 'orbbec' or 'orbbec:SERIAL'; or the folder of a
+        recording, which is played at recorded speed.
     recording
         The folder to write.
     seconds
-        Record for so long; the default is until Ctrl+C.
+        How many seconds to record; by default until Ctrl+C.
     empty_room
-        First look at the empty room for so many seconds: the patient is then found more easily.
+        How many seconds to record the empty room first: the patient is then found more easily.
     like
-        An earlier recording of the same cameras in the same place: its equipment and its pictures of the empty room
-        hold now, too.
+        An earlier recording of the same cameras in the same place, whose equipment and images of the empty room are
+        used again.
     markers
-        The name of a Lab Streaming Layer stream whose markers are kept; 'begin NAME', 'end' and 'rating NUMBER' make
-        the trials of events.tsv.
+        The name of a Lab Streaming Layer stream whose markers are kept. The markers 'begin NAME', 'end' and 'rating
+        NUMBER' become the trials of events.tsv.
     finish
-        Make a recording of a folder whose recording was cut off; no sources are needed.
+        Complete the recording in a folder where recording was cut off; no sources are needed.
     """
     from anchorpose.live.recorder import finish_recording, record_live
 
@@ -173,9 +174,9 @@ def record(
 
 
 def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:
-    """Open the sources by name; raises AnchorposeError for a missing camera or a recording that is not alone.
+    """Open the sources by name; raises AnchorposeError for a missing camera or a recording beside other sources.
 
-    like: an earlier recording of the same cameras, None where there is none.
+    like: an earlier recording of the same cameras in the same place, or None.
     """
     from anchorpose.live.cameras import Playback, open_orbbec, open_realsense
     from anchorpose.recording.reader import open_recording
@@ -198,8 +199,8 @@ def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:
 
 
 def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
-    """Open the outputs; raises AnchorposeError for a malformed address or unknown host, MissingPackage without an
-    extra."""
+    """Open the outputs. Raises AnchorposeError for a malformed address or unknown host, MissingPackage if the package
+    of an output is not installed."""
     from anchorpose.live.output import LslOutput, OscOutput
 
     outputs: list[Output] = []
@@ -218,7 +219,7 @@ def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
 
 
 def _also_on(page: PageOutput) -> Callable[[str], None]:
-    """Return what prints a sentence and shows it on the page."""
+    """Return a function that prints a sentence and also shows it on the page."""
 
     def tell(sentence: str) -> None:
         say(sentence)
@@ -229,8 +230,8 @@ def _also_on(page: PageOutput) -> Callable[[str], None]:
 
 @contextmanager
 def page_output(given: LiveGiven, browser: PageOptions) -> Iterator[PageOutput | None]:
-    """Open the page in the browser, or yield None where none is wanted; raises AnchorposeError where nothing can listen
-    on its host and port."""
+    """Open the page in the browser, or yield None if no page is wanted; raises AnchorposeError if its host and port
+    cannot be used."""
     if not given.page:
         yield None
         return
@@ -246,7 +247,7 @@ def page_output(given: LiveGiven, browser: PageOptions) -> Iterator[PageOutput |
 
 @contextmanager
 def stop_on_signals() -> Iterator[Event]:
-    """Yield the event that the first Ctrl+C (or the system's request to end) sets; a second one stops at once."""
+    """Yield an event that the first Ctrl+C, or the system's request to end, sets; a second one ends the process."""
     stop = Event()
     before: dict[int, Any] = {}
 

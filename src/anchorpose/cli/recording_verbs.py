@@ -1,5 +1,5 @@
-"""Verbs about a recording before it is tracked: convert, check, calibrate;
-and about what tracking compares with: equipment, motions.
+"""Commands that prepare tracking: convert, check and calibrate for a recording, equipment and motions for the models
+that tracking uses.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 def convert(*paths: Path, options: ConvertOptions | None = None, defaults: SettingsFile | None = None) -> None:
-    """Make a recording of the files that a camera's own recorder wrote; what the formats are: docs/guide/convert.md.
+    """Make a recording from the files of a camera's own recorder; docs/guide/convert.md lists the formats.
 
     Depth, times, lens and serial number are kept exactly; colour is neither read nor copied. 'track', 'calibrate',
-    'inspect' and 'view' also take such a file directly. Stopped with Ctrl+C, the same command goes on where it was.
+    'inspect' and 'view' also take such a file directly. After a stop with Ctrl+C, the same command continues.
 
     Parameters
     ----------
@@ -51,17 +51,17 @@ COLOURS = ("green", "yellow", "red")
 
 
 def check(recording: Path, /) -> int:
-    """See whether a recording is good enough to track: green, yellow or red, each with what to do.
+    """Check whether a recording is good enough to track: each line is green, yellow or red and states a remedy.
 
-    Green is as it should be. Yellow: results will be less accurate, or have gaps. Red: results will be wrong or
-    missing. Do it before the patient has left: some frames are looked at, which takes less than a minute. The exit
-    code is 0 where nothing is red, 1 where something is.
+    Green means that all is well. Yellow: results will be less accurate, or have gaps. Red: results will be wrong or
+    missing. Check before the patient has left: the command examines some frames, which takes less than a minute. The
+    exit code is 0 if nothing is red, else 1.
 
     Parameters
     ----------
     recording
-        The folder with recording.json and the depth images of each camera, into which nothing is written; or a file of
-        a camera's recorder (see docs/guide/convert.md).
+        The folder with recording.json and the depth images of each camera; nothing is written into it. Or a file of a
+        camera's recorder (see docs/guide/convert.md).
     """
     from anchorpose.api.recording_input import as_recording
     from anchorpose.check.material import Level
@@ -93,10 +93,11 @@ def calibrate(
     markers: Path | None = None,
     config: Path | None = None,
 ) -> None:
-    """Find where every camera stands, from the equipment in its depth images and equipment.json alone.
+    """Find the pose of every camera from the equipment in its depth images and equipment.json.
 
-    Nothing needs to be clicked or put up. Writes calibration.json, which 'track --calibration' reads, and one picture
-    per camera with the equipment drawn where it was found: look at them. A pose that is uncertain is refused.
+    Without equipment.json, the floor and people who walk are used. The command writes calibration.json, which
+    'track --calibration' reads, and one picture per camera with the equipment drawn where it was found: look at these
+    pictures. An uncertain pose is refused.
 
     Parameters
     ----------
@@ -104,14 +105,14 @@ def calibrate(
         The folder with recording.json and the depth images of each camera, or a recorder's file or folder, as for
         'anchorpose track'; nothing is written into it.
     output
-        The folder to write; by default beside the recording, named like it with '-calibration' at the end.
+        The folder to write; by default the recording's path with '-calibration' added.
     overwrite
         Replace an existing calibration folder.
     ignore_given
         Also find the poses that recording.json gives.
     markers
-        A markers.json that states where each printed AprilTag or the ChArUco board is: cameras whose folder holds an
-        image of them, infrared.png or color.png, are placed by these instead of by depth.
+        A markers.json that states where each printed AprilTag or the ChArUco board is. The pose of a camera is found
+        from these markers, not from depth, if its folder has an image of them (infrared.png or color.png).
     config
         A TOML or JSON settings file: settings of tracking, and in its table [calibrate] defaults for these options.
     """
@@ -149,21 +150,21 @@ def fit(
 ) -> None:
     """Propose equipment.json: the posts, rails and bars in the depth images of the empty room, as boxes and tubes.
 
-    Look at the pictures that it writes and correct the file by hand: a side that no camera sees is a guess, and the
-    table says which. Then name the file as "equipment" in recording.json.
+    Look at the pictures that the command writes, and correct the file by hand: sides that no camera sees are guesses,
+    which the printed table names. Then name the file as "equipment" in recording.json.
 
     Parameters
     ----------
     recording
         The folder of a recording with a background.png for each camera.
     out
-        The file to write; a picture of each camera with the parts drawn in goes beside it.
+        The file to write. Beside it, a picture per camera is written with the parts drawn in.
     camera
-        Use this camera only; needed where the poses of several cameras are unknown.
+        Use this camera only; needed if the poses of several cameras are unknown.
     around
         Where the equipment stands, as x,z in metres on the floor; the default is the world's origin.
     radius
-        How far around that place to look for it, in metres.
+        How far around that place to search for equipment, in metres.
     overwrite
         Replace an existing file.
     """
@@ -232,8 +233,8 @@ def build(
 ) -> None:
     """Make a file of reference movements from earlier results and from skeletons of other trackers.
 
-    Give it to 'anchorpose track' as --motions. It replaces the movements that come with the program; name it among the
-    sources of the next file to add to it. Movements like those of the patient help most: their own earlier sessions.
+    Use it with 'anchorpose track --motions FILE'; it then replaces the movements that come with the program. To extend
+    a file, name it among the sources of the next. The patient's own earlier sessions help most.
 
     Parameters
     ----------
@@ -241,10 +242,10 @@ def build(
         The file to write, ending in .npz.
     sources
         Results folders of 'anchorpose track' (frames with a lost joint are left out), and skeleton files: .npz with
-        joints_mm (frames, joints, 3) with Y up, offsets (where each clip begins, and the end), names (of the clips)
+        joints_mm (frames, joints, 3) with Y up, offsets (first frame of each clip, and the end), names (of the clips)
         and joint_names. Joints are matched by name.
     rate_hz
-        Frames per second of those skeleton files that do not state it themselves (as rate_hz).
+        Frames per second of skeleton files that do not state it themselves (as rate_hz).
     overwrite
         Replace an existing file.
     """

@@ -1,4 +1,4 @@
-"""Verbs that run the research: the paper's comparison and the public benchmark."""
+"""Commands that run the research: the paper's comparison and the public benchmark."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ def experiment(
 ) -> None:
     """Repeat the paper's comparison: every method in one tracking framework, with tables, figures and a page.
 
-    Takes about six hours on two cores; the estimate at the start is measured on your machine. Stop it at any time:
-    the same command continues from there. --quick shows in five minutes that everything works.
+    This takes about six hours on two cores; an estimate for your machine is printed at the start. You may stop it at
+    any time: the same command continues. --quick shows in five minutes that everything works.
 
     Parameters
     ----------
     out
         The folder to write, or that of an earlier run.
     quick
-        One short recording and two hole sizes, to check an installation; its figures mean nothing.
+        Use one short recording and two hole sizes, to check an installation; the figures mean nothing.
     real
-        A folder of real recordings with a reference skeleton (skeleton.npz) each, to compare on as well.
+        A folder of real recordings, each with a reference skeleton (skeleton.npz), on which methods are compared, too.
     config
-        A TOML or JSON file with your own selection: methods, hole sizes, recordings, seeds.
+        A TOML or JSON file with your own selection of methods, hole sizes, recordings and seeds.
     processes
         How many recordings are processed at once; by default as many as there are cores.
     """
     settings = _settings(quick, config)
     for name in KERNELS:
-        os.environ.setdefault(name, "1")  # the movements made here have the same bytes as on one core
+        os.environ.setdefault(name, "1")  # on one thread, movements have the same bytes for any number of cores
     try:
         _run(out, settings, real, processes or os.cpu_count() or 1)
     except KeyboardInterrupt as stopped:
@@ -89,17 +89,17 @@ def make(
 ) -> int:
     """Simulate the benchmark's recordings, and compare them with the reference by hashes of their content.
 
-    The whole set takes some minutes and 0.8 GB. The same command continues after a stop. The exit code is 1 where a
-    recording is not byte by byte that of the reference; docs/benchmark.md says what that means for scores.
+    The whole set takes some minutes and 0.8 GB. The same command continues after a stop. The exit code is 1 if a
+    recording differs from the reference in any byte; docs/benchmark.md explains what this means for scores.
 
     Parameters
     ----------
     out
         The folder to write, or that of an earlier run.
     part
-        development: to develop a method on. test: what leader board figures are of.
+        development: recordings to develop a method. test: recordings for the figures of the leader board.
     recordings
-        Only so many recordings of each kind, the first ones.
+        Make only the first recordings of each kind, this many.
     processes
         How many recordings are simulated at once; by default as many as there are cores.
     """
@@ -129,7 +129,7 @@ def score(
     labels: Path | None = None,
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
-    """Score anybody's answers, print the figures with a row for the leader board, and write them as JSON.
+    """Score the answers of any method, print the figures with a row for the leader board, and write them as JSON.
 
     Parameters
     ----------
@@ -138,15 +138,16 @@ def score(
     folder
         The folder made by 'anchorpose benchmark make'. Not needed with --real.
     part
-        Which recordings to score on.
+        The part whose recordings are scored.
     against
-        Another folder of answers: the differences between the two with 95 % intervals over recordings.
+        Another folder of answers; differences between the two are printed with 95 % intervals over recordings.
     real
-        A folder of real recordings instead: real.csv of the answers is compared with labels made by eye.
+        A folder of real recordings, scored in place of simulated ones: real.csv of the answers is compared with labels
+        made by eye.
     labels
         With --real: the folder of labels, benchmarks/labels of the repository.
     json
-        The file to write; by default score.json (with --real real.json) in the folder of answers.
+        The file to write; by default score.json (with --real: real.json) in the folder of answers.
     """
     import json as text
 
@@ -202,7 +203,7 @@ def _real(answers: Path, real: Path, labels: Path | None) -> dict[str, Any]:
 
 
 def _print_figures(title: str, rows: dict[str, dict[str, Any]]) -> None:
-    """Print one column per recording or task and a row for every figure, shares in per cent."""
+    """Print a table with a column per recording or task and a row per figure; shares are in per cent."""
     from rich.table import Column
 
     lines = list[list[str]]()

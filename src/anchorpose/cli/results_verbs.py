@@ -1,4 +1,4 @@
-"""Verbs about a results folder: measure, export, report, verify."""
+"""Commands that read a results folder: measure, export, report, verify."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ class MeasureOptions:
     """The options of ``anchorpose measure``."""
 
     smooth: Literal["none", "butterworth", "kalman"] = "none"
-    """Smooth the joints before angles are computed: 'butterworth' is the usual filter of movement laboratories, without
-    delay; 'kalman' also uses the uncertainty of each joint and works with uneven time stamps."""
+    """The filter that smooths joints before angles are computed. 'butterworth' is the usual filter of movement
+    laboratories, without delay. 'kalman' also uses each joint's uncertainty and works with uneven time stamps."""
 
     cutoff: Annotated[float | None, positive(FASTEST_HZ)] = None
-    """For butterworth: movements faster than this, in Hz, are filtered out; 6 by default."""
+    """With butterworth: the frequency in Hz above which movements are filtered out; 6 by default."""
 
     fill: Literal["none", "linear", "spline"] = "none"
-    """Fill short gaps of a joint along a straight line or a curve; a longer gap stays a gap."""
+    """Fill short gaps of a joint along a straight line or a curve; longer gaps stay gaps."""
 
     longest_gap: Annotated[float | None, between(0.0, DAY_S)] = None
-    """For --fill: the longest gap to be filled, in seconds; 0.2 by default."""
+    """With --fill: the longest gap that is filled, in seconds; 0.2 by default."""
 
     def settings(self) -> ProcessingConfig:
         """Return the settings; raises AnchorposeError where the options do not fit together."""
@@ -66,20 +66,20 @@ def measure(
 ) -> None:
     """Measure a session again: joint angles, time upright, standing up, extension, sway, symmetry and assistance.
 
-    Reads joints.parquet and contacts.parquet of the folder and replaces angles, axes, posture, episodes and measures.
-    These always come from the joints as they were tracked, so that sessions can be compared. With --smooth or --fill,
-    angles_processed.parquet is written as well, with every row marked as measured, smoothed or filled; without them, an
-    older one is removed.
+    The command reads joints.parquet and contacts.parquet and replaces angles, axes, posture, episodes and measures.
+    These are always computed from the joints as tracked, so that sessions can be compared. With --smooth or --fill, it
+    also writes angles_processed.parquet, with every row marked as measured, smoothed or filled; without these options,
+    an older file of this name is removed.
 
     Parameters
     ----------
     results
         A results folder made by 'anchorpose track'.
     events
-        A table of the trials (events.tsv: onset, duration, trial_type and what you set or noted): every measure is then
-        also given per trial and per condition. It replaces the trials that the results have; without it, these stay.
+        A table of the trials (events.tsv: onset, duration, trial_type and your own columns): every measure is then also
+        computed per trial and per condition. The table replaces trials of the results; without it, these stay.
     by
-        Who does this, for the log of the results that 'anchorpose verify' reads: your initials or pseudonym.
+        Your initials or pseudonym, for the log of the results that 'anchorpose verify' reads.
     """
     from anchorpose.cli.console import log_event
     from anchorpose.report.measure_section import measure_rows
@@ -115,22 +115,22 @@ def export(
 ) -> None:
     """Write results in the formats of other programs: OpenSim, C3D, Excel, R, MATLAB, Blender, BIDS.
 
-    Each format gets a folder of its own with an export.json that describes the files: axes, units, times, and what
-    stands where nothing was measured. Nothing in these files names the patient.
+    Each format gets a separate folder with an export.json that describes the files: axes, units, times, and the form of
+    missing values. Nothing in these files names the patient.
 
     Parameters
     ----------
     results
         A results folder made by 'anchorpose track'.
     to
-        The formats, with commas between: trc (OpenSim markers, with a model and set-up files for inverse kinematics),
+        The formats, separated by commas: trc (OpenSim markers, with a model and set-up files for inverse kinematics),
         mot (OpenSim joint coordinates), c3d, csv, bvh, bids.
     output
         The folder to write into; by default 'exports' in the results folder.
     overwrite
         Replace earlier exports of these formats.
     by
-        Who does this, for the log of the results that 'anchorpose verify' reads: your initials or pseudonym.
+        Your initials or pseudonym, for the log of the results that 'anchorpose verify' reads.
     """
     from anchorpose.cli.console import log_event
     from anchorpose.exports.exporting import EXPORTS_FOLDER, RECORD_FILE, export_results, parse_formats
@@ -159,9 +159,9 @@ def report(
 ) -> None:
     """Make report.html of a results folder again, or compare several sessions of one patient on one page.
 
-    One folder: its report.html is made from its tables and pictures; where it has trials ('anchorpose measure
-    --events'), their conditions are compared. Several folders: one page with their measures side
-    by side, which also shows the changes that are larger than the measurement error.
+    With one folder, its report.html is made from its tables and pictures; if it has trials ('anchorpose measure
+    --events'), their conditions are compared. With several folders, one page shows their measures side by side, and
+    which changes are larger than the measurement error.
 
     Parameters
     ----------
@@ -172,19 +172,19 @@ def report(
     out
         The page to write for several sessions, for example comparison.html.
     label
-        The name of a session on that page, for example --label before --label after; once for each session.
+        The name of a session on that page, for example --label before --label after; give it once for each session.
     date
-        The day of a session as 2025-03-28, for trends over three sessions or more; once for each session. By default
-        the labels, where all of them are dates.
+        The day of a session as 2025-03-28, for trends over three or more sessions; give it once for each session. By
+        default the labels are used, if all of them are dates.
     reliability
-        A table that 'anchorpose reliability' wrote: smaller changes than its MDC95 are marked as not shown.
+        A table that 'anchorpose reliability' wrote: changes below its MDC95 are marked as not shown.
     measure
-        The name of a measure to compare between conditions, as in measures.parquet; once for each. By default, the main
-        measures.
+        The name of a measure to compare between conditions, as in measures.parquet; give it once for each measure. By
+        default the main measures are compared.
     reference
-        The condition that the others are compared with; by default that of the first trial.
+        The condition with which the others are compared; by default that of the first trial.
     by
-        Who makes the page of one session again, for the log that 'anchorpose verify' reads: your initials or pseudonym.
+        With one session: your initials or pseudonym, for the log that 'anchorpose verify' reads.
     """
     from anchorpose.cli.console import log_event
     from anchorpose.report.comparison import write_comparison
@@ -208,18 +208,18 @@ def report(
 
 
 def verify(results: Path, recording: Path | None = None, /) -> int:
-    """See whether results are as they were written, and of this recording: by the hashes in run.json and log.jsonl.
+    """Check by the hashes in run.json and log.jsonl that results are unchanged and were made from this recording.
 
-    Says which tables, pictures and files of the recording were changed, who corrected what, what was measured and
-    exported since and by whom, and whether program and libraries are still the same. The exit code is 0 where every
-    file fits, 1 where one does not, and 2 where run.json or the log cannot be read.
+    The command lists changed tables, pictures and files of the recording, who corrected what, what was measured and
+    exported since and by whom, and whether program and libraries are still the same. The exit code is 0 if all files
+    match, 1 if any file differs, and 2 if run.json or the log cannot be read.
 
     Parameters
     ----------
     results
         A results folder made by 'anchorpose track'.
     recording
-        The recording that the results are of; without it, only the results are looked at.
+        The recording from which the results were made; without it, only the results are checked.
     """
     from anchorpose.results.verify import verify as verified
 

@@ -1,4 +1,4 @@
-"""The settings file that ``--config`` names: settings of tracking, and tables with defaults for options of verbs."""
+"""Read the settings file that ``--config`` names: settings of tracking, and defaults for options of commands."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ TABLES: Final = (
     "track",
     "view",
 )
-"""The verbs that take a settings file; each may have a table of its name in it."""
+"""The commands (verbs) that accept a settings file; the file may have a table with the name of each."""
 
 COMMAND_ONLY: Final = frozenset({"config", "output", "overwrite"})
-"""Options that only a command may give: a file must not decide what is written where, or what is replaced."""
+"""Options that must be given on the command line: a file must not decide where results go or what is replaced."""
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SettingsFile:
-    """The option of verbs that read no more than their own table, which ``fill_from_file`` does before they start."""
+    """The option ``--config`` of commands that use only their own table; ``fill_from_file`` reads it beforehand."""
 
     config: Path | None = None
-    """A TOML or JSON settings file; its table with the name of this verb holds defaults for these options."""
+    """A TOML or JSON settings file; its table with the name of this command has defaults for these options."""
 
 
 def tracking_settings(path: Path | None) -> TrackConfig:
-    """Return the settings of tracking in a settings file; None = the defaults.
+    """Return the settings of tracking in a settings file, or the defaults if ``path`` is None.
 
-    Raises InputError where the file cannot be used (``load_config``); the tables of verbs are not looked at.
+    Raises InputError if the file cannot be used (``load_config``); the tables of commands are ignored.
     """
     from anchorpose.recording.document import read_config, validate
     from anchorpose.tracker.config import TrackConfig
@@ -63,9 +63,9 @@ def tracking_settings(path: Path | None) -> TrackConfig:
 
 
 def fill_from_file(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Give options that the command line leaves out the values of the settings file, a ``config`` of cyclopts.
+    """Give options that the command line leaves out their values from the settings file (called by cyclopts).
 
-    Raises InputError for an unknown option, and where any setting of tracking in the file is refused.
+    Raises InputError for an unknown option, and if any setting of tracking in the file is refused.
     """
     verb = " ".join(commands)
     given = next((each for each in arguments if "--config" in each.names and each.tokens), None)
@@ -84,7 +84,7 @@ def fill_from_file(app: App, commands: tuple[str, ...], arguments: ArgumentColle
 
 
 def require_options(path: Path, verb: str, table: object, options: set[str]) -> None:
-    """Raise InputError unless ``table`` is a table and its names are among the verb's options."""
+    """Raise InputError unless ``table`` is a table and its names are among the options of the command ``verb``."""
     if not isinstance(table, dict):
         raise InputError(
             path, f"'{verb}' is not a table", f"write [{verb}], and options of 'anchorpose {verb}' below it"
@@ -99,7 +99,10 @@ def require_options(path: Path, verb: str, table: object, options: set[str]) -> 
 
 
 def unknown_key(path: Path, place: str, name: str, known: set[str], otherwise: str) -> InputError:
-    """Return the refusal of a name; its remedy is the nearest known name, or ``otherwise`` where none is alike."""
+    """Return the error for an unknown name; its remedy is the nearest known name, or ``otherwise`` if none is similar.
+
+    place: the name after that of its table, as in track.threads.
+    """
     from anchorpose.settings import LONGEST_KEY, nearest_key
 
     near = nearest_key(name, known)

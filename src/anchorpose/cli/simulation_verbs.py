@@ -1,4 +1,4 @@
-"""Verbs that simulate: a recording, and the demo."""
+"""Commands that simulate: simulate for a recording, and demo."""
 
 from __future__ import annotations
 
@@ -26,29 +26,29 @@ class SessionOptions:
     """The options of ``anchorpose simulate`` for the preset 'stimulation'."""
 
     trials: Annotated[int | None, whole(2, 200)] = None
-    """How many trials, half of them with stimulation; 12 where not given."""
+    """Number of trials, half of them with stimulation; 12 by default."""
 
     trial_s: Annotated[float | None, Parameter(name="--trial-seconds"), positive(3600.0)] = None
-    """How long each of them is, 10 or more; 20 where not given. Before each is a pause of 4 seconds."""
+    """Length of each trial in seconds, at least 10; 20 by default. Before each trial is a pause of 4 seconds."""
 
     effect_deg: Annotated[float | None, between(0.0, 10.0)] = None
-    """By how many degrees knees hold straighter with stimulation; 5 where not given, 0 for none."""
+    """By how many degrees knees are straighter with stimulation; 5 by default, 0 for no effect."""
 
     effect_s: Annotated[float | None, Parameter(name="--effect-seconds"), between(0.0, 3600.0)] = None
-    """By how many seconds knees hold longer with stimulation; 0 where not given."""
+    """By how many seconds knees stay extended longer with stimulation; 0 by default."""
 
     helped: When | None = None
-    """The trials in which therapists hold knees and hips; those without stimulation where not given."""
+    """The trials in which therapists hold knees and hips; by default the trials without stimulation."""
 
     hands_off: When | None = None
-    """The trials in which the hands are off the rails; those with stimulation where not given."""
+    """The trials in which the hands are off the rails; by default the trials with stimulation."""
 
     incidents: Annotated[int | None, whole(0, 50)] = None
-    """How many knees buckle, stands fail, recovery steps and bouts of clonus there are, of each; 1 where not given."""
+    """Number of incidents of each kind (buckling knee, failed stand, recovery step, clonus); 1 by default."""
 
     @property
     def given(self) -> dict[str, Any]:
-        """Return the settings that differ from the defaults of a session, by their names in ``SessionConfig``."""
+        """Return the options that are given, by their names in ``SessionConfig``."""
         return {name: value for name, value in vars(self).items() if value is not None}
 
 
@@ -59,16 +59,18 @@ class SimulateOptions:
 
     preset: Literal["clinic", "holes", "single", "rehabilitation", "room", "stimulation"] = "clinic"
     """clinic: three cameras, standing frame, two therapists. holes: one camera, one person, a hole in the depth image
-    in about half of the frames. single: one camera, one person, nothing in the way. rehabilitation: three cameras, two
+    in about half of the frames. single: one camera, one person, no occlusion. rehabilitation: three cameras, two
     therapists, and a patient who does a captured movement; it needs --movements. room: one camera at an unknown place
-    in a cluttered room, with other people, a mirror or moved furniture, whatever its seed draws. stimulation: a session
-    of trials with stimulation and without, with the true events and conditions; as long as its trials take."""
+    in a cluttered room; its seed decides whether there are other people, a mirror or moved furniture. stimulation: a
+    session of trials with and without stimulation, with the true events and conditions; its length follows from the
+    trials."""
 
     seed: Annotated[int, whole(0, LARGEST_SEED)] = 1
-    """Another number makes another patient and other movements; the same number makes the same files."""
+    """Number from which everything random is drawn: another number gives another patient and other movements, the same
+    number the same files."""
 
     seconds: Annotated[float, positive(DAY_S)] = 10.0
-    """Length of the recording."""
+    """Length of the recording in seconds."""
 
     fps: Annotated[float, positive(FASTEST_HZ)] = 15.0
     """Frames per second."""
@@ -77,47 +79,47 @@ class SimulateOptions:
     """Radius of the hole of the preset 'holes', in metres."""
 
     cameras: Annotated[int | None, whole(1, 100)] = None
-    """How many cameras, 1 to 4, instead of the preset's."""
+    """Number of cameras, 1 to 4; by default that of the preset."""
 
     sensor: Annotated[tuple[Sensor, ...] | None, Parameter(consume_multiple=True)] = None
-    """Which depth camera is imitated, instead of the preset's: one for all, or one per camera. realsense is a D455;
-    kinect-v1 is coarse, at half resolution; realsense-filtered smooths over space and time as librealsense does."""
+    """The depth camera that is imitated, one for all cameras or one per camera; by default that of the preset.
+    realsense is a D455; kinect-v1 is coarse, at half resolution; realsense-filtered smooths over space and time as
+    librealsense does."""
 
     lens: LensName | None = None
-    """Which lens the cameras have, instead of the sensor's: a pinhole, or one of OpenCV's models with coefficients as
-    real cameras have them."""
+    """The lens: a pinhole, or one of OpenCV's models with realistic coefficients; by default that of the sensor."""
 
     therapists: Annotated[int | None, whole(0, 100)] = None
-    """How many therapists come and go, 0 to 3, instead of the preset's."""
+    """Number of therapists who come and go, 0 to 3; by default that of the preset."""
 
     motions: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None
-    """What the patient does, one or more, such as squat or reach; or mixed."""
+    """One or more motions that the patient does, such as squat or reach; or 'mixed'."""
 
     movements: Path | None = None
     """File of captured movements for the presets 'rehabilitation' and 'room': the Kinect skeletons of UI-PRMD as
     .npz."""
 
     movement: str | None = None
-    """Which of them, such as sit-to-stand, deep-squat or shoulder-abduction, or the name of a clip; drawn at random
-    where not given."""
+    """The captured movement, such as sit-to-stand, deep-squat or shoulder-abduction, or the name of a clip; by default
+    drawn at random."""
 
     equipment: Equipment | None = None
-    """What the patient stands in, instead of the preset's. Parallel bars of the preset 'rehabilitation' come with a
-    chest pad and straps."""
+    """The equipment that the patient uses; by default that of the preset. Parallel bars of the preset 'rehabilitation'
+    come with a chest pad and straps."""
 
     passer_by: bool = False
-    """A person walks between a camera and the patient."""
+    """Add a person who walks between a camera and the patient."""
 
     speed: Speed | None = None
-    """How fast the patient moves, instead of the preset's."""
+    """How fast the patient moves; by default as in the preset."""
 
     height: Annotated[float | None, positive(TALLEST_M)] = None
-    """The patient's height in metres; drawn at random where not given."""
+    """The patient's height in metres; by default drawn at random."""
 
     build: Build | None = None
-    """The patient's body. ordinary: like those that the tracker knows. varied: every segment longer or shorter, thicker
-    or thinner by itself, in shoes or barefoot. wasted-legs: the same with thin legs and strong arms. heavy: the same
-    with a belly. child: of 1.0 to 1.5 m."""
+    """The patient's body. ordinary: like the bodies that the tracker knows. varied: length and thickness of every
+    segment differ independently, in shoes or barefoot. wasted-legs: varied, with thin legs and strong arms. heavy:
+    varied, with a belly. child: 1.0 to 1.5 m tall."""
 
     brace: Annotated[tuple[BraceName, ...] | None, Parameter(consume_multiple=True)] = None
     """Segments of the patient that a stiff orthosis covers."""
@@ -126,16 +128,16 @@ class SimulateOptions:
     """Limbs that the patient lacks, such as shank_left; recording.json states them."""
 
     body: Path | None = None
-    """A body of another source instead of a drawn one: an .npz as docs/simulate.md describes it."""
+    """A file with another body to use in place of a random one: an .npz as described in docs/simulate.md."""
 
     scene: Scene | None = None
-    """Something that makes a tracker lose the patient. enters-late: the therapists are there first, the patient walks
-    in later. leaves: the patient walks out and comes back. hidden: a curtain hides the patient from all cameras for two
-    seconds. sits: the patient sits down or stands up. There is no standing frame where the patient walks or sits.
-    Walking takes 12 seconds."""
+    """A situation in which trackers lose the patient. enters-late: the therapists are there first, the patient walks in
+    later. leaves: the patient walks out and comes back. hidden: a curtain hides the patient from all cameras for two
+    seconds. sits: the patient sits down or stands up. If the patient walks or sits, there is no standing frame.
+    Scenes with walking need 12 seconds."""
 
     pose_unknown: bool = False
-    """Leave the camera poses out of the recording, so that they have to be estimated."""
+    """Leave the camera poses out of the recording, so that they must be estimated."""
 
     rough_recorder: bool = False
     """Record as imperfectly as real recorders do: the cameras' clocks are up to 2 s apart and drift, time stamps vary
@@ -144,7 +146,7 @@ class SimulateOptions:
     session: SessionOptions = field(default_factory=SessionOptions)
 
     def _body(self) -> OtherBody | None:
-        """Return how the patient's body differs from those of the asset, None where it does not."""
+        """Return the options on the patient's body, None if none is given."""
         from anchorpose.settings import sentence_of
         from anchorpose.simulate.bodies import OtherBody
 
@@ -156,7 +158,7 @@ class SimulateOptions:
             raise AnchorposeError(f"{sentence_of(problem)}; see 'anchorpose simulate --help'") from problem
 
     def settings(self) -> SimulationConfig:
-        """Return the preset with the options on top; raises AnchorposeError where they do not fit together."""
+        """Return the preset, changed by the given options; raises AnchorposeError if options contradict each other."""
         from anchorpose.settings import sentence_of
         from anchorpose.simulate import config as presets
         from anchorpose.simulate.sessions.plan import SessionConfig
@@ -193,8 +195,9 @@ class SimulateOptions:
             raise AnchorposeError(f"{sentence_of(error)}.") from None
 
     def _captured(self, settings: SimulationConfig) -> SimulationConfig:
-        """Return the configuration with a captured movement where the preset asks for one; raises AnchorposeError
-        without a file of movements.
+        """Return the configuration, with a captured movement if the preset needs one.
+
+        Raises AnchorposeError if the file of movements is missing, or given for another preset.
         """
         from anchorpose.simulate.config import rehabilitation
 
@@ -215,7 +218,7 @@ class SimulateOptions:
 
 
 def simulate(out: Path, /, *, options: SimulateOptions | None = None, defaults: SettingsFile | None = None) -> None:
-    """Make a recording of a simulated patient, whose true joints are known, to try things out.
+    """Make a recording of a simulated patient whose true joints are known, for tests and first steps.
 
     Parameters
     ----------
@@ -233,23 +236,23 @@ def simulate(out: Path, /, *, options: SimulateOptions | None = None, defaults: 
 
 
 DEMO_SECONDS, QUICK_SECONDS = 3.0, 1.0
-DEMO_SEED = 3  # a scene in which the patient, and no therapist, stands nearest to the camera at the start
-DEMO_FPS = 15.0  # enough for slow movements, and half the work of 30
+DEMO_SEED = 3  # with this seed, the patient and not the therapist is nearest to the camera at the start
+DEMO_FPS = 15.0  # frames per second; enough for slow movements, with half the work of 30
 
 
 def demo(
     out: Path = Path("anchorpose-demo"), /, *, quick: bool = False, tables: bool = False, no_open: bool = False
 ) -> None:
-    """See it work: a simulated patient in a standing frame is recorded, tracked and compared with the true joints.
+    """Show how it works: simulate a patient in a standing frame, track the patient, and compare with the true joints.
 
-    Takes one to two minutes, longer the first time, and needs nothing but this program.
+    The demo takes one to two minutes, longer the first time, and needs no recording.
 
     Parameters
     ----------
     out
         The folder to write.
     quick
-        One second of recording only, to check an installation.
+        Simulate only one second, to check an installation.
     tables
         Also print the errors of every joint and angle.
     no_open
@@ -261,7 +264,7 @@ def demo(
     if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
         raise InputError(out, "exists already", "choose another name or remove it first")
     seconds = QUICK_SECONDS if quick else DEMO_SECONDS
-    # before the imports, which take seconds
+    # printed before the imports, which take seconds
     say(f"1. Simulating {seconds:g} s of a patient in a standing frame, one camera, one therapist.")
     from anchorpose.cli.console import open_page
     from anchorpose.cli.evaluate_verbs import print_evaluation
@@ -277,7 +280,7 @@ def demo(
 
 
 def _simulate_and_track(out: Path, seconds: float) -> Evaluation:
-    """Write the recording, its results and their errors into ``out``, which appears when all is done."""
+    """Write the recording, its results and their errors into ``out``, which appears when everything is complete."""
     from anchorpose.cli.console import progress_bar
     from anchorpose.pipeline import track_recording
     from anchorpose.results.evaluate import evaluate

@@ -1,4 +1,4 @@
-"""The verb that brings results and the file of another device to one clock: sync."""
+"""The command that brings results and the file of another device to one clock: sync."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ def sync(
 ) -> None:
     """Bring the file of another device, such as EMG or an accelerometer, to one clock with the results.
 
-    The clocks are compared by the movement of a part of the body that carries a sensor. Out come the other clock with
-    its uncertainty, joints and events on that clock, and the other signals at the joints' times.
+    The clocks are compared by the movement of a part of the body that carries a sensor, by pulses that both recorded,
+    or by the stamps of the Lab Streaming Layer. The folder OUTPUT then has the offset and drift of the other clock with
+    their uncertainty, joints and events on that clock, and the other device's signals at the joints' times.
 
     Parameters
     ----------
     results
         A results folder made by 'anchorpose track'.
     other
-        The other file: a CSV with one line of names, a column time_s in seconds, and a column of numbers per signal.
+        The other file: XDF, EDF, BDF, or a CSV with a line of names, a column time_s (s) and a column per signal.
     output
         The folder to write.
     overwrite
@@ -51,7 +52,7 @@ def sync(
 
 
 def print_clock(found: Synchronised) -> None:
-    """Print how the clocks differ, and the notes on it that the user needs."""
+    """Print how the clocks differ, and the notes for the user."""
     clock = found.clock
     say(f"Compared: {found.compared}.")
     offset_ms, gain_ms = 1.96e3 * clock.offset_sigma_s, 1.96e6 * clock.drift_sigma

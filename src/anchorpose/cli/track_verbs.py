@@ -1,4 +1,4 @@
-"""The verbs that track: one recording, or many."""
+"""The commands that track: track for one recording, batch for many."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """The options of every run of tracking, ``anchorpose track`` and ``live``."""
+    """The options of ``anchorpose track`` and ``anchorpose live``."""
 
     patient: Annotated[str | None, SIGNED] = None
-    """Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right), or in
-    frame 47 as x,z@47; needed only where there are several people and the wrong one is tracked."""
+    """Where the patient stands: x,z in metres on the floor (x forward, z to the patient's right) at the start, or
+    x,z@47 in frame 47. Needed only if there are several people and the wrong one is tracked."""
 
     height: Annotated[float | None, positive(TALLEST_M)] = None
-    """The patient's standing height in metres, for example 1.72; it makes the lengths of the limbs more accurate. With
-    or without shoes does not matter: a centimetre is allowed for. Not needed where recording.json has it."""
+    """The patient's standing height in metres, for example 1.72; it makes the lengths of the limbs more accurate. An
+    error of a centimetre, as from shoes, does not matter. Not needed if recording.json has the height."""
 
     calibration: Path | None = None
-    """A calibration.json (or its folder) made by 'anchorpose calibrate'; its camera poses replace those of the
+    """A calibration.json made by 'anchorpose calibrate', or its folder; its camera poses replace those of the
     recording. Without it, poses that are null in recording.json are estimated."""
 
     config: Path | None = None
-    """A TOML or JSON settings file: settings of tracking, and in a table with the name of the verb, such as [track],
-    defaults for these options."""
+    """A TOML or JSON settings file: settings of tracking, and defaults for these options in a table with the name of
+    the command, such as [track]."""
 
     overwrite: bool = False
     """Replace an existing results folder."""
 
     def settings(self, **more: Any) -> TrackConfig:
-        """Return the settings of the file with the options on top; raises AnchorposeError where they do not fit."""
+        """Return the file's settings, changed by options and ``more``; raises AnchorposeError for a contradiction."""
         from anchorpose.settings import sentence_of
 
         place, frame = (None, None) if self.patient is None else parse_patient(self.patient)
@@ -73,27 +73,27 @@ class TrackOptions(RunOptions):
     """The options of ``anchorpose track``."""
 
     corrections: Path | None = None
-    """A file of corrections made in 'anchorpose view': the person who was named is tracked, frames that were marked as
-    unusable get no joints, and corrected joints are where the reviewer put them."""
+    """A file of corrections made in 'anchorpose view': the person who was named there is tracked, frames that were
+    marked as unusable get no joints, and corrected joints are where the reviewer put them."""
 
     events: Path | None = None
-    """A table of the trials (events.tsv: onset, duration, trial_type and what you set or noted), in place of the
-    recording's own: every measure is then also given per trial and per condition."""
+    """A table of the trials (events.tsv: onset, duration, trial_type and your own columns). It replaces the table in
+    the recording folder. Every measure is then also computed per trial and per condition."""
 
     motions: Path | None = None
-    """A file of reference movements made by 'anchorpose motions build', to predict from instead of those that come with
-    the program."""
+    """A file of reference movements made by 'anchorpose motions build'. The next pose is predicted from these instead
+    of from the movements that come with the program."""
 
     smooth: bool | None = None
     """Track backward in time as well and combine both passes: a limb that is lost in one direction is often found in
     the other. Takes about twice as long."""
 
     threads: Annotated[int, whole(1, MOST_PROCESSES)] = 1
-    """Threads that share the cameras and people of a frame. The results are the same with any number."""
+    """Number of threads that share the cameras and people of a frame; it does not change the results."""
 
     resume: bool = False
-    """Go on with a run into the same folder that was stopped or killed; it ends with the same tables. Where there is
-    none, tracking begins."""
+    """Continue a run into the same folder that was stopped or killed; it ends with the same tables as without the stop.
+    If there is no such run, tracking begins."""
 
     start: Annotated[int | None, whole(0, MOST_FRAMES)] = None
     """First frame to track, counted from 0; the default is the beginning."""
@@ -102,7 +102,7 @@ class TrackOptions(RunOptions):
     """Frame to stop before; the default is the end."""
 
     def settings(self, **more: Any) -> TrackConfig:
-        """See ``RunOptions.settings``."""
+        """Return the settings as ``RunOptions.settings`` does, with the options of ``anchorpose track``."""
         motions = None if self.motions is None else str(self.motions)
         return super().settings(start=self.start, stop=self.stop, smooth=self.smooth, motions=motions, **more)
 
@@ -114,11 +114,11 @@ def track(recording: str, /, *, results: Annotated[str, OUTPUT], options: TrackO
     ----------
     recording
         The folder with recording.json and the depth images of each camera; or a recorder's file or folder, which is
-        first converted into INPUT.anchorpose beside it, as by 'anchorpose convert'. Also an address (sftp://, s3://,
-        gs://), from which it is copied.
+        first converted into INPUT.anchorpose beside it, as by 'anchorpose convert'. It may also be an address (sftp://,
+        s3://, gs://), from which the recording is copied.
     results
         The folder to write: tables of joints, angles and contacts, run.json, report.html and the data of the viewer. It
-        appears when everything is done. Also an address, to which it is copied then.
+        appears when tracking is complete. It may also be an address, to which the folder is then copied.
     """
     from anchorpose.remote import is_address, local_copy, local_results
 
@@ -128,13 +128,13 @@ def track(recording: str, /, *, results: Annotated[str, OUTPUT], options: TrackO
     with local_results(results) as folder, local_copy(recording) as source:
         track_locally(source, folder, given)
         if is_address(results):
-            say(f"They go to {results}.")
+            say(f"The results are copied to {results}.")
 
 
 def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: str | None = None) -> None:
-    """Track a recording on this machine into a results folder on it, with progress, and prints what came out.
+    """Track a recording on this machine into a local results folder, show progress, and print a summary.
 
-    go_on: what the user does to go on where it is stopped, None for the same command with --resume.
+    go_on: what the user runs to continue after a stop, in words; None: the same command with --resume.
     """
     from anchorpose.api.track import Options, track_watched
     from anchorpose.cli.console import OnConsole, print_outcome
@@ -153,7 +153,7 @@ def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: st
 
 
 def parse_patient(text: str) -> tuple[tuple[float, float], int | None]:
-    """Parse ``x,z`` or ``x,z@frame``: a place and the number of a frame; raises AnchorposeError otherwise."""
+    """Parse ``x,z`` or ``x,z@frame`` into metres and a frame number or None; raises AnchorposeError otherwise."""
     place, at, frame = text.partition("@")
     if at and not frame.isdecimal():
         raise AnchorposeError(
@@ -163,7 +163,7 @@ def parse_patient(text: str) -> tuple[tuple[float, float], int | None]:
 
 
 def parse_place(text: str, option: str = "--patient") -> tuple[float, float]:
-    """Parse ``x,z`` as two numbers of metres; raises AnchorposeError otherwise."""
+    """Parse ``x,z`` as two numbers in metres; raises AnchorposeError, which names ``option``, for any other text."""
     try:
         x, z = (plain_number(part) for part in text.split(","))
     except ValueError:
@@ -190,34 +190,35 @@ def batch(
     config: Path | None = None,
     smooth: bool | None = None,
 ) -> int:
-    """Track many recordings, several at a time, and write a table and a page over all of them.
+    """Track many recordings, several at a time, and write a table and a page about all of them.
 
-    Stop it at any time: the same command goes on from there, and does only what is not done. A recording that fails
-    keeps no other from being tracked; the exit code is then 1.
+    You may stop it at any time: the same command continues and tracks only the sessions that are not done. A recording
+    that fails does not stop the others; the exit code is then 1.
 
     Parameters
     ----------
     recordings
         Recordings, folders that contain recordings, addresses (sftp://, s3://, gs://), patterns in quotes
-        ('clinic/*/recording'), or a .csv table with one row per session: a column 'recording', and if you like
-        'session', 'subject', 'height' and other options of 'anchorpose track', such as 'patient' or 'smooth'.
+        ('clinic/*/recording'), or a .csv table with one row per session. The table has a column 'recording' and,
+        optionally, 'session', 'subject', and options of 'anchorpose track' such as 'height', 'patient' or 'smooth'.
     out
         The folder to write: a results folder for each session in 'sessions', tables, and index.html.
     workers
         How many sessions are tracked at once; by default one per core. Each takes up to 1 GB of memory.
     scheduler
-        The address of a dask scheduler that runs, for example tcp://10.0.0.5:8786, or slurm. By default, this machine.
+        The address of a running dask scheduler, for example tcp://10.0.0.5:8786, or 'slurm'; by default, sessions run
+        on this machine.
     slurm
-        A TOML file for '--scheduler slurm' with what a job needs: queue, account, memory, walltime and other options of
-        dask_jobqueue.SLURMCluster.
+        A TOML file for '--scheduler slurm' with the resources of a job: queue, account, memory, walltime and other
+        options of dask_jobqueue.SLURMCluster.
     index
-        Track only the session with this number, counted from 0, for a job array of any scheduler; afterwards use
-        --summary.
+        Track only the session with this number, counted from 0, for a job array of any scheduler. After all jobs, run
+        the command with --summary.
     summary
-        Track nothing; write the tables and the page from what is there.
+        Track nothing; write the tables and the page from existing results.
     config
-        A TOML or JSON settings file: settings of tracking for all recordings, and in its table [batch] defaults for
-        these options.
+        A TOML or JSON settings file: settings of tracking for all recordings, and defaults for these options in its
+        table [batch].
     smooth
         Track all recordings backward in time as well, as 'anchorpose track --smooth'.
     """
@@ -230,10 +231,10 @@ def batch(
 
     check_place(out)
     if not recordings:
-        raise InputError(out, "is to hold no session", "give recordings, folders, patterns or a .csv table")
+        raise InputError(out, "was given no recordings", "give recordings, folders, patterns or a .csv table")
     place = Place(workers, scheduler, {} if slurm is None else read_toml(slurm))
     options = TrackOptions(config=config, smooth=smooth)
-    options.settings()  # a mistake in the file is one sentence now, not one per session
+    options.settings()  # refuses a mistake in the file now, once, not in every session
     sessions = find_sessions(recordings, options)
     if index is not None and not summary:
         row = run_one(sessions, out, index)

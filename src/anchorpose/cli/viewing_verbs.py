@@ -1,4 +1,4 @@
-"""Verbs that show: results in the browser, and every stage of one frame."""
+"""Commands that show something: view for results in the browser, inspect for every stage of one frame."""
 
 from __future__ import annotations
 
@@ -22,18 +22,21 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class PageOptions:
-    """The options of verbs that show a page, ``anchorpose view`` and ``live``."""
+    """The options of the commands that show a page, ``anchorpose view`` and ``live``."""
 
     host: str = "127.0.0.1"
-    """The network address to listen on. Any other address than the default lets other computers see the patient: they
-    need the whole printed address, which holds a secret."""
+    """The network address to listen on. Any other address than the default lets other computers see the patient, if
+    they have the whole printed address, which contains a secret."""
 
     no_browser: bool = False
-    """Print the address only."""
+    """Only print the address; do not open the browser."""
 
     @contextmanager
     def showing(self, address: str, what: str, others_may: str) -> Iterator[None]:
-        """Print the address and open it in the browser, as long as the block lasts."""
+        """Print the address and open it in the browser for the time of the with block.
+
+        what: the page's name in the message; others_may: what other people with the address can do.
+        """
         from anchorpose.viewer.access import is_loopback
         from anchorpose.viewer.guarded_server import opened_page
 
@@ -50,24 +53,24 @@ class ViewOptions(PageOptions):
     """The options of ``anchorpose view``."""
 
     corrections: Path | None = None
-    """The file that your corrections are added to; the default is RESULTS.corrections.json, beside the folder. A new
-    file begins with the corrections that the results were tracked with."""
+    """The file to which your corrections are added; by default RESULTS.corrections.json, beside the folder. A new file
+    begins with the corrections with which the results were tracked."""
 
     port: Annotated[int, whole(0, LARGEST_PORT)] = 0
-    """The port to listen on; the default is a free one."""
+    """The port to listen on; by default any free port."""
 
     who: str = ""
-    """Your initials or pseudonym, for the corrections; otherwise the page asks you once."""
+    """Your initials or pseudonym, for the corrections; without this option, the page asks you once."""
 
     rate: bool = False
-    """Rate the trials blinded instead: they come in random order, without condition, number, setting or measure. The
-    scores (0 to 10) go to RESULTS.rating_AB.tsv, beside the folder; the same command goes on where you stopped."""
+    """Rate the trials blinded instead: they are shown in random order, without condition, number, setting or measure.
+    Scores (0 to 10) go to RESULTS.rating_AB.tsv, beside the folder; after a stop, the same command continues."""
 
     rater: str = ""
-    """With --rate: your initials, 1 to 8 letters; each rater has a file of their own."""
+    """With --rate: your initials, 1 to 8 letters; each rater has a separate file."""
 
     def require_rater(self, results: Path) -> None:
-        """Raise where --rate has no initials, or initials no --rate."""
+        """Raise AnchorposeError or InputError if --rate is given without initials, or initials without --rate."""
         from anchorpose.viewer.rating import require_initials
 
         if self.rate:
@@ -84,19 +87,19 @@ def view(
     options: ViewOptions | None = None,
     defaults: SettingsFile | None = None,
 ) -> None:
-    """Look at results in the browser, and mark what is wrong with them.
+    """Look at results in the browser, and correct them.
 
-    Plays the patient's skeleton and body at recorded speed, with the points of the depth cameras around them and the
-    angle curves beside. Press ? in the page for all keys. What you mark (who the patient is, parts of the
-    recording that are unusable, joints that are in the wrong place) is saved at once; 'anchorpose track --corrections
-    FILE' uses it. Nothing leaves this computer. Stop with Ctrl+C. With --rate, a page for blinded raters instead.
+    The page plays the patient's skeleton and body at recorded speed, with the points of the depth cameras and the angle
+    curves. Press ? in the page for all keys. You can name the patient, mark unusable parts of the recording and move
+    joints. Corrections are saved at once; 'anchorpose track --corrections FILE' uses them. Nothing leaves this
+    computer. Stop with Ctrl+C. With --rate, the command shows a page for blinded raters instead.
 
     Parameters
     ----------
     results
         A results folder made by 'anchorpose track'.
     recording
-        The recording, or the recorder's file, that the results were made from; without it only skeleton, body and
+        The recording, or the recorder's file, from which the results were made; without it only skeleton, body and
         curves are shown.
     """
     from anchorpose.api.recording_input import as_recording
@@ -131,7 +134,7 @@ def _rate(results: Path, recording: Path | None, given: ViewOptions) -> None:
 
 
 def _serve(server: ReviewServer, showing: AbstractContextManager[None], where: str, kept: str) -> None:
-    """Serve until Ctrl+C; where: what the page writes goes to; kept: what became of it."""
+    """Serve the page until Ctrl+C. where, kept: sentences on where entries are saved, printed before and after."""
     try:
         with showing:
             say(f"{where} Stop with Ctrl+C.")
@@ -146,15 +149,15 @@ class InspectOptions:
     """The options of ``anchorpose inspect``."""
 
     patient: Annotated[str | None, SIGNED] = None
-    """Where the patient stands in this frame, as x,z in metres on the floor; needed only where the wrong person is
-    blue. With --as-tracked: where the patient stands at the start, as in 'anchorpose track'."""
+    """Where the patient stands in this frame, as x,z in metres on the floor; needed only if the pictures show the wrong
+    person in blue. With --as-tracked: where the patient stands at the start, as in 'anchorpose track'."""
 
     config: Path | None = None
-    """A TOML or JSON settings file: settings of tracking, and in its table [inspect] defaults for these options."""
+    """A TOML or JSON settings file: settings of tracking, and defaults for these options in its table [inspect]."""
 
     as_tracked: bool = False
-    """Learn the body and follow the patient from where tracking begins: the result of 'anchorpose track' for this frame
-    without --calibration, --corrections, --height or --smooth, and as slow."""
+    """Learn the body and follow the patient from the frame in which tracking begins. The result is that of 'anchorpose
+    track' without --calibration, --corrections, --height and --smooth, and it takes as long."""
 
     overwrite: bool = False
     """Replace the folder of an earlier inspection."""
@@ -168,10 +171,10 @@ def inspect(
     out: Annotated[Path | None, OUTPUT] = None,
     options: InspectOptions | None = None,
 ) -> None:
-    """See the result of every stage in one frame: pictures for each camera, and a page that shows them in order.
+    """Show the result of every stage in one frame: pictures for each camera, and a page that shows them in order.
 
-    Use it where a result looks wrong: the first picture that looks wrong shows which stage failed. The patient is
-    followed from the nearest frame in which they are clearly visible, with a first estimate of their body.
+    Use this command if a result looks wrong: the first picture that looks wrong shows which stage failed. The patient
+    is followed from the nearest frame in which they are clearly visible, with a first estimate of their body.
 
     Parameters
     ----------
@@ -181,7 +184,7 @@ def inspect(
     frame
         The number of the frame, as in the name of its depth image and in the results.
     out
-        The folder to write; the default is inspect-<frame> here.
+        The folder to write; by default inspect-<frame> in the current folder.
     """
     from anchorpose.api.recording_input import as_recording
     from anchorpose.cli.console import OnConsole, counter
