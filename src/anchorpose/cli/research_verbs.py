@@ -28,8 +28,8 @@ def experiment(
 ) -> None:
     """Repeat the paper's comparison: every method in one tracking framework, with tables, figures and a page.
 
-    This takes about six hours on two cores; an estimate for your machine is printed at the start. You may stop it at
-    any time: the same command continues. --quick shows in five minutes that everything works.
+    This takes about 21 hours of one processor core; an estimate for your machine is printed at the start. You may stop
+    it at any time: the same command continues. --quick shows in five minutes that everything works.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def make(
 ) -> int:
     """Simulate the benchmark's recordings, and compare them with the reference by hashes of their content.
 
-    The whole set takes some minutes and 0.8 GB. The same command continues after a stop. The exit code is 1 if a
+    The whole set takes some minutes and 0.9 GB. The same command continues after a stop. The exit code is 1 if a
     recording differs from the reference in any byte; docs/benchmark.md explains what this means for scores.
 
     Parameters
