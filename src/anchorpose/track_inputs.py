@@ -24,7 +24,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import NO_REVIEW, Review, require_frames, review_of
 from anchorpose.versions import code_digest, versions
 
-SAME_PLACE_M: Final = 0.01  # places are printed to the centimetre
+SAME_PLACE_M: Final = 0.01  # m; places closer than this are the same, since places are printed to the centimetre
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,9 @@ class ReviewFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackInputs:
-    """The checked inputs. recording: the recording with the user's height and poses; config: settings that include the
-    patient whom a reviewer named; sha256: (path, hash) of every file of the recording, of the reference movements and
-    of the events; pose_source: source of poses that replace the recording's; trials: None without events.
+    """The checked inputs. ¶ recording: the recording with the user's height and poses; config: settings that include
+    the patient whom a reviewer named; sha256: (path, hash) of every file of the recording, of the reference movements
+    and of the events; pose_source: source of poses that replace the recording's; trials: None without events.
     """
 
     recording: Recording
@@ -129,8 +129,8 @@ def _hash_inputs(recording: Recording, config: TrackConfig) -> tuple[tuple[str, 
 
 
 def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
-    """Return the recording with the camera poses of the corrected results. So poses need not be found again, and places
-    in the corrections stay valid whoever is the patient.
+    """Return the recording with the camera poses of the corrected results. Poses then need not be found again, and
+    places in the corrections stay valid even if another person is named as the patient.
     """
     poses = corrections.recording.poses
     cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)
