@@ -36,7 +36,9 @@ FIXED: Final = pa.schema(
 
 
 def write_trials(path: Path, trials: Trials) -> None:
-    """Write trials.parquet: a row per trial in the order of the file, own columns as numbers or texts."""
+    """Write trials.parquet: one row per trial in the order of the events file; the user's columns are stored as numbers
+    or texts.
+    """
     own = [pa.field(column.name, _type_of(column)) for column in trials.columns]
     described = [{"name": c.name, "unit": c.unit, "description": c.description} for c in trials.columns]
     schema = pa.schema([*FIXED, *own], metadata={COLUMNS_KEY: json.dumps(described, sort_keys=True)})
@@ -87,7 +89,7 @@ def _columns(path: Path, metadata: dict[bytes, bytes]) -> tuple[TrialColumn, ...
         raise InputError(path, "does not describe its columns", TRIALS_REMEDY) from None
     texts = [text for each in found for text in (each.name, each.description)]
     if not all(isinstance(text, str) for text in texts) or any(c.unit not in (None, *UNITS) for c in found):
-        raise InputError(path, "describes its columns by something else than texts and units", TRIALS_REMEDY)
+        raise InputError(path, "does not describe its columns by texts and units", TRIALS_REMEDY)
     return found
 
 

@@ -113,7 +113,7 @@ def independence_measures(session: Session, config: IndependenceConfig) -> list[
 class _Extended(NamedTuple):
     """The frames in which a part is extended. is_known (n,) bool: upright, and the angle is known; decided (n,) bool:
     is_known, or known not to be upright. frames (n,) bool: extended; less, more (n,) bool: extended if all angles were
-    smaller, or larger, by one sigma. sigma_s: sigma of the extended time by this error. codes (n,): state of the worst
+    larger, or smaller, by one sigma. sigma_s: sigma of the extended time by this error. codes (n,): state of the worst
     joint used.
     """
 
