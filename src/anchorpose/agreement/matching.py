@@ -122,8 +122,7 @@ def _clock_of_positions(
 
 
 def _angles_of(joints: JointTable, position_m: np.ndarray) -> AngleTable:
-    """Return the angles of the other system's joints by this program's formulas; their sigma is unknown and not used.
-    """
+    """Return the angles of the other system's joints by this program's formulas; their sigma is not used."""
     return joint_angles(
         JointTable(
             joints.frame, joints.time_s, position_m, joints.state_code, np.zeros((len(joints.frame), JOINT_COUNT))

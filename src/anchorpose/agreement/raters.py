@@ -38,7 +38,7 @@ def rater_agreement(paths: Sequence[Path]) -> RaterAgreement:
     """
     files = {path: read_ratings(path) for path in paths}
     if len(files) < len(paths):
-        raise InputError(paths[0], "is given together with a file that occurs twice", REMEDY)
+        raise InputError(paths[0], "is listed beside a file that is given twice", REMEDY)
     raters = tuple(dict.fromkeys(each.rater for each in files.values()))
     sessions = tuple(dict.fromkeys(each.session for each in files.values()))
     if len(raters) < 2:

@@ -30,8 +30,7 @@ from anchorpose.settings import LARGEST
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reliability:
-    """The reliability of one measure; numbers are None where ``why`` states the reason. sem and mdc95 are in ``unit``.
-    """
+    """The reliability of one measure; values are None if ``why`` states a reason. sem and mdc95 are in ``unit``."""
 
     measure: str
     side: str | None

@@ -33,8 +33,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Bias (mean difference) and limits of agreement, within which 95 of 100 differences lie; in the unit of the data.
-    """
+    """Bias (mean difference) and limits of agreement, between which 95 of 100 differences lie, in the data's unit."""
 
     count: int  # number of differences
     units: int
@@ -105,8 +104,7 @@ def _within_variance(difference: np.ndarray, own_mean: np.ndarray, freedom: int)
 def _intervals(
     bias: float, sd: float, mean: np.ndarray, size: np.ndarray, within: tuple[float, int]
 ) -> tuple[Estimate, Estimate, Estimate]:
-    """Return the intervals of bias, lower and upper limit; within: variance within a unit and its degrees of freedom.
-    """
+    """Return the intervals of bias, lower and upper limit. within: variance within a unit, and degrees of freedom."""
     units, (variance, freedom) = len(mean), within
     bias_half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, units - 1) * _sigma_of_bias(mean, size, bias))
     harmonic = units / (1.0 / size).sum()

@@ -284,15 +284,13 @@ def rough_lags(
 
 
 def stamped_lags(frames: FrameCache) -> list[RoughLag | None]:
-    """Return a lag of zero for each camera whose time stamps may be on the first camera's clock, None for the others.
-    """
+    """Return a lag of zero for each camera whose time stamps may be on the first camera's clock, else None."""
     stamped = [_from_stamps(frames, camera) for camera in range(1, len(frames.cameras))]
     return [REFERENCE, *(found[0] if found else None for found in stamped)]
 
 
 def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
-    """Return the middle times of the blocks for the signals: the busiest ones, not overlapping, inside the recording.
-    """
+    """Return the middle times of the blocks for the signals: the busiest, without overlap, inside the recording."""
     low, high = times_s[0] + BLOCK_S / 2, times_s[-1] - BLOCK_S / 2
     if low >= high:
         return [float(times_s[0] + times_s[-1]) / 2]

@@ -131,8 +131,7 @@ def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.nd
 
 @nb.njit(cache=True)
 def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> np.ndarray:
-    """Improve each place (yaw, x, y, z) along yaw, x and z in turn, with steps of half and a quarter of the tolerance.
-    """
+    """Improve each place (yaw, x, y, z) along yaw, x and z in turn, by a half and a quarter of the tolerance."""
     scores = np.empty(len(places))
     trial = np.empty(4)
     for k in range(len(places)):

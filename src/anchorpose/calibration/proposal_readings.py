@@ -118,8 +118,7 @@ def _uncertain(room_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
 
 
 def _support(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """Return (height, width): how many of the eight neighbours of a pixel differ from its depth by at most ``limit``.
-    """
+    """Return (height, width): how many of the eight neighbours of a pixel differ in depth by at most ``limit``."""
     padded, inside = np.pad(room_m, 1), np.pad(mask, 1)
     count = np.zeros(room_m.shape, np.int64)
     height, width = room_m.shape

@@ -128,8 +128,7 @@ def _trial_row(trial: Trial) -> tuple[float, float, tuple[str, ...]]:
 
 
 def events_sidecar(trials: Trials | None) -> dict[str, Any]:
-    """Return units and meaning of the columns and of the event types; conditions have their names in the events file.
-    """
+    """Return units and meaning of the columns and of the event types; conditions keep their names."""
     conditions = () if trials is None else trials.conditions
     return {
         "onset": {"Description": "start of the event since the first frame of the motion", "Units": "s"},

@@ -101,11 +101,7 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
         time="as recorded",
         missing="an empty cell; state says why",
         counts=(("frames", len(source.frame)), ("rows_of_long_tables", rows)),
-        notes=(
-            f"{DICTIONARY_FILE} explains each column.",
-            "UTF-8, commas, decimal points, one line of names.",
-            *notes,
-        ),
+        notes=(f"{DICTIONARY_FILE} explains each column.", "UTF-8, commas, decimal points, one line of names.", *notes),
     )
 
 

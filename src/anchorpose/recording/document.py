@@ -87,7 +87,7 @@ def require_plain(value: Any, levels: int = DEEPEST) -> None:
         raise _too_deep()
     if isinstance(value, str):
         if "\0" in value or not (value.isascii() or value.encode("utf-8", "replace").decode() == value):
-            raise Unfit(f"holds a text with an invalid character, {value[:40]!a}", "remove that character")
+            raise Unfit(f"holds a text with a character that has no meaning, {value[:40]!a}", "remove that character")
     elif isinstance(value, dict):
         for key, inner in value.items():
             require_plain(key, levels - 1)

@@ -187,8 +187,7 @@ def _lost_verdict(lost: float) -> str:
 
 
 def _seen_verdict(seen: float, whole: bool) -> str:
-    """Return a verdict on the seen joints. whole: True if so little is lost that the rest represents the whole session.
-    """
+    """Return a verdict on the seen joints. whole: True if so little is lost that the rest represents the session."""
     if seen < SELDOM_SEEN:
         return "Most of what follows is inferred, not seen: do not rely on it without looking at the pictures."
     if seen < USUALLY_SEEN:

@@ -140,9 +140,7 @@ class MatchedShares:
         without = sum(share == 0 for share in known)
         sentence = f"{100 * sum(known) / len(known):.0f} % of the followed points were found again in the next frame"
         if without:
-            sentence += (
-                f"; in {without} of {len(known)} frames no point was, so joints rest on prediction and surface"
-            )
+            sentence += f"; in {without} of {len(known)} frames no point was, so joints rest on prediction and surface"
         return [sentence]
 
 

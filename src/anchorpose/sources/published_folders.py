@@ -164,8 +164,7 @@ def _lens(path: Path, values: dict[str, Any]) -> Intrinsics:
 
 
 def _positions(folder: Path) -> np.ndarray:
-    """Return some of the poses' places (n, 3), metres; damaged poses are left out, since only a note depends on them.
-    """
+    """Return some of the poses' places (n, 3), metres; damaged poses are left out, as only a note needs them."""
     files = sorted(folder.glob("*.txt"), key=natural_order)
     positions = list[np.ndarray]()
     for file in files[:: max(1, len(files) // POSES_READ)]:

@@ -153,7 +153,7 @@ class _Search:
         if T_world_camera is not None:
             self.notes.append(f"The pose of {name} is that of /tf_static, its world turned so that y is up.")
         elif not {"/tf", "/tf_static"}.isdisjoint(channel.topic for channel in self.bag.channels):
-            self.notes.append(f"/tf_static places {name} in {frame!r}, not in a fixed world: its pose is unknown.")
+            self.notes.append(f"/tf_static places {name} in {frame!r}, not in a fixed world: its pose is not known.")
         return T_world_camera
 
 

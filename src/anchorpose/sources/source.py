@@ -198,8 +198,7 @@ OTHERS_OWN: Final = (
 
 
 def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
-    """Return the description of a file that only the vendor's software reads, and a workaround; None for other files.
-    """
+    """Return the description of a file that only the vendor's software reads, and a workaround, else None."""
     if _is_zed(path, head):
         return (
             "is a ZED recording (.svo), which holds two colour videos and no depth",

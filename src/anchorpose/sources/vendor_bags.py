@@ -248,8 +248,7 @@ def _properties(bag: Bag) -> dict[int, bytes]:
 
 
 def _refuse_disparity(bag: Bag, properties: dict[int, bytes], path: Path) -> None:
-    """Raise InputError for disparity: stereo cameras record it if the computer, not the camera, converts it to depth.
-    """
+    """Raise InputError for disparity: stereo cameras record it if the computer converts it to depth."""
     stereo = any(channel.topic == _DISPARITY for channel in bag.channels)
     if stereo and not any(properties.get(_DISPARITY_TO_ORBBEC_DEPTH, b"")):
         raise InputError(

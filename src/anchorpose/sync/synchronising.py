@@ -165,7 +165,7 @@ def _common(joints: JointTable, other: OtherFile, offset_s: float) -> tuple[floa
     from_s = max(float(joints.time_s[0]), min(float(first) for first, _ in ends))
     to_s = min(float(joints.time_s[-1]), max(float(last) for _, last in ends))
     if from_s >= to_s:
-        problem = "was, by its time stamps, recorded at another time than the results"
+        problem = "was recorded at another time than the results, by its time stamps"
         raise InputError(other.path, problem, "give an XDF file that the same computer recorded meanwhile")
     return from_s, to_s
 

@@ -118,8 +118,7 @@ class ScoreFile:
         return found
 
     def give(self, shown: Any, score: Any) -> Ratings:
-        """Write a score for the trial at a place in the order, from 1; raises ValueError for an invalid place or score.
-        """
+        """Write a score for the trial at a place in the order, from 1; raises ValueError if either is invalid."""
         if type(score) is not int or not 0 <= score <= BEST_SCORE:
             raise ValueError(f"a score is a whole number from 0 to {BEST_SCORE}")
         with locked(self.path):

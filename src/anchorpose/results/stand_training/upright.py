@@ -265,8 +265,7 @@ def _transition(
 def _level(
     time_s: np.ndarray, height: np.ndarray, run: slice, settle_s: float, percentile: float, *, last: bool
 ) -> float:
-    """Return the height of a posture in the seconds next to the transition: the last seconds of the run, or its first.
-    """
+    """Return the height of a posture in the seconds next to the transition: the run's last seconds, or its first."""
     times = time_s[run]
     near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s
     return float(np.nanpercentile(height[run][near], percentile))  # nan: an ankle may have been lost while seated
