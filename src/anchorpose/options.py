@@ -129,7 +129,7 @@ class HipCentre(StrEnum):
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ReferenceSettings:
-    """How the files of another system are read, for ``anchorpose evaluate``."""
+    """Settings of how the files of another system are read, for ``anchorpose evaluate``."""
 
     unit: Literal["mm", "cm", "m"] | None = None
     """The unit of the reference's lengths, where its file does not state it."""

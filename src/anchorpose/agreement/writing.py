@@ -164,7 +164,7 @@ def difference_plot(series: Sequence[Compared], row: Agreement) -> Markup:
 
 
 def time_plot(each: Compared, name: str, unit: str) -> Markup:
-    """Plot our values, with a band of 1.96 sigma, and the reference's values over time."""
+    """Plot the results, with a band of 1.96 sigma, and the reference's values over time."""
     every = max(1, len(each.time_s) // MOST_POINTS)
     time_s, ours, theirs, sigma = (a[::every] for a in (each.time_s, each.ours, each.theirs, each.sigma))
     across = make_axis([(time_s, time_s)], [], 1.0)

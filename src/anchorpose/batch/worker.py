@@ -4,8 +4,8 @@ The worker itself does none of the work, so a crash, a leak or a killed child do
 killed, its child ends too. The worker returns only a sentence, so that no result is lost with it.
 
 The work, a pickled call, comes on the child's standard input. (Anyone who may submit a job to dask can run anything on
-its workers anyway.) Nothing is unpickled from a disk, and results are the files that the work writes. The input stays
-open as long as the requesting process lives. When that is killed, the input ends, and the work is stopped as by a
+its workers anyway.) Nothing is unpickled from a disk. The results of a job are the files that it writes. The input
+stays open as long as the requesting process lives. When that is killed, the input ends, and the work is stopped as by a
 signal, so that its stored state is kept and can be resumed elsewhere.
 """
 

@@ -28,7 +28,7 @@ from anchorpose.settings import Count, settings
 LEAST_MOMENTS: Final = 6
 LEAST_SPAN_S: Final = 8.0  # s, shortest recording; in less, people walk too little, and 4 s once gave a wrong placement
 PLACES: Final = 8  # number of search results that are refined; the correct one was always among the first three
-# largest share of one camera's people that lies beside the other camera's; correct placements had 0.01 to 0.06
+# largest share of one camera's people that lies beside the other camera's; for correct placements it was 0.01 to 0.06
 WORST_IMPOSSIBLE: Final = 0.1
 LEAST_COMMON: Final = 0.3  # least overlap of the views; with less, no reading can contradict a wrong placement
 WORST_RESIDUAL_M: Final = 0.008  # largest residual; correct placements had 2 or 3 mm, a front fitted to a back 11 mm

@@ -28,7 +28,7 @@ from anchorpose.calibration.first_frames import NOISE_GATE
 from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 
-# Shares are of surface area in m2, so that near parts do not outweigh distant ones.
+# Shares are of surface area in m2, so that near parts do not count more than distant parts.
 LEAST_SEEN: Final = 0.2  # least share of the facing surface seen in place; people or the border hide up to half
 MOST_THROUGH: Final = 0.10  # largest share of the unhidden surface that is seen through; edges of thin bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35

@@ -38,7 +38,7 @@ LATE_SHARE: Final = 0.34  # share of the sampled frames, those at the end, in wh
 LEAST_FRAMES: Final = 3
 MOVED_SIGMAS: Final = 5.0  # standard deviations of the pose; a larger change counts as a movement of the equipment
 LEAST_SHIFT_M: Final = 0.008  # m, twice the accuracy that a calibration must have
-LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees
+LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees; a smaller change is not a movement of the equipment
 DOUBT_SHARE: Final = 0.2  # share of the unhidden equipment seen through, above which the whole floor is searched
 GONE_SHARE: Final = 0.4  # share of the unhidden equipment seen through, above which the equipment is gone
 # m and rad (3 degrees), above which tracking is refused: poses 3 cm and 1 degree off give 7 cm at 2.5 m

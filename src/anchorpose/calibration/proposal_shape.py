@@ -28,7 +28,7 @@ PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge
 ASLANT: Final = 0.4  # sine of 24 degrees: a 5 cm bar at this angle shows three pixels of its side
 ASSUMED: Final = 20.0  # weight of the assumption that a bar is square if no camera sees a side
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, limits of a bar's cross-section; broader parts, such as pads, are plates
-END_SIGMA_M: Final = 0.05  # m, sigma that holds an end without evidence at its last reading
+END_SIGMA_M: Final = 0.05  # m, sigma with which an end without evidence stays at its last reading
 ROUNDER: Final = 1.12  # largest ratio of costs at which a tube replaces the bar, which has one more free length
 LEAST_SUPPORT: Final = 12  # least number of readings or passing rays at a face; with fewer, its place is a guess
 

@@ -126,7 +126,9 @@ def _upside_down(
 
 
 def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor], first_note: str) -> Calibration:
-    """Return the cameras with poses, and how well their floors agree with these poses."""
+    """Return the calibration of cameras with poses, with residuals and doubts on how well their floors agree with these
+    poses.
+    """
     residuals, heights, notes, doubts = [], dict[str, float](), [first_note], list[PoseDoubt]()
     for camera, floor in zip(cameras, floors, strict=True):
         if isinstance(floor, NoFloor):

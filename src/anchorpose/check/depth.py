@@ -155,7 +155,7 @@ BENT_M, STRONGLY_BENT_M = 0.03, 0.08  # m; floors are flat to 2 cm; a lens that 
 ON_FLOOR_M: Final = 0.12  # m, largest distance from the plane; higher readings are objects on the floor
 RINGS: Final = 6
 LEAST_READINGS: Final = 300  # least number of readings in a ring, for its median
-LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # deviation from a right angle; measured to 1 degree for 3 % of the image
+LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # limits of the deviation from a right angle; walls are measured to 1 degree
 UPRIGHT_DEG: Final = 35.0  # largest tilt of a wall; a steeper plane is a ramp or a sloping ceiling
 # least cosine between a wall's normal and the view; other walls stay at right angles with any lens
 FACING: Final = 0.5

@@ -186,7 +186,7 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 
 SELDOM: Final = 0.5  # least share of the sampled frames in which the patient should be found
-CUT_PX: Final = 3  # pixels of the patient at a border that count as cut off; a hand that is resolved is wider
+CUT_PX: Final = 3  # pixels of the patient at a border from which the body counts as cut off; a resolved hand is wider
 SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off: sometimes (a raised hand), mostly
 NEAR_M, FAR_M = 1.2, 4.0  # m; nearer, no lens shows feet and head; farther, a forearm is ten pixels wide
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")

@@ -158,7 +158,7 @@ class Coordinates:
 
 
 def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None) -> Coordinates:
-    """Compute the coordinates of the joints (n, 21, 3), world, metres; undetermined ones are left out.
+    """Compute the coordinates of the joints (n, 21, 3), world, metres; undetermined coordinates are left out.
 
     hinges: the knee and elbow axes of the learnt body; with them hip_rotation and arm_rot are included. The model that
     ``opensim_model`` writes has the same axes and zeros: with these coordinates its markers are at the joints. Names,

@@ -1,6 +1,6 @@
 """Draw tracking results over a depth image (mesh, anchors, body outline, joints), and choose the report's pictures.
 
-The report shows some frames spread over the recording, the most and the least certain ones, and transitions.
+The report shows some frames spread over the recording, the most and the least certain frame, and transitions.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[Pictu
 
 
 SPREAD: Final = 4  # number of frames spread evenly over the recording
-TRANSITIONS: Final = 4  # largest number of transitions that are shown, the first ones
+TRANSITIONS: Final = 4  # largest number of transitions that are shown; the first are chosen
 
 _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 

@@ -43,7 +43,7 @@ def draw_depth(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def draw_layers(depth_m: np.ndarray, camera: Camera, layers: Sequence[Layer]) -> np.ndarray:
-    """Draw masks over the grey depth image, later ones on top; pixels without reading are coloured too."""
+    """Draw masks over the grey depth image, later masks on top; pixels without reading are coloured too."""
     scale = scale_of(camera)
     picture = enlarge(shade(depth_m), scale)
     for layer in layers:

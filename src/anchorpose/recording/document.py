@@ -54,7 +54,7 @@ LARGEST_WITH_HASHES: Final = 128 * 2**20
 """Limit in bytes of a document with one hash of about 100 bytes per depth image: an hour of three cameras has 32 MB."""
 
 FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
-"""First characters that make a spreadsheet take a cell for a formula."""
+"""Characters with which a cell begins that a spreadsheet would run as a formula."""
 
 
 def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:

@@ -268,7 +268,7 @@ class ColumnEntry(Entry, extra="ignore"):
 
 
 def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
-    """Read the entries of the user's own columns from the file of units; empty where there is no such file."""
+    """Read the entries of the user's columns from the file of units; empty where there is no such file."""
     if not is_there(path):
         return {}
     document = read_json(path, LARGEST_EVENTS)

@@ -1,5 +1,4 @@
-"""Decide which sessions may be compared, and what a reader must know where they were recorded or computed
-differently.
+"""Decide which sessions may be compared, and list differences between sessions that a reader must know.
 
 Some measures grow when more was recorded, or when more of the recording is known: time upright, how often the patient
 stood up, the longest bout, the path of the sway. Between sessions of different lengths a change of such a measure has

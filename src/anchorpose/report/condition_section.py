@@ -28,7 +28,7 @@ from anchorpose.results.trial_table import TRIALS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEFT_OUT: Final = ("recorded_time", "found_time", "unknown_time", "sway_time")
-"""Times that say how much was recorded, not what the patient did."""
+"""Times that measure how much was recorded, not what the patient did."""
 
 CURVES: Final = (
     "upright_share",

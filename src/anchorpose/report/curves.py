@@ -192,8 +192,8 @@ def _runs(known: np.ndarray, bins: Bins) -> list[slice]:
 
 
 def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
-    """Split a run into pieces of links that are all seen or all unseen; neighbouring pieces share a group. A link is
-    seen where both of its ends are.
+    """Split a run into pieces in which all links between groups are seen, or all are unseen; neighbouring pieces share
+    a group. A link is seen where both of its ends are.
     """
     if run.stop - run.start == 1:
         return [(run, bool(seen[run.start]))]

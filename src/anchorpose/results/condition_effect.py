@@ -133,7 +133,7 @@ def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np
 
 
 def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
-    """Return a sentence: there are too few trials for any test to show a difference, and so many are needed."""
+    """Return a sentence for too few trials: it states how many are needed for a test that can show a difference."""
     reference, treated = int((~blocks.treated).sum()), int(blocks.treated.sum())
     several = "" if comparisons == 1 else f" of {comparisons} comparisons"
     if design == PAIRS:

@@ -187,7 +187,7 @@ class CorrectionsRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """The valid corrections, and the withdrawn ones (taken back or replaced). patient: None if nobody was named."""
+    """The valid and the withdrawn corrections (taken back or replaced). patient: None if nobody was named."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     recording: ReviewedRecording

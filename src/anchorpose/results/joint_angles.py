@@ -129,8 +129,8 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     straight back from the knee, perpendicular to the hip joints; positive = inwards, the foot to the outside.
 
     It is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. There is no value for a leg
-    that is bent by less than ``PLANE_KNOWN_RAD``, whose plane is undetermined, or that is bent backwards, whose normal
-    is reversed.
+    that is bent by less than ``PLANE_KNOWN_RAD``, since its plane is undetermined, and for a leg that is bent
+    backwards, since the normal of its plane is reversed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
@@ -201,9 +201,10 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     """Return the rotation of the upper arm about its long axis, by the plane in which the arm is bent: 0 = the forearm
     of the hanging arm points forward; positive = inwards, the hand towards the other side.
 
-    It is what remains of the arm's rotation relative to the trunk after taking away the shortest swing from hanging.
-    ISB's third angle is not used, since it is undetermined for a hanging arm, the usual posture of patients. An arm
-    that is bent by less than ``PLANE_KNOWN_RAD`` has no such plane, and so no value.
+    It is computed from the arm's rotation relative to the trunk: the shortest swing from the hanging arm is removed,
+    and the rest is the rotation about the long axis. ISB's third angle is not used, since it is undetermined for a
+    hanging arm, the usual posture of patients. An arm that is bent by less than ``PLANE_KNOWN_RAD`` has no such plane,
+    and so no value.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)

@@ -138,8 +138,8 @@ def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, p
 
 
 def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measure]:
-    """Return the shares of the upright time with and without hands on the patient, and how many contacts there were at
-    once.
+    """Return the measures while upright: the time and shares with and without hands on the patient, and the mean and
+    the largest number of simultaneous contacts.
     """
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
@@ -184,7 +184,7 @@ def measure_session(
     """Return the session with its posture and episodes, and every measure of docs/measures.md.
 
     contacts: with people and equipment; None where unknown, which is not the same as no contact. equipment: the parts
-    with which contacts were searched; without any part it is unknown whether the patient held on. With trials, the
+    with which contacts were searched; if empty, it is unknown whether the patient held on to anything. With trials, the
     measures of the whole recording are followed by the measures of every trial and of every condition.
     """
     body = centre_of_mass(joints)

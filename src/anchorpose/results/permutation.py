@@ -88,7 +88,7 @@ def neighbours(treated: np.ndarray) -> np.ndarray | None:
     else None.
 
     In ABAB or ABBA the pairs are the first two and the last two trials. In ABABA the last trial has no partner, and is
-    a block of its own.
+    a separate block.
     """
     pairs = len(treated) // 2
     firsts, seconds = treated[0 : 2 * pairs : 2], treated[1 : 2 * pairs : 2]

@@ -157,8 +157,8 @@ def filter_stretch(
     """Return filtered position (n, 3) and sigma (n,) of one joint that is known in all frames; None for a stretch that
     is too short.
 
-    Sigma stays as it was, or becomes the root mean square of its neighbours within half a period of the cutoff if that
-    is larger: filtering does not remove systematic errors, and a poorly known frame moves its neighbours.
+    Sigma becomes the root mean square of the sigmas within half a period of the cutoff if this is larger, since a
+    poorly known frame moves its neighbours. It is never reduced, since filtering does not remove systematic errors.
     """
     rate_hz = 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if not rate_hz or len(time_s) < shortest_frames(rate_hz, cutoff_hz):

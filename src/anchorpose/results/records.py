@@ -118,8 +118,8 @@ def read_equipment_names(path: Path) -> tuple[str, ...]:
     """Read the equipment's parts with which contacts were searched.
 
     The result is empty where the recording had no model of the equipment, and where the file is from a version that did
-    not search such contacts. Then it is unknown whether the patient held on. Raises InputError where the record cannot
-    be read.
+    not search such contacts. Then it is unknown whether the patient held on to the equipment. Raises InputError where
+    the record cannot be read.
     """
     text = (read_parquet_schema(path).metadata or {}).get(EQUIPMENT_KEY.encode(), b"[]")
     try:

@@ -21,7 +21,7 @@ from anchorpose.settings import LARGEST, Unfit
 
 TRIALS_FILE: Final = "trials.parquet"
 COLUMNS_KEY: Final = "trial_columns"
-"""Key in the schema's metadata: name, unit and description of each of the user's own columns, as JSON."""
+"""Key in the schema's metadata: name, unit and description of each column that the user added, as JSON."""
 
 TRIALS_REMEDY: Final = "run 'anchorpose measure' on its folder again, with --events"
 
@@ -32,7 +32,7 @@ FIXED: Final = pa.schema(
         *(pa.field(name, pa.float64(), nullable=False) for name in ("onset_s", "duration_s", "start_s", "end_s")),
     ]
 )
-"""The columns before the user's own."""
+"""The columns of the table that come before the user's columns."""
 
 
 def write_trials(path: Path, trials: Trials) -> None:

@@ -213,8 +213,8 @@ class AzureKinectFile:
         """Leave out packets with a damaged time, which is later than the next packet's or not later than the previous
         packet's.
 
-        A packet is yielded when the next is known: otherwise, all packets after a single time that is far too late
-        would be left out.
+        A packet is yielded only when the next packet is known: otherwise, after a single time that is far too late, all
+        other packets would seem too early.
         """
         held: Packet | None = None
         held_time = before = -1

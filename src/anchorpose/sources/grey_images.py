@@ -65,7 +65,7 @@ class ImageFiles:
         return (*self._notes, damaged)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; skipped images are decoded as well, to count the damaged ones."""
+        """Yield the depth images in order; skipped images are decoded as well, so that damaged images are counted."""
         taken = 0
         for file in self._files:
             grey, problem = self._read(file.path, self.cameras[0])

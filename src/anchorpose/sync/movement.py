@@ -34,13 +34,13 @@ LEAST_OVERLAP_S: Final = 1.5
 SHORT_S: Final = 10.0
 LEAST_SHORT_CORRELATION: Final = 0.9
 """Correlation required if the common time is below ``SHORT_S`` (s), since a short movement may match others by chance.
-The right file had 0.90 to 0.99 in four real recordings of 2.5 to 5 s.
+In four real recordings of 2.5 to 5 s, the correlation with the right file was 0.90 to 0.99.
 """
 
 LARGEST_MISFIT: Final = 0.7
 """Largest misfit of the mean acceleration if the common time is below ``SHORT_S``, as a share of gravity. Other
-movements may correlate after a rotation, but then gravity seldom has the right direction and size. The right file had
-0.15 to 0.67 in fourteen real recordings.
+movements may correlate after a rotation, but then gravity seldom has the right direction and size. In fourteen real
+recordings, the misfit of the right file was 0.15 to 0.67.
 """
 
 SENSOR_SIGMA_S: Final = 0.01

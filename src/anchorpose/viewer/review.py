@@ -160,7 +160,7 @@ def _equipment(depth_frames: DepthFrames) -> dict[str, Any] | None:
 
 
 APART_S: Final = 1.0  # s; two frames closer than this show the same situation
-MOST_OF_A_KIND: Final = 12  # largest number of frames with the same kind of reason
+MOST_OF_A_KIND: Final = 12  # largest number of listed frames with the same kind of reason
 FEW_MATCHED: Final = 0.9  # share of matched points; good recordings have 0.95 to 1
 
 

@@ -201,7 +201,7 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
     low, high = int(np.argmin(held)), int(np.argmax(held))
     value, (first, second) = float(held[high] - held[low]), sigma[rows[[low, high]]]
     state_code = session.angles.state_code[rows, column]
-    if value <= NORMAL_95 * np.hypot(first, second):  # extremes of errors alone differ as two independent errors do
+    if value <= NORMAL_95 * np.hypot(first, second):  # extremes of errors alone are independent
         return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
     return known(measure, "deg", value, state_code, sigma_of_difference(first, second), side)
 

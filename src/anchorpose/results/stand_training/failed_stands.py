@@ -58,8 +58,8 @@ BACK: Final = 0.5
 """Factor on the least rise of a failed stand: below it the patient is back on the seat."""
 
 BEFORE_S: Final = 1.5
-"""Time in s before the pelvis leaves the seat; its median height there is the seat's. Less than a third of this time is
-already the rise.
+"""Time in s before the pelvis leaves the seat, in which the median of its height is measured. Less than a third of this
+time is already the rise.
 """
 
 
