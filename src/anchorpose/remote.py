@@ -145,7 +145,7 @@ def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
 
 
 def _without_own_password(text: str, address: str) -> str:
-    """Return the text of an error without the password of the address, with or without its escapes."""
+    """Return the text of an error without the password of the address, be it percent-encoded or not."""
     given = re.search(r"://[^:/@]*:(.*)@", address)
     for password in () if given is None else sorted({given[1], unquote(given[1])}, key=len, reverse=True):
         text = text.replace(password, "***") if password else text

@@ -138,8 +138,9 @@ def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
     """Return (height, width) float32: the standard deviation of each pixel's readings, estimated from second
     differences over time.
 
-    A floor at a grazing angle and edges of objects flicker many times more than a wall. Steady movement has no second
-    difference, and the median ignores other movement; where readings are missing the noise is that of the whole image.
+    A floor at a grazing angle and edges of objects flicker many times more than a wall. The second difference of a
+    steady movement is zero, and the median ignores other movement. If a pixel lacks readings, the noise of the whole
+    image is used.
     """
     chosen = np.unique(np.linspace(1, len(depths_m) - 2, NOISE_FRAMES).astype(int))
     before, now, after = depths_m[chosen - 1], depths_m[chosen], depths_m[chosen + 1]

@@ -37,9 +37,9 @@ REMEDY: Final = (
 )
 
 ChooseHeading = Callable[[tuple[Camera, ...], float, Sequence[np.ndarray]], int | None]
-"""A function that returns the index of the one of several level unit vectors which the patient faces, None if unsure.
-It gets all cameras with their poses in Gamma_0 and Y of the floor. It needs a body model, which calibration does not
-have, so the caller passes it in.
+"""A function that returns the index of the direction that the patient faces, among several level unit vectors; None if
+unsure. It gets all cameras with their poses in Gamma_0 and Y of the floor. It needs a body model, which calibration
+does not have, so the caller passes it in.
 """
 
 

@@ -100,8 +100,8 @@ def runs_of(chosen: np.ndarray, joined: np.ndarray | None = None) -> list[slice]
 
 
 def worst_rows(badness: np.ndarray, time_s: np.ndarray, apart_s: float, most: int) -> list[int]:
-    """Return at most ``most`` rows in the order of decreasing badness (n,). A row within ``apart_s`` of a worse row is
-    left out, and so is NaN.
+    """Return at most ``most`` rows in the order of decreasing badness (n,). Rows within ``apart_s`` of a worse row are
+    left out, and so are rows with NaN.
     """
     chosen: list[int] = []
     for row in np.argsort(-badness, kind="stable"):
