@@ -33,7 +33,9 @@ class Camera:
         return self.T_world_camera
 
     def share_in_image(self, places_m: np.ndarray) -> float:
-        """Return the share, 0 to 1, of places (n, 3), world, inside this camera's image; raises as ``require_pose``."""
+        """Return which share (0 to 1) of the world points (n, 3) lies inside this camera's image; raises as
+        ``require_pose``.
+        """
         return float(self.pixel_of(transform_points(invert_rigid(self.require_pose()), places_m))[2].mean())
 
     def pixel_rays(self) -> np.ndarray:
@@ -61,8 +63,8 @@ class Camera:
         return project(points, lens_array(self.intrinsics))
 
     def pixel_of(self, points_camera_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return column and row (n,) int64 of the pixel each point falls on, and whether it falls on one; 0, 0
-        otherwise.
+        """Return the column and row (n,) int64 of each point's pixel, and (n,) bool: whether the point is in the image.
+        Column and row are 0 where it is not.
         """
         place = self.project(points_camera_m)
         place = np.where(np.isfinite(place), np.clip(place, -1e6, 1e6), -1.0)
@@ -73,8 +75,8 @@ class Camera:
     def look(self, points_m: np.ndarray, depth_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Compare points (n, 3) in the world with a depth image (height, width).
 
-        Return, (n,) each: the depth of each point in this camera, metres; the image's reading at its pixel; and whether
-        the point falls into the image. Outside the image, the reading is that of pixel 0, 0. Raises as
+        Return three arrays (n,): the depth of each point in this camera in metres, the depth image's reading at its
+        pixel, and whether the point is in the image. The reading of a point outside is that of pixel 0, 0. Raises as
         ``require_pose``.
         """
         in_camera = transform_points(invert_rigid(self.require_pose()), points_m)

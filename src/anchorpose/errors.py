@@ -1,4 +1,4 @@
-"""Define the errors that users meet, each one sentence with a remedy."""
+"""Define the errors that users see. Each message is one sentence with a remedy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any, Final
 
-_PASSWORD: Final = re.compile(r"(\b[\w+.-]+:/{1,2}[^\s/@:]*):(?!\d{1,5}(?:/|\s|$))\S*@")  # not a port
+_PASSWORD: Final = re.compile(r"(\b[\w+.-]+:/{1,2}[^\s/@:]*):(?!\d{1,5}(?:/|\s|$))\S*@")  # digits after ":" are a port
 _SECRET: Final = re.compile(r"([?&][^=\s&]*(?:token|key|secret|sig|password|credential)[^=\s&]*=)[^&\s]+", re.I)
 
 
@@ -16,7 +16,7 @@ def without_password(text: str) -> str:
 
 
 def is_utf8(text: str) -> bool:
-    """Return whether a text can be written to a file; file names and arguments may contain bytes that are not text."""
+    """Return whether a text can be written in UTF-8: file names and arguments may hold bytes that are not text."""
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:
@@ -28,7 +28,7 @@ class AnchorposeError(Exception):
     """An error that the user can correct; the command line prints it and exits with 2."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _made_again, (type(self), self.args, self.__dict__)  # errors of worker processes are pickled
+        return _made_again, (type(self), self.args, self.__dict__)  # worker processes pickle their errors
 
 
 def _made_again(kind: type[AnchorposeError], args: tuple[object, ...], fields: dict[str, object]) -> AnchorposeError:

@@ -35,7 +35,8 @@ JOINT_COUNT: Final = len(JOINT_NAMES)
 JOINT_INDEX: Final = {name: index for index, name in enumerate(JOINT_NAMES)}
 
 ANCHOR_NAMES: Final = ("Head", "HandLeft", "HandRight", "FootLeft", "FootRight")
-"""The anchors, the extrema of the body's surface at or near these joints, in this order everywhere."""
+"""Names of the anchors, in the order used everywhere. Each is an extremum of the body's surface at or near this joint.
+"""
 
 LIMBS: Final = tuple(
     (JOINT_INDEX[start], JOINT_INDEX[end])
@@ -78,6 +79,6 @@ class JointState(StrEnum):
 
 
 STATE_CODE: Final = {state: code for code, state in enumerate(JointState)}
-"""Each state as a number that grows as the joint is known less well: 0 observed, up to lost."""
+"""State codes: 0 for observed; the less well a joint is known, the larger is the code, up to lost."""
 
 LOST: Final = STATE_CODE[JointState.LOST]

@@ -1,7 +1,7 @@
 """Compute lenses by OpenCV's models: from a ray to its pixel, and back (docs.opencv.org, calib3d and fisheye).
 
-A ray is x/z and y/z in the camera frame. Beyond a lens's valid radius its polynomial turns back: pixels there have no
-ray (NaN), and rays no pixel.
+A ray is x/z and y/z in the camera frame. Beyond a lens's valid radius its polynomial is no longer monotonic: pixels
+there have no ray (NaN), and rays there have no pixel.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ NAMES: Final = {
 }
 """The coefficients in OpenCV's order."""
 
-WIDEST: Final = 8.0  # tangent of 83 degrees: wider than any depth camera's image
+WIDEST: Final = 8.0  # largest radius of rays, in units of z: 83 degrees, wider than any depth camera's image
 _PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0
-_KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # places in a lens array
+_KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # indices in a lens array: model, valid radius, coefficients, tilt matrix
 _SIZE: Final = 27
 _STEPS: Final = 20  # steps of Newton's method; five are enough inside the valid radius
 _EXACT_PX: Final = 1e-6
 # a column and row outside of every image; kernels convert it to an integer, which NaN does not allow
 NOWHERE: Final = -1e6
-_SLOPE: Final = 1e-6  # ray units, for the numerical derivative
+_SLOPE: Final = 1e-6  # step of the numerical derivative, in units of x/z
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intrinsics:
-    """A pinhole with OpenCV's distortion; pixel centres at whole numbers.
+    """A pinhole camera with OpenCV's distortion; pixel centres have whole-numbered coordinates.
 
     valid_radius: radius of rays, in units of z, up to which the maker guarantees the coefficients (Azure Kinect's
     "metric radius" is 1.74); None where unknown.
@@ -128,8 +128,8 @@ def _radial(radius: float, lens: np.ndarray) -> float:
 
 @njit(cache=True, nogil=True)
 def pixel_of_ray(x: float, y: float, lens: np.ndarray) -> tuple[float, float]:
-    """Project a ray to column and row; a ray beyond the lens's valid radius gets a place far outside every image. lens:
-    ``lens_array``.
+    """Project a ray to column and row; a ray beyond the lens's valid radius gets coordinates far outside every image.
+    lens: the array of ``lens_array``.
     """
     if lens[_KIND] == _PLAIN:
         return lens[0] * x + lens[2], lens[1] * y + lens[3]
@@ -200,7 +200,7 @@ def _solve(x: float, y: float, column: float, row: float, lens: np.ndarray) -> t
     for _ in range(_STEPS):
         c, r = pixel_of_ray(x, y, lens)
         miss_c, miss_r = column - c, row - r
-        if c == NOWHERE:  # just beyond the radius: take the derivative from slightly farther in
+        if c == NOWHERE:  # just beyond the valid radius: continue slightly closer to the axis
             x, y = 0.99 * x, 0.99 * y
             continue
         if abs(miss_c) < _EXACT_PX and abs(miss_r) < _EXACT_PX:

@@ -1,6 +1,7 @@
 """Declare settings that are options of the command line, and the ranges of their numbers.
 
-The text below a field is the help of its option. This module imports no library that computes, so that help is instant.
+The text below a field is the help text of its option. No numerical library is imported here, so that help appears at
+once.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ FARTHEST_M: Final = 100.0
 
 FASTEST_HZ: Final = 1000.0
 FARTHEST_CLOCK_S: Final = 1e11
-"""Largest difference between two clocks: seconds since any epoch are a fifth of that at most."""
+"""Largest difference in s between two clocks. Seconds since any epoch in use are at most a fifth of it."""
 
 MOST_FRAMES: Final = 10**9
 MOST_PROCESSES: Final = 1024
@@ -128,7 +129,7 @@ class HipCentre(StrEnum):
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ReferenceSettings:
-    """How the files of another system are read, for ``anchorpose evaluate``."""
+    """Settings of how the files of another system are read, for ``anchorpose evaluate``."""
 
     unit: Literal["mm", "cm", "m"] | None = None
     """The unit of the reference's lengths, where its file does not state it."""
@@ -188,7 +189,9 @@ class SyncSettings:
     """The gyroscope's signals in the other file, for example gx,gy,gz."""
 
     pulses: str | None = None
-    """Pulses that both recorded: the signal, or the stream of markers, of the other file; needs --pulse-times."""
+    """The signal or stream of markers in the other file that holds pulses which both devices recorded; needs
+    --pulse-times.
+    """
 
     pulse_times: Path | None = None
     """With --pulses: the same pulses on the recording's clock, as onsets of an events.tsv, or as a CSV with a column
@@ -198,11 +201,12 @@ class SyncSettings:
     """With an events.tsv: the trial_type of the rows that are pulses; by default all rows."""
 
     stamps: Path | None = None
-    """The recording of the results, whose recording.json states its start by the clock of the Lab Streaming Layer, on
-    which the times of an XDF file of the same computer are."""
+    """The recording of the results. Its recording.json states its start on the clock of the Lab Streaming Layer; an XDF
+    file written on the same computer has its times on this clock.
+    """
 
     near: Annotated[float | None, SIGNED, between(-FARTHEST_CLOCK_S, FARTHEST_CLOCK_S)] = None
-    """How many seconds the other clock is ahead, known to half a second: for a movement that repeats itself."""
+    """Seconds by which the other clock is ahead, known to half a second; give it if the movement repeats itself."""
 
     time: str | None = None
     """With a CSV: the column of the times in seconds; by default time_s, time or Time."""

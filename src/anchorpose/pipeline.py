@@ -2,7 +2,7 @@
 
 recording -> calibration -> isolation -> surface -> geodesics -> association -> tracking -> body -> results -> report
 
-``track_recording`` is the order of the work; what happens to a single frame is ``tracker.patient.PatientTracker.step``.
+``track_recording`` shows the order of the work, ``tracker.patient.PatientTracker.step`` the work on a single frame.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def track_recording(
     The folder is empty, or holds the journal of a stopped run: then tracking is resumed, and the tables are the same as
     without the stop.
 
-    progress is called with the number of frames done and to do; frames that the body is learnt from count twice.
+    progress is called with the number of frames done and to do; frames from which the body is learnt count twice.
     calibration: a calibration.json whose poses replace the given or found poses. corrections: a reviewer's corrections
     of earlier results. events: an events.tsv with the trials, in place of the recording's own. threads: number of
     threads that share the cameras, people and trials of a frame; the tables have the same bytes with any number. Linear
@@ -108,7 +108,9 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
 
 
 def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:
-    """Return the number of frames to track, and the approximate number of frames read before to learn the body."""
+    """Return the number of frames to track, and the approximate number of frames that are read before tracking to learn
+    the body.
+    """
     time_s = recording.streams[0].time_s[config.start : config.stop]
     return len(time_s), int((time_s <= time_s[0] + config.learning.window_s).sum())
 

@@ -23,7 +23,7 @@ EXTRAS: Final = {
     "gs": ("gcsfs", "gs"),
     "gcs": ("gcsfs", "gs"),
 }
-"""Package and extra by the kind of address."""
+"""By kind of address: the Python package that reads it, and the extra of anchorpose that installs this package."""
 
 OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))
 
@@ -99,7 +99,7 @@ def local_results(given: str | Path) -> Iterator[Path]:
             try:
                 system.put(f"{made}/", f"{partial}/", recursive=True)
             except BaseException:
-                with suppress(Exception):  # the first error counts
+                with suppress(Exception):  # an error while cleaning up must not hide the first error
                     system.rm(partial, recursive=True)
                 raise
             _rename(system, partial, place)
@@ -138,14 +138,14 @@ def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
     except ImportError:
         package, extra = EXTRAS.get(kind, (f"that serves {kind}://", "sftp,s3,gs"))
         raise MissingPackage(f"An address that begins with {kind}://", package, extra) from None
-    except Exception as error:  # each file system has its own errors
+    except Exception as error:  # every file system raises other types of errors
         why = _without_own_password(str(error), address).splitlines()[0][:200] if str(error) else type(error).__name__
         remedy = "check the address, your access to it, and the connection"
         raise InputError(address, f"cannot be {use} ({why})", remedy) from error
 
 
 def _without_own_password(text: str, address: str) -> str:
-    """Return the text of an error without the password of the address, with or without its escapes."""
+    """Return the text of an error without the password of the address, be it percent-encoded or not."""
     given = re.search(r"://[^:/@]*:(.*)@", address)
     for password in () if given is None else sorted({given[1], unquote(given[1])}, key=len, reverse=True):
         text = text.replace(password, "***") if password else text

@@ -15,10 +15,10 @@ from numba import njit
 from anchorpose.errors import DegenerateGeometry
 
 FORWARD, UP, RIGHT = np.eye(3)
-"""Axes of the body and of the world that it stands in."""
+"""Unit vectors of the world's axes, and of the body's in its own frame."""
 
-COLLINEAR_RATIO: Final = 1e-3  # ratio of the second singular value to the first; below it points are nearly on a line
-ONE_PLACE_M2: Final = 1e-12  # far above the rounding of coinciding points, far below a spread over millimetres
+COLLINEAR_RATIO: Final = 1e-3  # ratio of the second to the first singular value; up to it, points are collinear
+ONE_PLACE_M2: Final = 1e-12  # m2; also collinear up to this second singular value: above rounding, below 1 mm2
 
 
 def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -89,7 +89,7 @@ def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
         x, y, z = vectors[m, 0], vectors[m, 1], vectors[m, 2]
         squared = x * x + y * y + z * z
         angle = np.sqrt(squared)
-        if angle < 1e-4:  # the series, where the quotients lose digits
+        if angle < 1e-4:  # Taylor series: at small angles the quotients lose digits
             sine, versine = 1.0 - squared / 6.0, 0.5 - squared / 24.0
         else:
             sine, versine = np.sin(angle) / angle, (1.0 - np.cos(angle)) / squared
@@ -102,7 +102,7 @@ def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def _vectors(matrices: np.ndarray, vectors: np.ndarray) -> None:
-    """Compute the logarithm by way of the unit quaternion, its largest part first (Shepperd 1978,
+    """Compute rotation vectors through unit quaternions, whose largest component is computed first (Shepperd 1978,
     doi:10.2514/3.55767b).
     """
     q = np.empty(4)
@@ -133,7 +133,9 @@ def _vectors(matrices: np.ndarray, vectors: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def inverse_left_jacobian(vector: np.ndarray, change: np.ndarray) -> None:
-    """Return J with ``log(exp(d) exp(w)) = w + J d`` to first order (Barfoot 2017, doi:10.1017/9781316671528)."""
+    """Fill ``change`` (3, 3) with J of ``log(exp(d) exp(w)) = w + J d`` to first order, where w is ``vector`` (Barfoot
+    2017, doi:10.1017/9781316671528).
+    """
     squared = vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2
     angle = np.sqrt(squared)
     factor = 1.0 / 12.0 if angle < 1e-6 else (1.0 - angle / 2.0 / np.tan(angle / 2.0)) / squared
@@ -150,10 +152,10 @@ def inverse_left_jacobian(vector: np.ndarray, change: np.ndarray) -> None:
 def fit_rigid_transform(source_m: np.ndarray, target_m: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
     """Return the rigid motion that best maps source_m onto target_m, by least squares.
 
-    source_m, target_m : (n, 3) float64, metres. Row i of one matches row i of the other. weight (n,) not negative, of
-    each row; None = all equal.
-    Returns T_target_source : (4, 4). Raises DegenerateGeometry when the points are collinear or fewer than three.
-    Source: Arun et al. 1987 (doi:10.1109/TPAMI.1987.4767965), reflections excluded.
+    source_m, target_m : (n, 3) float64, metres. Row i of one matches row i of the other. weight (n,): the weight of
+    each row, not negative; None for equal weights. Returns T_target_source : (4, 4). Raises DegenerateGeometry when the
+    points are collinear or fewer than three. Source: Arun et al. 1987 (doi:10.1109/TPAMI.1987.4767965), reflections
+    excluded.
     """
     if len(source_m) < 3:
         raise DegenerateGeometry(f"{len(source_m)} points do not determine a rigid motion")

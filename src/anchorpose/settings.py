@@ -43,7 +43,7 @@ def settings(cls: type[Class]) -> type[Class]:
 class Unfit(ValueError):
     """A value of the right type that cannot be used: the problem and the remedy.
 
-    key: the field concerned, where the containing object is checked as a whole.
+    key: the field concerned, if the object with this field was checked as a whole.
     """
 
     def __init__(self, problem: str, remedy: str, key: str = "") -> None:
@@ -61,8 +61,8 @@ def nearest_key(unknown: str, known: Iterable[str]) -> str | None:
 def explain(error: ValidationError, kind: Any = None) -> tuple[str, str]:
     """Return the first problem, with its place such as ``cameras[0].name``, and the remedy.
 
-    kind: the type that was asked for; it gives the descriptions of fields and the names that are known. An unknown name
-    comes first: it explains why another one is missing.
+    kind: the expected type, which supplies the descriptions and names of known fields. An unknown name is reported
+    first, since it explains why another name is missing.
     """
     unknown = ("extra_forbidden", "unexpected_keyword_argument")
     found = min(error.errors(include_url=False), key=lambda one: one["type"] not in unknown)

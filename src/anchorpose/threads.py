@@ -1,8 +1,8 @@
 """Control how many threads work; results never depend on their number.
 
-Linear algebra and OpenCV keep to one thread, so that sums are added in a fixed order and give the same bytes on every
-machine. Work on single cameras or people may be shared among threads: each result is computed by one thread alone, and
-results are joined in a fixed order.
+Linear algebra and OpenCV keep to one thread, so that sums are added in a fixed order and give the same bytes whatever
+the number of threads. Work on single cameras or people may be shared among threads: each result is computed by one
+thread alone, and results are joined in a fixed order.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from threadpoolctl import threadpool_limits
 
 Result = TypeVar("Result")
 
-_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # None in a worker
+_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # None: no threads to share
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep linear algebra and OpenCV on one thread; OpenCV's threads wait for each other longer than they work."""
+    """Keep linear algebra and OpenCV on one thread: OpenCV's threads spend more time waiting than working."""
     import cv2
 
     before = cv2.getNumThreads()

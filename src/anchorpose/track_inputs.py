@@ -24,7 +24,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import NO_REVIEW, Review, require_frames, review_of
 from anchorpose.versions import code_digest, versions
 
-SAME_PLACE_M: Final = 0.01  # places are printed to the centimetre
+SAME_PLACE_M: Final = 0.01  # m; places closer than this are the same, since places are printed to the centimetre
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,11 @@ class ReviewFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackInputs:
-    """The checked inputs. recording: the recording with the user's height and poses; config: settings that include the
-    patient whom a reviewer named; sha256: (path, hash) of every file of the recording, of the reference movements and
-    of the events; pose_source: source of poses that replace the recording's; trials: None without events.
+    """The checked inputs.
+
+    recording: the recording with the user's height and poses; config: settings that include the patient whom a reviewer
+    named; sha256: (path, hash) of every file of the recording, of the reference movements and of the events;
+    pose_source: source of poses that replace the recording's; trials: None without events.
     """
 
     recording: Recording
@@ -99,7 +101,7 @@ def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInp
 
 
 def _read_events(recording: Recording, given: Path | None) -> Trials | None:
-    """Read the trials of the given file, or of the recording's own; None without either."""
+    """Read the trials of the given file, else of the recording's events.tsv; None without either."""
     own = events_files(recording.folder)
     path = given or (own[0] if own else None)
     return None if path is None else read_trials(path, recorded_span(recording.streams[0].time_s))
@@ -129,8 +131,8 @@ def _hash_inputs(recording: Recording, config: TrackConfig) -> tuple[tuple[str, 
 
 
 def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
-    """Return the recording with the camera poses of the corrected results. So poses need not be found again, and places
-    in the corrections stay valid whoever is the patient.
+    """Return the recording with the camera poses of the corrected results. Poses then need not be found again, and
+    places in the corrections stay valid even if another person is named as the patient.
     """
     poses = corrections.recording.poses
     cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)
@@ -148,7 +150,7 @@ def _require_about(given: ReviewFile, recording: Recording, hashes: tuple[tuple[
 
 def _with_named_patient(config: TrackConfig, given: ReviewFile) -> TrackConfig:
     """Return the settings with the patient whom the reviewer named; raises InputError where the user names another
-    one.
+    person.
     """
     named = given.corrections.patient
     if named is None:

@@ -124,7 +124,7 @@ def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Wr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Written:
-    """The data that the pass over all frames leaves besides the tables."""
+    """Data that writing the frames yields besides the tables."""
 
     association: MatchedShares
     dropped: tuple[DroppedFrame, ...]
@@ -155,7 +155,7 @@ def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
     away_m = float(np.linalg.norm(joints.position_m[row, joint] - correction.position_m))
     if away_m <= CONTRADICTED * np.hypot(correction.sigma_m, joints.sigma_m[row, joint]):
         return None
-    return f"{said} was not corrected: no body of this size has it there, {100 * away_m:.0f} cm from where it is given"
+    return f"{said} was not corrected: a body of this size stays {100 * away_m:.0f} cm away from the given place"
 
 
 def account_of(
@@ -257,8 +257,8 @@ def _about_depth(room: Room) -> list[str]:
         if sensor.filtered
     ]
     return coarse + [
-        f"{camera}: no still background is seen to measure its noise on; what neighbouring readings differ by is used, "
-        "without the errors that they share, so sigma may be too small"
+        f"{camera}: no still background is seen to measure its noise on; it is estimated from neighbouring readings, "
+        "which does not show the errors that they share, so sigma may be too small"
         for camera, sensor in sensors
         if not sensor.noise.measured
     ]
@@ -305,8 +305,8 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
             )
         stated = room.recording.subject.covered
         notes += [
-            f"what is seen of the patient's {part.replace('_', ' ')} is {1000 * away_m:.0f} mm off a human one, more "
-            "than clothes are, so joints there are less certain: if a brace covers it, add "
+            f"the visible skin of the patient's {part.replace('_', ' ')} is {1000 * away_m:.0f} mm off a human shape, "
+            "more than clothes explain, so joints there are less certain: if a brace covers it, add "
             f'"covered": ["{part}"] to "subject" in recording.json'
             for part, away_m in standing_off(body_points(), learnt.shape).items()
             if part not in stated

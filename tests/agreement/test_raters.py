@@ -75,7 +75,7 @@ def test_raters_who_did_not_score_the_same_are_refused_in_one_sentence(files, tm
     broken.write_text(first.read_text(encoding="utf-8").replace("\t9\t", "\t12\t"), encoding="utf-8")
     for given, said in (
         ([first, shorter], "has other trials than"),
-        ([first, elsewhere], "none by"),
+        ([first, elsewhere], "did not score"),
         ([first, files[1], again], "again"),
         ([first, again], "the only rater"),
         ([first, first], "given twice"),

@@ -70,7 +70,7 @@ def test_no_camera_and_no_package_of_its_maker_are_one_sentence():
 
     with pytest.raises(AnchorposeError, match="No RealSense camera 77 can be started"):
         open_realsense("77", None)
-    with pytest.raises(AnchorposeError, match="pyorbbecsdk2 in a Python of its own"):
+    with pytest.raises(AnchorposeError, match="pyorbbecsdk2 in a separate Python"):
         open_orbbec("", None, (sys.executable, "-c", "import pyorbbecsdk"))
 
 

@@ -87,7 +87,7 @@ def test_a_doubled_picture_is_nobodys_pair(tmp_path):
     np.testing.assert_array_equal(pair_frames(recording), [[0, 0], [1, 1], [2, -1], [-1, 3]])
     front, left = find_gaps(recording)
     assert (front.duplicates, left.duplicates, left.usable) == (1, 1, 3)
-    assert left.sentence == "camera left: 1 equal the depth image before and were left out"
+    assert left.sentence == "camera left: 1 equal the previous depth image and were left out"
 
 
 def test_pictures_without_noise_are_not_called_doubled(tmp_path):

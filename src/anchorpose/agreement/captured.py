@@ -26,18 +26,18 @@ METRES: Final[Mapping[str, float]] = {
     "centimeters": 0.01,
     "centimetres": 0.01,
 }
-"""Metres per unit, by the names that files use."""
+"""Metres per unit, by the names of units in files."""
 
-LONGEST_S: Final = 86_400.0  # s, a day; times of a longer recording are in milliseconds or smaller units
-FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # larger values are damage; a wrong unit is found by the body's size
+LONGEST_S: Final = 86_400.0  # s, a day; larger times must be in milliseconds or smaller units
+FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # larger values are damaged; a wrong unit shows in the size of the body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Captured:
-    """A recording of another system. time_s (t,): the file's own clock, increasing.
+    """A recording of another system. time_s (t,): increasing times on the clock of the file.
 
-    point_m (t, p, 3): metres in the file's own frame, of the labels ``points``, NaN where missing; degrees (t, a), of
-    ``angles``, NaN where missing.
+    point_m (t, p, 3): the points with the labels ``points``, metres in the frame of the file; degrees (t, a): the
+    angles with the labels ``angles``. NaN where missing.
     """
 
     path: Path
@@ -98,10 +98,12 @@ def repeated_label(path: Path, labels: tuple[str, ...]) -> None:
 
 
 def read_c3d(path: Path, unit: str | None = None) -> Captured:
-    """Read the points and angles of a C3D. unit: unit of its lengths, where the file states none or a wrong unit.
+    """Read the points and angles of a C3D. unit: the unit of its lengths, needed if the file states none or a wrong
+    one.
 
-    A point is missing where its residual is negative. Unlabelled points (``*12``) are left out, and so is a subject's
-    name before a colon. Raises InputError for a file that cannot be used, MissingPackage without ezc3d.
+    A point is missing where its residual is negative. Unlabelled points (``*12``) are left out. In labels, the name of
+    a subject before a colon is left out. Raises InputError for a file that cannot be used, MissingPackage without
+    ezc3d.
     """
     try:
         import ezc3d
@@ -142,7 +144,7 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
 
 
 def _labels(group: Any) -> tuple[str, ...]:
-    """Return the labels: LABELS is continued in LABELS2 and so on for more than 255 points."""
+    """Return the labels: for more than 255 points, LABELS is continued in LABELS2 and so on."""
     names = [name for name in group if name.startswith("LABELS")]
     return tuple(label for name in sorted(names, key=lambda one: (len(one), one)) for label in _texts(group, name))
 

@@ -1,4 +1,5 @@
-"""Find another system's clock relative to ours, from the movement that both systems recorded.
+"""Find how the clock of another system relates to that of the results, from the movement that both recorded. "Ours" are
+the results of this program, "theirs" is the other system's recording.
 
 Distances between joints, and angles, do not depend on the frame of reference, so the movement can be matched in time
 before anything is known about space.
@@ -18,30 +19,30 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.errors import AnchorposeError
 
 GRID_HZ: Final = 100.0
-"""Rate of the common grid: the movement is smooth between its times."""
+"""Rate of the common grid, Hz: movement is smooth between its times."""
 
 SMOOTHING_S: Final = 0.04
-"""Standard deviation of the kernel that smooths both systems equally, against their noise: 4 Hz pass, and most
+"""Standard deviation of the kernel that smooths both systems equally against their noise, s. It passes 4 Hz, and most
 movements of people are slower.
 """
 
 LONGEST_GAP_S: Final = 0.15
-"""Longest gap that is interpolated, in seconds."""
+"""Longest gap that is interpolated, s."""
 
 MOST_SIGNALS: Final = 40
 
 LEAST_MOVEMENT_M: Final = 0.02
 LEAST_MOVEMENT_DEG: Final = 4.0
-"""Least standard deviation over the recording: below it a signal is mostly noise."""
+"""Least standard deviation of a distance or an angle over the recording; with less, the signal is mostly noise."""
 
 LEAST_KNOWN: Final = 0.2
-"""Least share of the frames in which a signal must be known."""
+"""Least share of the frames in which a signal must be known to be used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signals:
-    """Signals on a grid. time_s (g,): evenly spaced by 1 / ``GRID_HZ``; values (g, k), NaN in gaps; scaled alike, by
-    typical movement.
+    """Signals on a grid. time_s (g,): evenly spaced by 1 / ``GRID_HZ``; values (g, k): one column per signal, each
+    divided by the size of a typical movement; NaN in gaps.
     """
 
     time_s: np.ndarray
@@ -73,8 +74,8 @@ def common_signals(
 
 
 def position_signals(time_s: np.ndarray, position_m: np.ndarray) -> Signals:
-    """Return signals from the coordinates (n, 21, 3) of joints in a common, known frame, which contain more information
-    than distances.
+    """Return signals from the coordinates (n, 21, 3) of joints in a frame that both systems share. They contain more
+    information than distances.
     """
     return on_grid(time_s, position_m.reshape(len(time_s), -1) / LEAST_MOVEMENT_M)
 
@@ -104,7 +105,7 @@ def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHI
     width = smoothing_s * GRID_HZ
     weight = gaussian_filter1d(known.astype(np.float64), width, axis=0, mode="constant")
     smooth = gaussian_filter1d(np.nan_to_num(found), width, axis=0, mode="constant")
-    # near a gap or an end the kernel is one-sided, which would shift the movement in time
+    # near a gap or an end the kernel is one-sided, which would shift the movement in time: such values are left out
     whole = known & (weight > 0.95)
     return Signals(grid_s, np.where(whole, smooth / np.where(whole, weight, 1.0), np.nan))
 
@@ -134,10 +135,10 @@ def resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.nd
 
 
 COARSE: Final = 4
-"""Step of the first search: every fourth time of the grid."""
+"""Step of the first search in samples: every fourth time of the grid."""
 
 LEAST_OVERLAP: Final = 0.4
-"""Least common share of the shorter recording: with less, chance looks like agreement."""
+"""Least common time, as a share of the shorter recording; with less, chance looks like agreement."""
 
 LEAST_OVERLAP_S: Final = 3.0
 
@@ -145,8 +146,8 @@ LEAST_CORRELATION: Final = 0.6
 
 RIVAL_DISTANCE_S: Final = 0.5
 RIVAL_FACTOR: Final = 1.5
-"""Factor on the unexplained movement up to which another offset, farther away, is as good: the movement then repeats
-itself.
+"""If another offset, farther away, leaves less than this factor times the unexplained movement of the best offset, it
+is as good: the movement repeats itself.
 """
 
 ITERATIONS: Final = 20
@@ -162,9 +163,10 @@ class NoCommonMovement(AnchorposeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OtherClock:
-    """The other clock: ``t + offset_s + drift * (t - middle_s)`` at our time t. Sigmas are standard deviations.
+    """The other clock: at the time t of the results it shows ``t + offset_s + drift * (t - middle_s)``. Sigmas are
+    standard deviations.
 
-    overlap_s: our times of the first and the last common sample.
+    overlap_s: times of the first and the last common sample, on the clock of the results.
     """
 
     offset_s: float
@@ -175,7 +177,7 @@ class OtherClock:
     overlap_s: tuple[float, float]
 
     def reference_time_s(self, time_s: np.ndarray) -> np.ndarray:
-        """Convert our times (n,) to the other clock."""
+        """Convert times (n,) of the results to the other clock."""
         return time_s + self.offset_s + self.drift * (time_s - self.middle_s)
 
 
@@ -196,7 +198,7 @@ def find_clock(ours: Signals, theirs: Signals) -> Clock:
 
 
 def starting_clock(offset_s: float, correlation: float) -> Clock:
-    """Return a clock of which only the offset is known, roughly."""
+    """Return a clock of which only an approximate offset is known."""
     return Clock(
         offset_s=offset_s,
         offset_sigma_s=np.inf,
@@ -209,10 +211,10 @@ def starting_clock(offset_s: float, correlation: float) -> Clock:
 
 
 def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool = True) -> Clock:
-    """Refine the clock by least squares, from a start that is right within a fraction of a movement.
+    """Refine the clock by least squares, from a start whose error is a fraction of the duration of a movement.
 
-    with_drift: False keeps the drift at 0 with the prior sigma of clocks, for recordings too short to show it. Raises
-    NoCommonMovement as ``find_clock``.
+    with_drift: if False, the drift stays 0 with the prior sigma of clocks, for recordings that are too short to show
+    it. Raises NoCommonMovement as ``find_clock``.
     """
     offset_s, drift, middle_s, correlation = clock.offset_s, clock.drift, clock.middle_s, clock.correlation
     free = slice(2 if with_drift else 1)
@@ -236,7 +238,7 @@ def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool 
             middle_s=middle_s,
             overlap_s=(float(known_s[0]), float(known_s[-1])),
         )
-    # prior: clocks are accurate to DRIFT_SIGMA
+    # prior: the drift of clocks is within DRIFT_SIGMA
     share = DRIFT_SIGMA**2 / (DRIFT_SIGMA**2 + sigma[1] ** 2)
     return Clock(
         offset_s=offset_s,
@@ -265,10 +267,10 @@ def offset_of_peak(
 ) -> tuple[float, float]:
     """Return the offset in seconds of the best correlation, and this correlation.
 
-    r, overlap: correlation and number of common samples at each lag of every ``COARSE``-th sample, as ``_correlations``
-    returns them. least_s: common time below which a lag is not considered. near_s: an offset within
-    ``RIVAL_DISTANCE_S`` of the right one; None: any may be right. Raises NoCommonMovement where the best correlation is
-    too small, or another offset explains as much.
+    r, overlap: correlation and number of common samples at each lag, where every ``COARSE``-th sample is used, as
+    ``_correlations`` returns them. least_s: least common time of a lag that is considered. near_s: an offset within
+    ``RIVAL_DISTANCE_S`` of the right one; None if unknown. Raises NoCommonMovement where the best correlation is too
+    small, or another offset explains as much.
     """
     a, b = ours.values[::COARSE], theirs.values[::COARSE]
     least = max(LEAST_OVERLAP * min(len(a), len(b)), least_s * GRID_HZ / COARSE)
@@ -279,7 +281,7 @@ def offset_of_peak(
     if not considered.any():
         raise NoCommonMovement(f"they have less than {least * COARSE / GRID_HZ:.1f} s in common")
     r = np.where(considered, r, -1.0)
-    # movement outside the overlap counts as unexplained, since with a short overlap chance looks like agreement
+    # movement outside the overlap counts as unexplained: with a short overlap, chance looks like agreement
     best = int(np.argmax(r * np.sqrt(np.where(considered, overlap, 0.0))))
     if r[best] < LEAST_CORRELATION:
         raise NoCommonMovement(f"the best correlation of their movements is {max(r[best], 0.0):.2f}")
@@ -325,8 +327,8 @@ def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def _normal_equations(
     ours: Signals, theirs: Signals, offset_s: float, drift: float, middle_s: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
-    """Return the normal equations of a step in offset and drift about the overlap's centre, for ``BLOCKS`` stretches of
-    equal time.
+    """Return the normal equations of a least-squares step in offset and drift about the centre of the overlap,
+    separately for ``BLOCKS`` stretches of equal duration.
 
     They are matrices (b, 2, 2) and right sides (b, 2), with the times of common samples and their centre; None without
     common samples.
@@ -371,7 +373,7 @@ def _jackknife(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the standard deviations (2,) of offset and drift, or (1,) of the offset alone, from their changes when one
     stretch of the movement is left out.
 
-    Errors of neighbouring frames are correlated, so residuals of frames would give far too small values.
+    Errors of neighbouring frames are correlated, so the residuals of single frames would give far too small values.
     """
     total, side = matrix.sum(axis=0), right.sum(axis=0)
     kept = [k for k in range(len(matrix)) if matrix[k].any() and np.linalg.cond(total - matrix[k]) < 1e12]

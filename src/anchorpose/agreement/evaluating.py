@@ -38,12 +38,13 @@ STATES: Final = (ALL, INFERRED, *(str(state) for state in JointState if state is
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """One row of agreement; None where undefined. All values are in ``unit``; differences are our value minus theirs.
+    """One row of agreement; None where undefined. All values are in ``unit``; differences are the value of the results
+    minus that of the other system.
 
-    kind: joint (joint centres), angle (computed from both systems' joints by our formula) or given_angle (as the other
-    system computes it). axis: x, y, z of the world, distance, or degrees. state: all, inferred, or one of
-    ``JointState``. offset: as_measured, or with the constant difference of the definitions removed. repeated: the kind
-    of the units of repetition.
+    kind: joint (joint centres), angle (computed from the joints of both systems by this program's formula) or
+    given_angle (as the other system computes it). axis: x, y, z of the world, distance, or degrees. state: all,
+    inferred, or one of ``JointState``. offset: as_measured, or with the constant difference of the definitions removed.
+    repeated: the kind of unit that counts as a repetition (subject, or stretch of time).
     """
 
     kind: str
@@ -82,8 +83,8 @@ COLUMNS: Final = tuple(each.name for each in fields(Agreement))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """The compared values of one quantity in one recording: ours, theirs, sigma (n,), state_code (n,), time_s (n,); NaN
-    where unknown.
+    """The compared values of one quantity in one recording: ours (n,) of the results with sigma (n,) and state_code
+    (n,), theirs (n,) of the other system, time_s (n,); NaN where unknown.
 
     offset (n,): the constant difference of the definitions at each time, in the same axes.
     """
@@ -109,9 +110,7 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A compared quantity, and the function that takes it from a match, which returns None where a recording lacks
-    it.
-    """
+    """A compared quantity, and the function that returns its values for a match (None where the recording lacks it)."""
 
     kind: str
     name: str
@@ -121,7 +120,7 @@ class Quantity:
 
 
 def quantities(matches: Sequence[Match]) -> list[Quantity]:
-    """Return the joint centres by axis, angles from joints, and the other system's own angles."""
+    """Return the joint centres by axis, angles from joints, and the angles that the other system computed."""
     given = dict.fromkeys(name for match in matches for name in match.given_names)
     return [
         *(
@@ -209,8 +208,8 @@ def _shape(parts: Parts, offset: str) -> dict[str, Any]:
 
 
 def _units(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
-    """Return the number of the stretch of time to which each frame belongs. Stretches have independent errors, since
-    each lasts twice the correlation time, at least one second.
+    """Return the number of the stretch of time to which each frame belongs. Each stretch lasts twice the correlation
+    time of the errors, at least one second, so that errors of different stretches are independent.
     """
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     centred = difference - difference.mean()
@@ -279,7 +278,7 @@ def _given(match: Match, name: str) -> Compared | None:
 def _of_angle(match: Match, name: str, theirs: np.ndarray) -> Compared | None:
     column = match.ours.column(name)
     ours = match.ours.degrees[:, column]
-    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # by the shorter way around the circle
+    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # differences along the shorter arc
     known = np.isfinite(ours - theirs)
     if not known.any():
         return None
@@ -304,8 +303,8 @@ class Comparison:
 def compare_with_reference(
     results: Sequence[Path], references: Sequence[Path], subjects: Sequence[str], settings: ReferenceSettings
 ) -> Comparison:
-    """Compare results folders with one reference each, in the same order; subjects: one per folder; without them, each
-    folder is another person.
+    """Compare results folders with one reference each, in the same order; subjects: the person of each folder; if
+    empty, each folder is another person.
 
     Raises InputError or AnchorposeError where the two do not belong together or cannot be used.
     """

@@ -28,8 +28,9 @@ class ImageErrors:
     """Distances in the plane of the image, for the joints of one name or for all joints; None where no distance is
     known.
 
-    labelled: number of labels in tracked frames; lost: number of these whose joint was lost. Millimetres are pixels at
-    the distance of the tracked joint. within_50, within_100: share of ``labelled``, lost joints count as outside.
+    labelled: number of labels in tracked frames; lost: number of these labels whose joint was lost in the results.
+    Millimetres are pixels converted at the distance of the tracked joint. within_50, within_100: share of ``labelled``
+    with a distance of at most 50 or 100 mm; lost joints count as farther.
     """
 
     name: str

@@ -32,16 +32,17 @@ from anchorpose.results.verify import require_own
 from anchorpose.rotations import fit_rigid_transform
 
 LARGEST_SCALE: Final = 1.3
-"""Limit of the ratio of body sizes in both systems; definitions change distances between joints by less."""
+"""Largest ratio of body sizes in both systems; different definitions of joints change distances by less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Match:
     """A results folder and a reference at the same times: all arrays have a row per frame of ``joints``.
 
-    theirs_m (n, 21, 3) the reference's joints in our world, NaN where missing; axes (n, 21, 3, 3) of the segments.
-    theirs: angles of the reference's joints by our formulas, None where it has no joints. given_names, given_deg
-    (n, a): angles as the other system computes them. placement: None where it has angles only.
+    theirs_m (n, 21, 3): the reference's joints in the world of the results, NaN where missing; axes (n, 21, 3, 3): axes
+    of the segments. theirs: angles of the reference's joints by this program's formulas, None where it has no joints.
+    given_names, given_deg (n, a): angles as the other system computes them. placement: None if the reference has only
+    angles.
     """
 
     results: Path
@@ -64,8 +65,8 @@ class Match:
 def match_results(results: Path, reference: Reference, given: np.ndarray | None = None) -> Match:
     """Find clock and frame of the reference. given: T_world_reference (4, 4) if known.
 
-    Raises InputError where lengths have another unit, axes or labels are the wrong way round, or no common movement is
-    found.
+    Raises InputError where lengths have another unit, an axis is mirrored, left and right are exchanged, or no common
+    movement is found.
     """
     require_own(results, (JOINTS_FILE,))
     joints = read_joints(results / JOINTS_FILE)
@@ -121,7 +122,7 @@ def _clock_of_positions(
 
 
 def _angles_of(joints: JointTable, position_m: np.ndarray) -> AngleTable:
-    """Return the angles of the other system's joints by our formulas; their sigma is unknown and not used."""
+    """Return the angles of the other system's joints by this program's formulas; their sigma is not used."""
     return joint_angles(
         JointTable(
             joints.frame, joints.time_s, position_m, joints.state_code, np.zeros((len(joints.frame), JOINT_COUNT))
@@ -151,14 +152,14 @@ def _median_distance(position_m: np.ndarray, a: int, b: int) -> float:
 
 
 def require_sides(joints: JointTable, ours: AngleTable, reference: Reference) -> None:
-    """Raise InputError where the reference fits much better with axes or labels the other way round."""
+    """Raise InputError where the reference fits much better with a mirrored axis or exchanged labels."""
     misfit = _misfits(joints, ours, reference)
     require_as_is(reference.path, misfit, is_length=bool(reference.centres.joints))
 
 
 def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict[Sides, float]:
-    """Return, by what is reversed, the median distance of joints in metres after the best rigid motion; without joints,
-    the share of unexplained movement. It is empty where no common movement is found.
+    """Return the misfit for each possible reversal: the median distance of joints in metres after the best rigid motion
+    or, without joints, the share of unexplained movement. The result is empty if no common movement is found.
     """
     found = dict[Sides, float]()
     for is_exchanged, other in ((False, reference), (True, exchanged(reference))):

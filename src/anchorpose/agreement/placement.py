@@ -1,4 +1,4 @@
-"""Find another system's frame in ours, and the offsets of its joints by definition.
+"""Find the frame of another system in the world of the results, and the constant offsets between the joints of both.
 
 Even without errors, two systems differ in their definitions: for example, one places the knee's centre midway between
 two markers, the other computes it from the body's surface. Such an offset is constant in the segment's axes, and is
@@ -20,27 +20,27 @@ from anchorpose.rotations import fit_rigid_transform, rotation_matrices, rotatio
 
 ROUNDS: Final = 15
 LEAST_FRAMES: Final = 10
-"""Least number of common frames of a joint for its offset to be found."""
+"""Least number of common frames of a joint that are needed to find its offset."""
 
 FARTHEST: Final = 4.0
-"""Times the typical distance beyond which distances get less weight: one of the two systems has lost the joint
+"""Factor on the typical distance; larger distances get less weight, since one of the two systems has lost the joint
 there.
 """
 
 TURN_PRIOR_FRAMES: Final = 15.0
 SHIFT_PRIOR_FRAMES: Final = 300.0
-"""Strength with which offsets are held to zero, in frames (of ``MOST_FRAMES``). The first value suits offsets of some
-millimetres, and gives the frame's rotation. Markers also slide with the posture, which looks like another place of the
-frame: its place is found with the second. In 26 simulated laboratories (suite ``laboratory`` of ``benchmarks/run.py``)
-one value for both gave a rotation off by 0.15 degrees (root mean square) and a place off by 2 mm, or 0.2 degrees and 1
-mm; two values give 0.15 and 1.
+"""Strength with which offsets are held to zero, in frames (of ``MOST_FRAMES``). The rotation of the frame comes from a
+fit with the first value, which suits offsets of some millimetres. Markers also slide with the posture, which looks like
+a shift of the frame; so its position comes from a fit with the second value. In 26 simulated laboratories (suite
+``laboratory`` of ``benchmarks/run.py``), a single value gave root-mean-square errors of 0.15 degrees and 2 mm, or of
+0.2 degrees and 1 mm; two values give 0.15 degrees and 1 mm.
 """
 
 ERROR_M: Final = 0.005
-"""Addition to a joint's sigma in metres, for the reference's error and a sigma that is too small."""
+"""Length in m added to a joint's sigma: the error of the reference, and a reserve for a sigma that is too small."""
 
 MOST_FRAMES: Final = 1000
-"""Number of frames to which a long recording is thinned: neighbouring frames contain the same information."""
+"""Number of frames to which a long recording is thinned, since neighbouring frames contain the same information."""
 
 _LIMBS: Final = {
     "Knee": ("Hip", "Knee", "pelvis"),
@@ -50,19 +50,21 @@ _LIMBS: Final = {
     "Wrist": ("Elbow", "Wrist", "trunk"),
     "Hand": ("Elbow", "Wrist", "trunk"),
 }
-"""The limb in whose axes a joint's offset is constant, from its upper to its lower end, and the axes it starts from."""
+"""By joint: the upper and lower end of the limb in whose axes its offset is constant, and the segment from which the
+limb's axes are derived.
+"""
 
 _ON_PELVIS: Final = ("SpineBase", "HipLeft", "HipRight")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """T_world_reference (4, 4), and offset_m (21, 3) of our joints relative to the reference's, in the segment's
+    """T_world_reference (4, 4), and offset_m (21, 3): the results' joints relative to the reference's, in the segment's
     axes.
 
     x forward, y up, z to the right when the person stands with limbs hanging; NaN for joints that are not common.
-    translation_sigma_m, rotation_sigma_deg: standard deviations, from the frame's changes when a joint is left out; NaN
-    where the frame was given.
+    translation_sigma_m, rotation_sigma_deg: standard deviations, from the changes of the frame if one joint is left
+    out; NaN where the frame was given.
     """
 
     T_world_reference: np.ndarray
@@ -97,9 +99,9 @@ def place(
 ) -> Placement:
     """Find the reference's frame and the offsets of its definitions, from joints (n, 21, 3) at the same times.
 
-    sigma_m (n, 21): sigma of our joints; axes (n, 21, 3, 3): ``segment_axes`` of our joints. given: T_world_reference
-    where it is known; then only the offsets are found. Raises DegenerateGeometry where the common joints do not
-    determine a frame.
+    ours_m, sigma_m (n, 21), axes (n, 21, 3, 3): joints of the results, their sigma and ``segment_axes``; theirs_m:
+    joints of the reference. given: T_world_reference, if known; then only the offsets are found. Raises
+    DegenerateGeometry where the common joints do not determine a frame.
     """
     weight = _weights(ours_m, sigma_m, theirs_m)
     both = weight > 0
@@ -114,7 +116,9 @@ def place(
 
 
 def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> np.ndarray:
-    """Return weights (n, 21) with mean 1, which are 0 where a joint is not common and smaller for inferred joints."""
+    """Return weights (n, 21) with mean 1, which are 0 where one of the systems lacks the joint, and smaller for
+    inferred joints.
+    """
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2) & np.isfinite(sigma_m)
     both[:, both.sum(axis=0) < LEAST_FRAMES] = False
     weight = np.where(both, 1.0 / (np.where(both, sigma_m, 0.0) ** 2 + ERROR_M**2), 0.0)
@@ -122,8 +126,8 @@ def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> n
 
 
 def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return T_world_reference. Its rotation comes from a fit with freer offsets, the place of the body's middle from a
-    fit with tighter offsets.
+    """Return T_world_reference. Its rotation comes from a fit in which offsets are held loosely to zero, its position
+    from a fit in which they are held tightly; see ``SHIFT_PRIOR_FRAMES``.
     """
     turned, placed = (
         _fit(ours_m, theirs_m, axes, weight, prior)[0] for prior in (TURN_PRIOR_FRAMES, SHIFT_PRIOR_FRAMES)
@@ -135,7 +139,7 @@ def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: n
 
 
 def residual(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
-    """Return (n, 21, 3) our joints minus the reference's minus the offset of the definition, in the world frame."""
+    """Return (n, 21, 3): the results' joints minus the reference's minus the offset, in the world frame."""
     return ours_m - theirs_m - np.einsum("njik,jk->nji", axes, offset_m)
 
 
@@ -147,7 +151,7 @@ def _fit(
     prior_frames: float,
     given: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fit frame and offsets together, by Gauss-Newton. They can be separated where the person turns."""
+    """Fit frame and offsets together, by Gauss-Newton. They can be separated only if the person turns."""
     known = (joint_weight > 0) & np.isfinite(axes).all(axis=(2, 3))
     every = max(1, len(known) // MOST_FRAMES)
     known[np.arange(len(known)) % every != 0] = False
@@ -183,8 +187,8 @@ def _step(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the rotation vector and shift of the frame, and the change of the offsets (j, 3).
 
-    left (k, 3): unexplained differences; lever (k, 3): the reference's points about their centre; own (k, 3, 3):
-    segment axes; use: the offset of each point, its weight, and the weight of each offset's prior.
+    left (k, 3): unexplained differences; lever (k, 3): the reference's points relative to their centre; own (k, 3, 3):
+    segment axes; use: index of each point's offset, its weight, and the weight of each offset's prior.
     """
     (column, weight, prior), count = use, len(offset)
     jacobian = np.zeros((len(left), 3, 6))
@@ -217,7 +221,9 @@ def _turned(T: np.ndarray, turn: np.ndarray, shift: np.ndarray, centre_m: np.nda
 
 
 def _spread(T: np.ndarray, others: list[np.ndarray], centre_m: np.ndarray) -> tuple[float, float]:
-    """Return the jackknife spread, over joints, of the body's middle and of the rotation, per axis."""
+    """Return the jackknife standard deviations, over joints, of the position of the body's centre (m) and of the
+    rotation (degrees), per axis.
+    """
     source = np.linalg.inv(T) @ np.append(centre_m, 1.0)
     shift = np.array([(other @ source)[:3] - centre_m for other in others])
     turn = rotation_vectors(np.array([other[:3, :3] @ T[:3, :3].T for other in others]))

@@ -1,7 +1,7 @@
 """State how well raters agree: trials are the subjects, raters the repeats, of the scores that blinded raters gave.
 
-Quadratically weighted kappa of two raters is ICC(2,1) but for terms of one over the number of trials: Fleiss and Cohen
-1973 (doi:10.1177/001316447303300309).
+For two raters, quadratically weighted kappa equals ICC(2,1) except for terms of the order of 1 / number of trials:
+Fleiss and Cohen 1973 (doi:10.1177/001316447303300309).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def rater_agreement(paths: Sequence[Path]) -> RaterAgreement:
     """
     files = {path: read_ratings(path) for path in paths}
     if len(files) < len(paths):
-        raise InputError(paths[0], "stands beside a file that is given twice", REMEDY)
+        raise InputError(paths[0], "is listed beside a file that is given twice", REMEDY)
     raters = tuple(dict.fromkeys(each.rater for each in files.values()))
     sessions = tuple(dict.fromkeys(each.session for each in files.values()))
     if len(raters) < 2:
@@ -66,7 +66,7 @@ def _grid(held: dict[tuple[str, str], tuple[Path, Ratings]], session: str, rater
     path, first = there[0]
     missing = next((rater for rater in raters if (session, rater) not in held), None)
     if missing is not None:
-        raise InputError(path, f"has scores of a session of which there are none by {missing}", REMEDY)
+        raise InputError(path, f"has scores of a session that {missing} did not score", REMEDY)
     for other, ratings in there:
         if set(ratings.scores) != set(first.scores):
             raise InputError(other, f"has other trials than {path}", REMEDY)

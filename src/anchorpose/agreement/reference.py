@@ -1,9 +1,9 @@
-"""Read another system's recording as our joints and angles, on its own clock and in its own frame.
+"""Read another system's recording, and convert it to this program's joints and angles. Its clock and frame are kept.
 
-Joint centres are found by labels: they are given, or lie midway between markers; hip centres may be estimated.
-Regression: Harrington et al. 2007 (doi:10.1016/j.jbiomech.2006.02.003), their equations of one variable each, which
-Sangeux et al. 2014 (doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults. Functional
-method: the point of the pelvis about which the thigh's markers move on spheres, Gamage and Lasenby 2002
+Labels determine the joint centres: a label is a centre, or a centre lies midway between markers; hip centres may be
+estimated. Regression: Harrington et al. 2007 (doi:10.1016/j.jbiomech.2006.02.003), their equations of one variable
+each, which Sangeux et al. 2014 (doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults.
+Functional method: the point of the pelvis about which the thigh's markers move on spheres, Gamage and Lasenby 2002
 (doi:10.1016/S0021-9290(01)00160-9).
 """
 
@@ -35,7 +35,7 @@ _CENTRES: Final = {
     "Elbow": ("{s}EJC", "{s}HUO"),
     "Wrist": ("{s}WJC", "{s}RAO"),
 }
-"""Names of joint centres in Plug-in Gait, the Conventional Gait Model 2 and Visual3D."""
+"""By joint, the names of its centre in Plug-in Gait, the Conventional Gait Model 2 and Visual3D."""
 
 _PAIRS: Final = {
     "Knee": (
@@ -49,7 +49,7 @@ _PAIRS: Final = {
     "Elbow": (("{s}ELB", "{s}HLE", "{s}LELB", "{s}ELBOWLAT"), ("{s}ELM", "{s}HME", "{s}MELB", "{s}ELBOWMED")),
     "Wrist": (("{s}WRA", "{s}RSP", "{s}WRISTRAD"), ("{s}WRB", "{s}USP", "{s}WRISTULN")),
 }
-"""Lateral and medial markers of joints whose centre is taken midway between the two."""
+"""By joint, its lateral and medial marker; the joint's centre is taken midway between them."""
 
 _PELVIS: Final = {"ASIS": ("{s}ASI", "{s}ASIS", "{s}IAS"), "PSIS": ("{s}PSI", "{s}PSIS", "{s}IPS")}
 
@@ -79,7 +79,7 @@ class Marking:
 
 
 def known_marking(labels: tuple[str, ...]) -> Marking:
-    """Return the meaning of labels in common use; upper or lower case, dots, dashes and underscores do not matter."""
+    """Return the meaning of labels in common use; case, dots, dashes and underscores are ignored."""
     own = {re.sub(r"[^A-Z0-9]", "", label.upper()): label for label in reversed(labels)}
     centres = {name: own[name.upper()] for name in JOINT_NAMES if name.upper() in own}
     midpoints = dict[str, tuple[str, ...]]()
@@ -101,18 +101,18 @@ def known_marking(labels: tuple[str, ...]) -> Marking:
     return Marking(
         centres=centres,
         midpoints=midpoints,
-        pelvis=tuple(pelvis) if whole else None,  # type: ignore[arg-type]  # four texts where all are known
+        pelvis=tuple(pelvis) if whole else None,  # four texts if all are known
         thighs={name: _thigh(own, midpoints, side, name) for side, name in SIDES.items()},
     )
 
 
 def given_marking(path: Path, labels: tuple[str, ...]) -> Marking:
-    """Read the user's table: rows ``joint,label``; several rows of a joint mean the middle of these labels.
+    """Read the user's table: rows ``joint,label``; if a joint has several rows, its centre is the mean of their labels.
 
-    ASISLeft, ASISRight, PSISLeft and PSISRight may stand in place of a joint, and ThighLeft, ThighRight. Raises
+    In place of a joint, a row may have ASISLeft, ASISRight, PSISLeft, PSISRight, ThighLeft or ThighRight. Raises
     InputError for an unknown joint or label.
     """
-    remedy = "give rows joint,label with our joint's name and a label of the reference"
+    remedy = "give rows joint,label with the name of a joint in the results and a label of the reference"
     rows = [row for _, row in read_rows(path)]
     if not rows or [cell.lower() for cell in rows[0]] != ["joint", "label"]:
         raise InputError(path, "does not begin with the line joint,label", remedy)
@@ -145,20 +145,22 @@ def _thigh(own: dict[str, str], midpoints: dict[str, tuple[str, ...]], side: str
 
 
 LEAST_SWING: Final = 0.02
-"""Least ratio of the smallest to the largest singular value of the spheres' equations: below it the thigh moved in a
-plane or hardly at all, and the centre is not determined along one direction."""
+"""Least ratio of the smallest to the largest singular value of the equations of the spheres. With less, the thigh moved
+in one plane or hardly at all, so the centre is undetermined along one direction.
+"""
 
 
 FARTHEST_M: Final = 0.04
-"""Largest distance in metres from the regression's hip, which is accurate to 15 mm: a fit farther away followed skin
-that slid over the bone. In a recording of walking (ezc3d's example of Qualisys) both hips were 67 mm away.
+"""Largest distance in metres of the functional centre from that of the regression, which is accurate to 15 mm. Farther
+away, markers moved with the skin over the bone: in a recording of walking (ezc3d's example of Qualisys), both hips were
+67 mm away.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CentreTrack:
-    """Joint centres over time: position_m (t, 21, 3) in the other system's frame, NaN where missing; origin: how each
-    joint was found.
+    """Joint centres over time: position_m (t, 21, 3) in the other system's frame, NaN where missing; origin: by joint,
+    the method by which it was found.
     """
 
     position_m: np.ndarray
@@ -223,7 +225,9 @@ def pelvis_frame(
 
 
 def harrington_hip(width_m: float, depth_m: float) -> np.ndarray:
-    """Return the right hip centre (3,), metres, in ``pelvis_frame``: x forward, y up, z right; the left one has -z."""
+    """Return the right hip centre (3,), metres, in ``pelvis_frame``: x forward, y up, z right; for the left hip, z is
+    reversed.
+    """
     return np.array([-0.24 * depth_m - 0.0099, -0.30 * width_m - 0.0109, 0.33 * width_m + 0.0073])
 
 
@@ -298,15 +302,13 @@ _PLUG_IN: Final = {
     "AnkleAngles": "ankle_dorsiflexion",
     "ElbowAngles": "elbow_flexion",
 }
-"""Angles equal to ours up to a constant; the first component (flexion) of Plug-in Gait's."""
+"""By angle of Plug-in Gait: the angle of this program that equals its first component (flexion) up to a constant."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The other system's recording. time_s (t,): times on its own clock; centres: joint centres in its own frame;
-    degrees (t, a) of ``angles``, which have our names. notes: how the file was understood, in sentences.
-
-    notes: what was understood of the file, in sentences.
+    """The other system's recording. time_s (t,): times on its clock; centres: joint centres in its frame; degrees (t,
+    a): the angles ``angles``, with the names of this program. notes: sentences on how the file was understood.
     """
 
     path: Path
@@ -322,7 +324,7 @@ def read_reference(
 ) -> Reference:
     """Read the joints and angles of a file; names: a table ``joint,label`` in place of the names in common use.
 
-    Raises InputError where no joint and no angle of ours follows from it.
+    Raises InputError where the file gives none of this program's joints and angles.
     """
     captured = read_captured(path, unit)
     marking = known_marking(captured.points) if names is None else given_marking(names, captured.points)
@@ -343,7 +345,7 @@ def exchanged(reference: Reference) -> Reference:
 
 
 def _angles(captured: Captured) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
-    """Return our names, (t, a) degrees, and notes on signs."""
+    """Return the names in this program, the angles (t, a) in degrees, and notes on changed signs."""
     found, notes = dict[str, np.ndarray](), list[str]()
     for column, label in enumerate(captured.angles):
         name = _our_angle(label)

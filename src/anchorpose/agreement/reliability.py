@@ -30,7 +30,7 @@ from anchorpose.settings import LARGEST
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reliability:
-    """The reliability of one measure; None where ``why`` states the reason. sem and mdc95 are in ``unit``."""
+    """The reliability of one measure; values are None if ``why`` states a reason. sem and mdc95 are in ``unit``."""
 
     measure: str
     side: str | None
@@ -70,11 +70,11 @@ class MeanSquares:
 def mean_squares(values: np.ndarray) -> MeanSquares:
     """Return the mean squares of values (subjects, repeats), all finite.
 
-    Every subject has every repeat, so the sums are those of Shrout and Fleiss; statsmodels solves for one unknown per
-    subject, which takes gigabytes for some thousand of them.
+    Every subject has every repeat, so the sums are those of Shrout and Fleiss; statsmodels would solve for one unknown
+    per subject, which takes gigabytes for some thousand subjects.
     """
     subjects, repeats = values.shape
-    centred = values - values.mean()  # so that a large mean costs no digits
+    centred = values - values.mean()  # centred, so that a large mean costs no digits
     by_subject, by_repeat = centred.mean(axis=1), centred.mean(axis=0)
     rest = centred - by_subject[:, None] - by_repeat
     return MeanSquares(
@@ -152,7 +152,9 @@ REMEDY: Final = (
 )
 
 OTHER_UNIT: Final = 100.0
-"""Ratio of values that means another unit: metres and centimetres. No person changes by as much."""
+"""Ratio between values of two sessions from which on they are taken to be in different units, such as metres and
+centimetres: no person changes by as much.
+"""
 
 Key = tuple[str, str | None, str]  # measure, side, unit
 Values = dict[tuple[str, str], dict[Key, float]]  # by subject and repeat
@@ -178,10 +180,10 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
 
 
 def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
-    """Return the session, or the subject's session, whose values (subjects, repeats) are of another order of
-    magnitude.
+    """Return a clause on the session, or on the session of one subject, whose values differ by orders of magnitude;
+    None if all are alike. grid (subjects, repeats): the values.
 
-    Single values may be near zero for good reasons, so that only a whole session counts as too small.
+    Single values may be near zero for good reasons, so only a whole session counts as too small.
     """
     size = np.abs(grid[np.isfinite(grid).all(axis=1)])
     names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]
@@ -199,7 +201,7 @@ def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str
 
 
 def _times(some: np.ndarray, others: np.ndarray) -> float:
-    """Return the ratio of two medians; 1 where either is 0, which has no order of magnitude."""
+    """Return the ratio of two medians; 1 if either is 0."""
     own, rest = float(np.median(some)), float(np.median(others))
     return own / rest if own > 0.0 and rest > 0.0 else 1.0
 

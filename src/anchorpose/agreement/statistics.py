@@ -1,9 +1,9 @@
 """Compute bias and limits of agreement of repeated measurements, with intervals.
 
-The method is Bland and Altman 2007 (doi:10.1080/10543400701329422), for pairs whose true value changes: the variance of
-a difference is the variance within a unit plus that between units, both from a one-way analysis of variance. A unit is
-a subject or, with only one recording, a stretch of it. Intervals are by the method of variance estimates recovery: Zou
-2013 (doi:10.1177/0962280211402548).
+The method is Bland and Altman 2007 (doi:10.1080/10543400701329422), for pairs of values whose true value changes
+between pairs: the variance of a difference is the variance within a unit plus that between units, both from a one-way
+analysis of variance. A unit is a subject or, with few subjects, a stretch of a recording. Intervals are by the method
+of variance estimates recovery: Zou 2013 (doi:10.1177/0962280211402548).
 """
 
 from __future__ import annotations
@@ -17,9 +17,7 @@ from scipy import stats
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_UNITS: Final = 3
-"""Number of subjects from which on subjects are the units; fewer give an interval wider than anything it is compared
-with.
-"""
+"""Least number of subjects for subjects to be the units; with fewer, the interval would be too wide to be of use."""
 
 CONFIDENCE: Final = 0.95
 
@@ -35,16 +33,16 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Bias (mean difference) and limits of agreement, within which 95 of 100 differences lie; units of the data."""
+    """Bias (mean difference) and limits of agreement, between which 95 of 100 differences lie, in the data's unit."""
 
-    count: int  # differences
+    count: int  # number of differences
     units: int
     bias: Estimate
     lower: Estimate
     upper: Estimate
-    # standard deviation of differences in the same unit; None where no unit has two differences
+    # standard deviation of differences within a unit; None where no unit has two differences
     within_sd: float | None
-    # standard deviation of the units' own means, without sampling error; None for a single unit
+    # standard deviation of the units' means, without sampling error; None for a single unit
     between_sd: float | None
     sd: float  # standard deviation of a single difference
 
@@ -106,7 +104,7 @@ def _within_variance(difference: np.ndarray, own_mean: np.ndarray, freedom: int)
 def _intervals(
     bias: float, sd: float, mean: np.ndarray, size: np.ndarray, within: tuple[float, int]
 ) -> tuple[Estimate, Estimate, Estimate]:
-    """Return the intervals of bias, lower and upper limit; within: variance in a unit and its degrees of freedom."""
+    """Return the intervals of bias, lower and upper limit. within: variance within a unit, and degrees of freedom."""
     units, (variance, freedom) = len(mean), within
     bias_half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, units - 1) * _sigma_of_bias(mean, size, bias))
     harmonic = units / (1.0 / size).sum()
@@ -145,18 +143,18 @@ def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple
 
 
 LEAST_SAMPLES: Final = 10
-"""Least number of samples; fewer have no meaningful agreement, and a waveform no shape."""
+"""Least number of samples; with fewer, agreement has no meaning, and a waveform no shape."""
 
 LEVELS: Final = np.linspace(0.05, 0.95, 19)
-"""The nominal shares at which coverage is tested."""
+"""Nominal shares, from 0.05 to 0.95, at which coverage is tested."""
 
 
 def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | None:
     """Return the coefficient of multiple correlation (CMC) of two systems' curves (n,) of the same movement.
 
-    It is 1 where both curves coincide; offsets and gains lower it. It is None where the curves differ by more than they
-    move (the root of a negative number), and for fewer than ``LEAST_SAMPLES`` samples. Source: Ferrari et al. 2010
-    (doi:10.1016/j.gaitpost.2009.09.009), one cycle, two protocols.
+    It is 1 where both curves coincide; offsets and gains lower it. It is None for fewer than ``LEAST_SAMPLES`` samples,
+    and where the curves differ by more than they vary: the CMC would be the root of a negative number. Source: Ferrari
+    et al. 2010 (doi:10.1016/j.gaitpost.2009.09.009), one cycle, two protocols.
     """
     if len(values) < LEAST_SAMPLES:
         return None
@@ -167,7 +165,7 @@ def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | N
 
 
 def coverage_95(error: np.ndarray, sigma: np.ndarray) -> float:
-    """Return the share of errors (n,) within 1.96 of their own sigma (n,)."""
+    """Return the share of errors (n,) within 1.96 times their sigma (n,)."""
     return float((np.abs(error) <= stats.norm.ppf(0.975) * sigma).mean())
 
 

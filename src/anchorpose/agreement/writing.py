@@ -91,7 +91,7 @@ def _title(row: Agreement) -> str:
 
 def _difference_cells(row: Agreement) -> tuple[str, list[str]]:
     bias, limits = _number(row.bias), _span(row.lower, row.upper)
-    if row.bias_low is not None:  # the limits have intervals, too
+    if row.bias_low is not None:  # the limits have intervals as well
         bias += f" ({_span(row.bias_low, row.bias_high)})"
         limits += f" ({_span(row.lower_low, row.lower_high)}; {_span(row.upper_low, row.upper_high)})"
     return _title(row), [
@@ -139,12 +139,12 @@ class Plot:
 
 
 MOST_POINTS: Final = 400
-"""Of a recording; more would only darken the same cloud."""
+"""Largest number of points of a recording in a plot; more would only darken the same cloud."""
 
 
 def difference_plot(series: Sequence[Compared], row: Agreement) -> Markup:
-    """Return the difference against mean of both systems, with bias and limits (Bland and Altman); a point per frame,
-    thinned.
+    """Plot the difference of both systems against their mean, with bias and limits of agreement (Bland and Altman),
+    with one point per frame of the thinned recording.
     """
     means, differences, inferred = (np.concatenate(each) for each in zip(*map(_cloud, series), strict=True))
     lines = [value for value in (row.bias, row.lower, row.upper) if value is not None]
@@ -164,7 +164,7 @@ def difference_plot(series: Sequence[Compared], row: Agreement) -> Markup:
 
 
 def time_plot(each: Compared, name: str, unit: str) -> Markup:
-    """Plot our values, with a band of 1.96 sigma, and the reference's values over time."""
+    """Plot the results, with a band of 1.96 sigma, and the reference's values over time."""
     every = max(1, len(each.time_s) // MOST_POINTS)
     time_s, ours, theirs, sigma = (a[::every] for a in (each.time_s, each.ours, each.theirs, each.sigma))
     across = make_axis([(time_s, time_s)], [], 1.0)

@@ -26,8 +26,8 @@ LARGEST_GREY: Final = 65535
 class Setup:
     """Cameras, and statements about the patient and the room.
 
-    subject: the patient. equipment: an equipment.json. empty_room_m: by camera name, a depth image (height, width) of
-    the room without people, metres.
+    subject: the patient. equipment: path of an equipment.json. empty_room_m: by camera name, a depth image (height,
+    width) of the room without people, metres.
     """
 
     cameras: Sequence[Camera]
@@ -72,7 +72,7 @@ class DepthImages(Setup):
     """A recording in memory.
 
     depth_m: by camera name, images (n, height, width), metres along the optical axis; 0, NaN and infinite mean no
-    reading. time_s: their times, increasing; (n,) for all cameras, or by camera name.
+    reading. time_s: increasing times of the images; one array (n,) for all cameras, or one per camera by name.
     """
 
     depth_m: Mapping[str, np.ndarray]

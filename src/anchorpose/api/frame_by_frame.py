@@ -37,7 +37,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 
-START_S: Final = 6.0  # s, as ``anchorpose live``: a patient moves enough in it to show where the limbs turn
+START_S: Final = 6.0  # s, as in ``anchorpose live``: in this time a patient moves enough to show where the joints are
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,8 @@ class Pose:
 class Tracker:
     """A tracker that finds the patient in successive depth images, and then gives the pose in each.
 
-    why: one sentence on why ``step`` last returned None; empty if it returned a pose. Use it in a ``with`` block, or
-    call ``close``: the first seconds are kept in a temporary folder until the patient is found.
+    why: a sentence on the reason why ``step`` last returned None; empty if it returned a pose. Use it in a ``with``
+    block, or call ``close``: the first seconds are kept in a temporary folder until the patient is found.
     """
 
     why: str
@@ -99,8 +99,8 @@ class Tracker:
         start_s: float = START_S,
         config: TrackConfig | None = None,
     ) -> None:
-        """Make a tracker for cameras, whose images will follow, or for a recording folder, whose cameras, patient and
-        equipment are used.
+        """Make a tracker. cameras: the cameras whose images will be given, or a recording folder whose cameras, patient
+        and equipment are used.
 
         subject, equipment (an equipment.json) and empty_room_m (by camera name, (height, width) metres): prior
         knowledge. start_s: duration of the first seconds, from which the body is learnt. Raises InputError where an
@@ -146,12 +146,12 @@ class Tracker:
         """Return the pose in the next frame; None while the patient is not found, or is lost (``why``).
 
         depth_m: by camera name, (height, width) metres along the optical axis; 0, NaN and infinite mean no reading; a
-        missing camera has no image in this frame. time_s: later than that of the frame before. The step that ends the
-        first seconds also learns the body, and takes as long as that. Raises AnchorposeError where an argument does not
+        missing camera has no image in this frame. time_s: later than that of the previous frame. The step that ends the
+        first seconds also learns the body, so it takes much longer. Raises AnchorposeError where an argument does not
         fit.
         """
         if not time_s > self._last_s:
-            raise AnchorposeError(f"The frame at {time_s:g} s is not later than that before; give rising times.")
+            raise AnchorposeError(f"The frame at {time_s:g} s is not later than the one before; give increasing times.")
         names = [camera.name for camera in self._setup.cameras]
         if unknown := [name for name in depth_m if name not in names]:
             raise AnchorposeError(f"The camera {unknown[0]} is unknown; name one of {', '.join(names)}.")

@@ -25,7 +25,7 @@ class Watcher:
         """Return a context manager for one piece of work. It yields a function that the work calls with (done, total);
         total is None while unknown.
 
-        at_once: show the work before the first call, not only then.
+        at_once: show the work before the first call; if False, only from the first call on.
         """
         return nullcontext(lambda done, total: None)
 

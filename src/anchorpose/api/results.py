@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATIENT: Final = "patient"
-WITHIN_M: Final = 0.1  # m, limit of ``confidence``; a larger error shows in clinical measures and pictures
-EVEN: Final = 0.01  # share of the frame interval: times that differ by less are evenly spaced
+WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of a smaller error. Larger errors affect clinical measures
+EVEN: Final = 0.01  # frames are evenly spaced if their intervals differ by less than this share of an interval
 
 
 class Results:

@@ -29,8 +29,8 @@ if find_spec("distributed") is None:
 SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
 CONNECT_S: Final = 20.0
-# deaths of its worker after which a job is repeated; with more deaths the job is the cause, for example by too little
-# memory
+# number of times that a job's worker may die before the job is given up; more deaths are the job's fault, such as too
+# little memory
 DEATHS: Final = 3
 
 SCHEDULING: Final = {
@@ -39,14 +39,14 @@ SCHEDULING: Final = {
 }
 
 IGNORE_CTRL_C: Final = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-"""Setting of this machine's workers: the first process stops them, after their children."""
+"""Setting of this machine's workers: they ignore Ctrl+C, since the first process stops them after their children."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The machine or scheduler on which the workers run. workers: their number, None for one per core (on a running
-    scheduler, all it has). scheduler: None for this machine, an address, or ``slurm``; slurm: keyword arguments of
-    dask_jobqueue.SLURMCluster.
+    """The machine or scheduler on which the workers run. workers: number of workers; None: one per core of this
+    machine, or all workers of a running scheduler. scheduler: None for this machine, an address, or ``slurm``; slurm:
+    keyword arguments of dask_jobqueue.SLURMCluster.
     """
 
     workers: int | None = None
@@ -76,7 +76,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     import distributed  # noqa: F401  its defaults: those that come while others are set go with them
 
     with dask.config.set(SCHEDULING):
-        logging.getLogger("distributed").setLevel(logging.ERROR)  # errors that matter come back with the outcomes
+        logging.getLogger("distributed").setLevel(logging.ERROR)  # important errors also come with the outcomes
         if place.scheduler is None:
             with _client_of(_local(min(place.workers or cores(), jobs))) as client:
                 yield client
@@ -126,8 +126,8 @@ def _local(workers: int) -> Any:
         threads_per_worker=1,
         processes=True,
         host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",  # any free port, for several batches at once
-        memory_limit=0,  # the worker itself holds no data
+        dashboard_address="127.0.0.1:0",  # any free port, so that several batches can run at once
+        memory_limit=0,  # no limit: the worker itself holds no data
         silence_logs=logging.CRITICAL,
         preload=[IGNORE_CTRL_C],
     )
@@ -149,7 +149,7 @@ def _slurm(place: Place, jobs: int) -> Any:
     return cluster
 
 
-POLL_S: Final = 0.5  # time after which new workers are noticed
+POLL_S: Final = 0.5  # s; new workers are noticed after this time
 
 KILLED: Final = (
     f"its worker died {DEATHS + 1} times while it ran; give it more memory or time, or run it alone to see why."
@@ -158,8 +158,8 @@ KILLED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A call that a child process makes. call: picklable by the name of its function; its return value is dropped, its
-    results are files. log: file for its output.
+    """A call to be made in a child process. call: a function that can be pickled by its name; its return value is
+    dropped, since its results are files. log: file for its output.
     """
 
     name: str
@@ -170,9 +170,9 @@ class Job:
 def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambda: None) -> Iterator[Outcome]:
     """Run all jobs, beginning with the first listed, and yield the outcome of each as it ends.
 
-    tick: called about twice a second while jobs run, for progress visible outside of them. An exception in the caller's
-    loop, such as a signal, stops the running jobs; their processes have ended when it is raised. Raises AnchorposeError
-    where the scheduler cannot be used.
+    tick: called about twice a second while jobs run, to show progress. An exception in the caller's loop, such as a
+    signal, stops the running jobs; their processes have ended when it is raised. Raises AnchorposeError where the
+    scheduler cannot be used.
     """
     if not jobs:
         return
@@ -181,14 +181,14 @@ def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambd
         try:
             yield from _run(client, jobs, group, tick)
         except BaseException:
-            with suppress(Exception):  # the first error is reported
+            with suppress(Exception):  # report the first error
                 client.run(stop_children, group)
             raise
 
 
 def _run(client: Client, jobs: Sequence[Job], group: str, tick: Callable[[], None]) -> Iterator[Outcome]:
-    """Run jobs, at most as many at once as there are threads, since the death of a worker would also count against jobs
-    that wait on it.
+    """Run at most as many jobs at once as there are threads: if a worker dies, the death would also count against jobs
+    that wait on this worker.
 
     A future is released with its outcome. The scheduler then forgets the job, so that a worker's death does not repeat
     it.

@@ -1,7 +1,8 @@
 """Find the sessions of a batch, and name each one's results folder.
 
-Recordings are named one by one, by folder, by pattern, or in a table with one row each. ``batch.json`` records the name
-of each recording in the folder of a batch, over all calls: a name is never reused for another recording.
+The user lists recordings one by one, by folder, by pattern, or in a table with one row per recording. ``batch.json`` in
+the folder of a batch keeps the session name of each recording over all calls, so that a name is never reused for
+another recording.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class Session:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Return the names of the recording and of the folders above it, the recording's last."""
+        """Return the names of the folders above the recording, then of the recording."""
         if isinstance(self.recording, str):
             return parts_of(self.recording)
         path = self.recording.resolve()
@@ -77,7 +78,7 @@ class Session:
 
 
 def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
-    """Find the sessions that a user lists, in the order given; only a table gives them names (``names``).
+    """Find the sessions that a user lists, in the order given; only those from a table have a name yet.
 
     given: recordings (folders, or files of a recorder), folders that contain recordings, addresses, patterns such as
     ``clinic/*/recording``, and tables (``.csv``). options: for all of them; a row of a table overrides them. Raises
@@ -166,18 +167,20 @@ def _value(name: str, text: str, path: Path, number: int) -> object:
 BATCH_FILE: Final = "batch.json"
 LOCK_FILE: Final = ".batch.lock"
 LONGEST_NAME: Final = 100
-"""Limit of a name in bytes: encrypted folders allow 143, and a run adds up to 30, as in .NAME.json.partial-01234567."""
+"""Limit of a name in bytes: encrypted folders allow 143, and a run adds up to 30, for example
+.NAME.json.partial-01234567.
+"""
 
-# names that no file can have on Windows
+# names that Windows does not allow for files
 DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-BEGINNING: Final = 2**20  # bytes of a recorder's file: its header and the first images
+BEGINNING: Final = 2**20  # number of first bytes that identify a recorder's file: header and first images
 DAMAGED: Final = "choose another folder for the batch; the results in this one stay as they are"
 
 
 @dataclass(frozen=True, slots=True)
 class NamedRecording:
-    """An entry of batch.json. recording: its whole path or its address; mark: hash of some of its images, None where it
-    has none or they cannot be read.
+    """An entry of batch.json. recording: its whole path or its address; mark: hash of some of its images, None where
+    there are no readable images.
     """
 
     session: str
@@ -186,8 +189,8 @@ class NamedRecording:
     mark: str | None = None
 
     def is_of(self, other: NamedRecording) -> bool:
-        """Return whether both entries are the same recording: the same images at the same path, or moved from a path
-        that no longer exists.
+        """Return whether both entries are the same recording: they have the same images, and the same path or one path
+        that no longer exists, since the recording was moved.
         """
         same_images = self.mark == other.mark or None in (self.mark, other.mark)
         if self.recording == other.recording:
@@ -210,7 +213,7 @@ def open_folder(out: Path, sessions: Sequence[Session]) -> tuple[Session, ...]:
     if inside:
         raise InputError(out, f"lies inside the recording {inside[0].recording}", "choose a folder outside of it")
     before = _read(mark)
-    _named(sessions, before, out)  # named before the folder is made, so that a refusal leaves no folder
+    _named(sessions, before, out)  # name the sessions first, so that a refusal leaves no folder behind
     with new_folder(out.resolve(), out), FileLock(out / LOCK_FILE):
         before = _read(mark)
         named = _named(sessions, before, out)
@@ -242,8 +245,8 @@ def _write(path: Path, named: Sequence[NamedRecording]) -> None:
 
 
 def _named(sessions: Sequence[Session], before: Sequence[NamedRecording], out: Path) -> tuple[NamedRecording, ...]:
-    """Return an entry per session, with the name that the user gave, the name of an earlier call, or the shortest
-    possible name.
+    """Return an entry per session, with the name that the user gave, else the name from an earlier call, else the
+    shortest possible name.
     """
     own = [NamedRecording("", each.shown, each.subject, _mark_of(each.place)) for each in sessions]
     names = [_given(each) or _earlier(one, before) for each, one in zip(sessions, own, strict=True)]
@@ -260,8 +263,8 @@ def _named(sessions: Sequence[Session], before: Sequence[NamedRecording], out: P
 def _require_own(
     one: NamedRecording, unnamed: bool, others: Sequence[NamedRecording], holder: NamedRecording | None, out: Path
 ) -> None:
-    """Raise InputError where another session of this call has the name, or is of the same recording without its own
-    name, or the name belongs to another recording.
+    """Raise InputError where another session of this call has the same name, where two unnamed sessions are of one
+    recording, or where the name belongs to another recording.
     """
     remedy = "name them in a table with a column 'session'"
     if not unnamed:
@@ -289,7 +292,9 @@ def _earlier(one: NamedRecording, before: Sequence[NamedRecording]) -> str | Non
 
 
 def _free(session: Session, sessions: Sequence[Session], taken: dict[str, NamedRecording]) -> str:
-    """Return the name of the recording's folder, with as many of its parent folders as needed, or with a number."""
+    """Return a free name: that of the recording's folder, preceded by as many parent folders as needed, or followed by
+    a number.
+    """
     parts = session.parts
     ends = ["-".join(parts[-count:]) for count in range(1, len(parts) + 1)]
     counts = [sum(other.parts[-k:] == parts[-k:] for other in sessions) for k in range(1, len(parts) + 1)]
@@ -306,7 +311,7 @@ def _clean(name: str) -> str:
 
 
 def _short(name: str) -> str:
-    """Cut off a name that is too long; a hash of the whole name keeps it distinct."""
+    """Shorten a name that is too long; a hash of the whole name keeps it distinct."""
     if len(name.encode()) <= LONGEST_NAME:
         return name
     start = name.encode()[: LONGEST_NAME - 12].decode(errors="ignore")

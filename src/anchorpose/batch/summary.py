@@ -44,12 +44,11 @@ AGAIN: Final = "write it again with 'anchorpose batch --summary'"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionRow:
-    """One session. state: one of ``STATES``; why: the sentence of a failed one. Other fields are None unless it is
-    done. length_s: from the first frame to the last; the shares are of all joints in all frames; work_s: duration of
-    tracking, by run.json.
+    """One session. state: one of ``STATES``; why: the sentence on the failure, if it failed. Other fields are None
+    unless it is done.
 
-    length_s: from the first frame to the last; the shares are of all joints in all frames; work_s: the time that
-    tracking took, by run.json.
+    length_s: from the first frame to the last; the shares are of all joints in all frames; work_s: duration of
+    tracking, by run.json.
     """
 
     session: str
@@ -93,7 +92,7 @@ def _table(file: str, record: type, **known: tuple[str, ...]) -> RecordTable[Any
 SESSIONS: Final = _table("sessions.parquet", SessionRow, state=STATES)
 MEASURES: Final = _table("measures.parquet", MeasureRow)
 PAGE_FILE: Final = "index.html"
-WRITTEN: Final = (".parquet", ".csv")  # forms of each table
+WRITTEN: Final = (".parquet", ".csv")  # endings of the two files of each table
 MOVE_AWAY: Final = "move it away, or choose another folder for the batch"
 
 
@@ -214,7 +213,7 @@ def _for_spreadsheets(table: pa.Table) -> pa.Table:
     return table
 
 
-MOST_COMPARED: Final = 300  # sessions with measures on the page, which then stays fast; the tables hold all
+MOST_COMPARED: Final = 300  # largest number of sessions whose measures are on the page; the tables hold all
 
 UNKNOWN: Final = Markup('<span title="{}">–</span>')
 

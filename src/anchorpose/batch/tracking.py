@@ -39,7 +39,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
     progress(0, len(sessions))
     for done, outcome in enumerate(run_jobs([_job(session, out) for session in sessions], place), 1):
         outcomes[outcome.name] = outcome.why
-        with suppress(OSError):  # the tables state the failure, too
+        with suppress(OSError):  # the tables also state the failure
             note_outcome(out, outcome)
         progress(done, len(sessions))
     return _summarise(sessions, out, outcomes)
@@ -80,7 +80,7 @@ def _job(session: Session, out: Path) -> Job:
     return Job(session.name, call, out / LOGS_FOLDER / f"{session.name}.log")
 
 
-ENDING_S: Final = 30.0  # time allowed for the child of a killed worker to end
+ENDING_S: Final = 30.0  # s allowed for the child of a killed worker to end
 
 
 def track_session(session: Session, results: Path) -> bool:

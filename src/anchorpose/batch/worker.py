@@ -1,11 +1,11 @@
 """Run a job of the scheduler in its own child process, and wait for it.
 
-None of the work happens in the worker: a crash, a leak or a killed child does not affect it, and a killed worker takes
-its child with it. The worker returns only a sentence, so that no result is lost with it.
+The worker itself does none of the work, so a crash, a leak or a killed child does not affect it. If the worker is
+killed, its child ends too. The worker returns only a sentence, so that no result is lost with it.
 
 The work, a pickled call, comes on the child's standard input. (Anyone who may submit a job to dask can run anything on
-its workers anyway.) Nothing is unpickled from a disk, and results are the files that the work writes. The input stays
-open as long as the requesting process lives. When that is killed, the input ends, and the work is stopped as by a
+its workers anyway.) Nothing is unpickled from a disk. The results of a job are the files that it writes. The input
+stays open as long as the requesting process lives. When that is killed, the input ends, and the work is stopped as by a
 signal, so that its stored state is kept and can be resumed elsewhere.
 """
 
@@ -27,17 +27,17 @@ from typing import Any, Final
 
 KERNELS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
-"""One core per child: as many children as workers run at once."""
+"""Settings by which a child uses one core: as many children run at once as there are workers."""
 
-STOP_S: Final = 15.0  # time allowed for a child to end by itself; longer than ``ABANDONED_STOP_S``
-ABANDONED_STOP_S: Final = 10.0  # time allowed to remove half-written files, and for a kernel to return
-ABANDONED: Final = 143  # exit code of an abandoned worker, the same as after SIGTERM
+STOP_S: Final = 15.0  # s allowed for a child to end by itself; longer than ``ABANDONED_STOP_S``
+ABANDONED_STOP_S: Final = 10.0  # s allowed to remove half-written files, and for a kernel to return
+ABANDONED: Final = 143  # exit code of an abandoned child, the same as after SIGTERM
 TAIL_BYTES: Final = 4096
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of a job: why it failed, None where it was done; its duration."""
+    """The outcome of a job: why it failed (None if it is done), and its duration."""
 
     name: str
     why: str | None = None
@@ -93,7 +93,9 @@ def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
 
 
 def stop_children(group: str) -> None:
-    """Stop the children of a group on this worker and wait for them; no child of the group starts here any more."""
+    """Stop the children of a group on this worker and wait for them; no further child of the group is started on this
+    worker.
+    """
     _stopped.add(group)
     children = tuple(_running.get(group, ()))
     for process in children:
@@ -127,13 +129,13 @@ def do_work() -> int:
     threading.Thread(target=_stop_when_abandoned, daemon=True).start()
 
     def work() -> None:
-        call()  # its return value is not an exit code
+        call()  # its return value must not become the exit code
 
     return exit_code_of(work)
 
 
 def _stop_when_abandoned() -> None:
-    # os.read takes no lock of the stream, which would be held when the process ends
+    # os.read takes no lock of the stream: such a lock would still be held when the process ends
     while os.read(sys.stdin.fileno(), 1):
         pass
     os.kill(os.getpid(), signal.SIGTERM)

@@ -38,8 +38,8 @@ class PoseFigure:
 
 @dataclass(frozen=True, slots=True)
 class PoseRecord:
-    """The record of a camera's pose. sigma_m: sigma of the equipment's position in the camera; sigma_rad: sigma of its
-    direction; None where unknown.
+    """The record of a camera's pose. sigma_m: sigma of the equipment's position relative to the camera; sigma_rad:
+    sigma of its direction; None where unknown.
     """
 
     camera: str
@@ -51,8 +51,8 @@ class PoseRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorResidual:
-    """The quality of a camera's view of the floor: the camera's name, rms of the plane, share of readings on it, tilt
-    against world Y.
+    """The quality of a camera's view of the floor: the camera's name, the root-mean-square residual of the plane, the
+    share of readings on it, its tilt against Y of the world.
     """
 
     camera: str
@@ -73,7 +73,7 @@ class DoubtSource(StrEnum):
 @dataclass(frozen=True, slots=True)
 class PoseDoubt:
     """A doubt about camera poses, as one sentence. off_m: displacement of the seen surfaces, NaN where unknown;
-    refuted: whether it is more than noise and tape measures explain, so that tracking is refused.
+    refuted: True if noise and the accuracy of a tape measure do not explain it, so that tracking is refused.
     """
 
     source: DoubtSource
@@ -85,10 +85,10 @@ class PoseDoubt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """The calibrated cameras. cameras: all with a pose; floor_height_m: Y of the floor in the world, None where no
-    camera sees it; notes: assumptions, one sentence each, for the run's report; poses: one record per camera; doubts:
-    contradictions of poses; displaced_m: known displacement of the patient by the cameras, a part of every joint's
-    error.
+    """The calibrated cameras. cameras: all cameras, each with a pose; floor_height_m: Y of the floor in the world, None
+    where no camera sees it; notes: assumptions, one sentence each, for the run's report; poses: one record per camera;
+    doubts: contradictions of poses; displaced_m: measured displacement of the patient between the cameras, which is
+    part of every joint's error.
     """
 
     cameras: tuple[Camera, ...]

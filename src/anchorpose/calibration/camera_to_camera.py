@@ -1,9 +1,10 @@
 """Find the poses of cameras relative to each other where only people and the floor are known.
 
-Each camera's floor gives its tilt and height. The turn about the vertical and the shift over the floor come from people
-in common view: first from their places over time (``search_ground``), then from their surfaces at the same moments
-(``common_view``). Fitting walls and floor as well was worse on simulated clinics (5 instead of 2 mm): the systematic
-error of a time-of-flight camera bends large distant planes, and a shift along a wall has no effect.
+Each camera's floor gives its tilt and height. The rotation about the vertical and the shift over the floor come from
+people in common view: first from their places over time (``search_ground``), then from their surfaces at the same
+moments (``common_view``). Walls and floor are not fitted: with them, the error was 5 instead of 2 mm on simulated
+clinics, since the systematic error of a time-of-flight camera bends large distant planes, and a shift along a wall
+cannot be seen.
 """
 
 from __future__ import annotations
@@ -25,38 +26,38 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of, pair_
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
-LEAST_SPAN_S: Final = 8.0  # s, shortest recording; people walk too little in less, and 4 s once gave a wrong placement
-PLACES: Final = 8  # search results that are refined; the correct one was always among the first three
-# share of one camera's people that miss the other camera's people; correct placements had 0.01 to 0.06
+LEAST_SPAN_S: Final = 8.0  # s, shortest recording; in less, people walk too little, and 4 s once gave a wrong placement
+PLACES: Final = 8  # number of search results that are refined; the correct one was always among the first three
+# largest share of one camera's people that lies beside the other camera's; for correct placements it was 0.01 to 0.06
 WORST_IMPOSSIBLE: Final = 0.1
 LEAST_COMMON: Final = 0.3  # least overlap of the views; with less, no reading can contradict a wrong placement
-WORST_RESIDUAL_M: Final = 0.008  # m; correct placements had 2 or 3 mm, a front fitted to a back had 11
+WORST_RESIDUAL_M: Final = 0.008  # largest residual; correct placements had 2 or 3 mm, a front fitted to a back 11 mm
 WORST_SIGMA_M: Final = 0.005
-WORST_SIGMA_RAD: Final = 0.0052  # largest sigma of the turn: 0.3 degrees
+WORST_SIGMA_RAD: Final = 0.0052  # largest sigma of the rotation: 0.3 degrees
 ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0  # factors on the limits above, while the clocks are only known to 50 ms
-DISTINCT_M: Final = 0.05  # placements that differ by more are different
+DISTINCT_M: Final = 0.05  # m; placements that differ by more are different placements
 
 CELL_M: Final = 0.1
-MAPPED_MOMENTS: Final = 12  # moments that are drawn into the maps of the ground; more moments add nothing
-REACH_M: Final = 6.0  # m from each camera; beyond it depth cameras see little
+MAPPED_MOMENTS: Final = 12  # number of moments that are drawn into the maps of the ground; more add nothing
+REACH_M: Final = 6.0  # m from each camera; farther away, depth cameras see little
 BLUR_M: Final = 0.12  # m, blur of the maps, since two cameras see different sides of a body
-TURNS: Final = 120  # number of turns tried, one every 3 degrees: at 5 m, a step moves a person by half a body's breadth
-BODY_M: Final = 0.1  # m from visible skin to the middle of a trunk
-LOW_M, HIGH_M = 0.2, 2.2  # heights used: above the floor's noise, below the ceiling
-APART_RAD, APART_M = 0.35, 0.4  # search results whose differences are below both limits are the same placement
+TURNS: Final = 120  # number of directions tried: at 5 m, one step of 3 degrees moves a person by half a body's breadth
+BODY_M: Final = 0.1  # m from visible skin to the middle of a trunk, roughly
+LOW_M, HIGH_M = 0.2, 2.2  # m, range of heights that are used: above the floor's noise, below the ceiling
+APART_RAD, APART_M = 0.35, 0.4  # search results that differ by less than both limits are the same placement
 
 
 @settings
 class PlacingConfig:
     """Settings of how cameras without poses are placed relative to each other by the people they see."""
 
-    moments: Count = 24  # moments compared, spread over the recording so that people walk about between them
-    step_px: Count = 3  # pixels: every third pixel of every third row is compared
+    moments: Count = 24  # number of moments compared, spread over the recording so that people move in between
+    step_px: Count = 3  # every third pixel of every third row is compared
 
 
 class NoCameraToCamera(StrEnum):
-    """The reason why cameras could not be placed relative to each other. It is a result and not an error, since cameras
-    have nothing in common in an empty room.
+    """The reason why cameras could not be placed relative to each other. It is a result and not an error: in an empty
+    room, cameras have nothing in common.
     """
 
     NO_FLOOR = "a camera sees no floor"
@@ -79,8 +80,8 @@ class CameraLink:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraToCamera:
-    """The cameras' poses T_first_camera, (4, 4) each, the first the identity; links: one for every camera but the
-    first.
+    """The poses of all cameras, T_first_camera (4, 4) each, where the first is the identity; links: one for every other
+    camera.
     """
 
     T_first_camera: tuple[np.ndarray, ...]
@@ -90,11 +91,10 @@ class CameraToCamera:
 def find_camera_to_camera(
     recording: Recording, floors: Sequence[FloorPlane | NoFloor], config: PlacingConfig, rough_clocks: bool = False
 ) -> CameraToCamera | NoCameraToCamera:
-    """Find every camera's pose relative to the first camera's, from frames of ``recording`` with synchronised
-    clocks.
+    """Find every camera's pose relative to the first camera's, from frames of ``recording`` with synchronised clocks.
 
     floors: one per camera. Cameras that share little with the first camera are placed through another camera.
-    rough_clocks: whether the clocks are known only to 50 ms; then worse fits are accepted, since the poses serve only
+    rough_clocks: whether the clocks are known only to 50 ms. Then worse fits are accepted, since these poses only serve
     to compare the clocks.
     """
     planes = [floor for floor in floors if isinstance(floor, FloorPlane)]
@@ -139,7 +139,7 @@ def place_cameras(
 
 
 def _common_frames(recording: Recording, moments: int) -> list[FrameSet]:
-    """Return frames, spread over the recording, in which all cameras have a depth frame, nearest in time."""
+    """Return frames, spread over the recording, in which all cameras have a depth frame of about the same time."""
     pairs = pair_frames(recording)
     whole = np.flatnonzero((pairs >= 0).all(axis=1))
     if not len(whole):
@@ -183,11 +183,12 @@ def _is_accurate(fit: SurfaceFit, rough_clocks: bool) -> bool:
 
 
 def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
-    """Return T_first_second (4, 4) between level frames of the best ``PLACES`` placements, best first, all distinct.
+    """Return the ``PLACES`` best distinct placements, best first, each T_first_second (4, 4) between the level frames
+    of the two views.
 
-    Two cameras with a known floor differ by a turn about the vertical and a shift over the floor. For every turn, maps
-    of the ground (of people at the same times, and of the room's walls and furniture) are correlated over all shifts at
-    once.
+    If the floor is known, the pose between two cameras is a rotation about the vertical and a shift over the floor. For
+    every rotation, maps of the ground are correlated over all shifts at once: one map of the people per moment, and one
+    of the room's walls and furniture.
     """
     maps = _maps(first, 0.0)
     size = next_fast_len(2 * maps.shape[1])
@@ -214,7 +215,7 @@ def _maps(view: LevelView, turn: float) -> np.ndarray:
 
 
 def _deeper(points_level_m: np.ndarray) -> np.ndarray:
-    """Return the points of people's skin moved away from the camera, roughly to the bodies' axes."""
+    """Return points on people's skin, moved away from the camera by about half the depth of a body."""
     ground = points_level_m * [1.0, 0.0, 1.0]
     away = ground / np.maximum(np.linalg.norm(ground, axis=1, keepdims=True), 1e-6)
     return np.asarray(points_level_m + BODY_M * away)
@@ -233,7 +234,7 @@ def _map(points_level_m: np.ndarray, turn: float) -> np.ndarray:
 
 
 def _turn(angle: float) -> np.ndarray:
-    """Return the matrix (2, 2) on (x, z) of a right-handed turn about Y."""
+    """Return the matrix (2, 2) that rotates (x, z) about Y, right-handed."""
     return np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
 
 

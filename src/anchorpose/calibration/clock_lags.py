@@ -1,9 +1,9 @@
 """Measure the lags between the cameras' clocks: roughly from signals of motion, then precisely from shared surfaces.
 
-Cameras see different sides of a body, so a movement differs between them in size but not in time. The signal of motion
-is the change of depth, summed in bands of height over the floor. It needs neither poses, nor a background, nor a
-detection of people. With surfaces alone, every lag would have to be tried on full depth frames. With signals alone,
-lags are off by 10 to 60 ms, because cameras on different sides see different parts of a movement.
+Cameras see different sides of a body, so they see a movement with different size, but at the same time. The signal of
+motion is the change of depth, summed in bands of height over the floor. It needs neither poses, nor a background, nor a
+detection of people. But lags from signals are off by 10 to 60 ms, because cameras on different sides see different
+parts of a movement. Surfaces are precise, but with them alone every lag would have to be tried on full depth frames.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from anchorpose.calibration.first_frames import FloorPlane, noise_per_m
 from anchorpose.camera import Camera
 from anchorpose.recording.depth_image import RecordedFrames
 
-BANDS_M: Final = np.linspace(0.1, 2.0, 9)  # m, edges of the height bands; below is the floor, above is nobody
-FAR_JUMP_M: Final = 0.08  # m, change within three frames; with a larger change another surface appears, at any distance
-SIGNAL_STEP_PX: Final = 4  # every fourth pixel of every fourth row is used: a body still has 900
+BANDS_M: Final = np.linspace(0.1, 2.0, 9)  # m, edges of the height bands: the floor is below, nobody reaches above
+FAR_JUMP_M: Final = 0.08  # m, largest change within three frames; with more, another surface appears
+SIGNAL_STEP_PX: Final = 4  # every fourth pixel of every fourth row is used: a body still has 900 pixels
 NOISE_GATE: Final = 4.0  # sigmas of the difference of two readings; smaller changes are noise
-SMOOTH_S: Final = 0.1  # s, width of smoothing: two frames at 15 Hz; limbs start and stop in 0.2 s
-LEAST_OVERLAP_S: Final = 1.5  # s, duration of one movement
-LEAST_OVERLAP: Final = 0.6  # share of the shorter signal; with less overlap, chance agrees as well as truth
-PEAKS_APART_S: Final = 0.4  # s; a second peak nearer than this belongs to the first
-LEAST_PEAK: Final = 0.4  # correlation; on simulated clinics correct lags had 0.41 to 0.84, wrong lags up to 0.42
-CERTAIN_LEAD: Final = 2.0  # times the second peak, for a lag that is accepted without checking it by surfaces
-PEAKS: Final = 4  # number of peaks that are checked by surfaces where none is certain
+SMOOTH_S: Final = 0.1  # s, width of smoothing, two frames at 15 Hz; limbs start and stop in 0.2 s
+LEAST_OVERLAP_S: Final = 1.5  # s, least overlap of two signals: the duration of one movement
+LEAST_OVERLAP: Final = 0.6  # least overlap as a share of the shorter signal; with less, chance agrees as well as truth
+PEAKS_APART_S: Final = 0.4  # s, least distance between two peaks of the correlation; nearer peaks count as one
+LEAST_PEAK: Final = 0.4  # least correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
+CERTAIN_LEAD: Final = 2.0  # factor on the second peak above which a lag is accepted without a check by surfaces
+PEAKS: Final = 4  # number of peaks that are checked by surfaces if none is certain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionSignal:
-    """A camera's motion over time. time_s (n,): times on its clock; speed (n, bands): square root of area times speed
-    of the change in each band.
+    """A camera's motion over time. time_s (n,): times on its clock; speed (n, bands): square root of the sum over each
+    band of area times speed of the change of depth.
     """
 
     time_s: np.ndarray
@@ -47,7 +47,7 @@ class MotionSignal:
 @dataclass(frozen=True, slots=True)
 class SignalLag:
     """A lag by signals. lag_s: the second clock minus the first at the same moment; peak: correlation at this lag;
-    second: best correlation at other lags.
+    second: highest correlation at a lag that belongs to another peak.
     """
 
     lag_s: float
@@ -65,7 +65,8 @@ def motion_signal(
 ) -> MotionSignal:
     """Compute the signal of consecutive frames (time, depth (height, width) float32, 0 = no reading) of one camera.
 
-    level: the floor, None where unknown; then all heights are one band. noise: the factor of ``first_frames``.
+    level: the floor; None if unknown, then all heights are one band. noise: the sensor's noise, see
+    ``first_frames.noise_per_m``.
     """
     step = slice(SIGNAL_STEP_PX // 2, None, SIGNAL_STEP_PX)
     small = [(time_s, depth[step, step]) for time_s, depth in frames]
@@ -90,7 +91,7 @@ def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reac
         return ()
     step_s = 0.5 * min(float(np.median(np.diff(signal.time_s))) for signal in (first, second))
     x, y = (_changes(signal, step_s) for signal in (first, second))
-    start_s = second.time_s[0] - first.time_s[0]  # the lag at which both signals begin together
+    start_s = second.time_s[0] - first.time_s[0]  # lag at which both signals begin at the same time
     shifts = np.arange(
         int(np.ceil((around_s - reach_s - start_s) / step_s)), int((around_s + reach_s - start_s) / step_s) + 1
     )
@@ -131,36 +132,38 @@ def _correlation(x: np.ndarray, y: np.ndarray, shift: int, least: int) -> float:
 
 
 def _vertex(score: np.ndarray, best: int) -> float:
-    """Return the place of the peak of the parabola through a score and its neighbours, in steps from the score."""
+    """Return the position of the peak of the parabola through the score at ``best`` and its neighbours, in steps from
+    ``best``.
+    """
     if not 0 < best < len(score) - 1 or not np.isfinite(score[best - 1 : best + 2]).all():
         return 0.0
     left, middle, right = score[best - 1 : best + 2]
     return float(0.5 * (left - right) / (left - 2.0 * middle + right))
 
 
-FRAMES_KEPT: Final = 300  # 260 MB of a Kinect v2's frames
-MOST_AHEAD_S: Final = 5.0  # largest difference of clocks with a common epoch
-MOST_LATE_S: Final = 15.0  # largest time between the starts of two recorders with unrelated clocks
+FRAMES_KEPT: Final = 300  # number of frames kept in memory: 260 MB for a Kinect v2
+MOST_AHEAD_S: Final = 5.0  # s, largest difference of clocks that share an epoch
+MOST_LATE_S: Final = 15.0  # s, largest time between the starts of two recorders with unrelated clocks
 BLOCK_S: Final = 12.0  # s, duration of the frames for the signals: several movements
-BLOCKS: Final = 3  # blocks tried for the signals, the busiest first
-WINDOW_S: Final = 2.0  # s, duration of the frames for the surfaces
-REACH_S: Final = 0.12  # s, twice the largest error that signals ever had
-SYSTEMATIC_S: Final = 0.001  # s, error of a window besides its residuals: 1 mm of the sensor at 1 m/s
-LEAST_WINDOWS: Final = 2  # windows that must agree where the signals are not certain
-LEAST_FRAMES: Final = 8  # frames of a window at 4 Hz
+BLOCKS: Final = 3  # number of blocks tried for the signals, the busiest first
+WINDOW_S: Final = 2.0  # s, duration of a window from whose frames surfaces are compared
+REACH_S: Final = 0.12  # s, largest error of a lag from signals: twice the largest error ever found
+SYSTEMATIC_S: Final = 0.001  # s, systematic error of a window: 1 mm of the sensor at 1 m/s
+LEAST_WINDOWS: Final = 2  # least number of windows that must agree if the signals are not certain
+LEAST_FRAMES: Final = 8  # least number of frames in a window: 4 Hz
 
 DRIFT_SIGMA: Final = 1e-4  # s/s; a quartz clock is accurate to 100 parts in a million
-PLACES: Final = 4  # places sampled in each tenth of the recording, to find the largest movement
+PLACES: Final = 4  # number of times sampled in each tenth of the recording, to find the largest movement
 STEP_PX: Final = 8  # every eighth pixel of every eighth row suffices to measure the amount of movement
 APART_S: Final = 0.2  # s between the two frames that are compared
-# m; a smaller change of depth is noise, a larger one is another surface that appears
+# m; a smaller change of depth is noise, a larger change is another surface that appears
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 
 @dataclass(slots=True, eq=False)
 class FrameCache:
-    """A reader of depth frames on demand. It counts the frames that were read and keeps the latest in memory, since
-    windows of a short recording overlap.
+    """A reader of depth frames on demand. It keeps the frames read last in memory, since windows of a short recording
+    overlap, and counts the frames read.
     """
 
     source: RecordedFrames
@@ -207,8 +210,8 @@ class PairLag:
 
 @dataclass(frozen=True, slots=True)
 class RoughLag:
-    """A rough lag. lag_s: the camera's clock minus the reference clock, at about at_s, correct within ``REACH_S``;
-    certain: whether it needs no check by surfaces.
+    """A rough lag. lag_s: the camera's clock minus the reference clock at about the reference time at_s, correct within
+    ``REACH_S``; certain: True if it needs no check by surfaces.
     """
 
     lag_s: float
@@ -221,7 +224,8 @@ REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the first camera relative to
 
 
 def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
-    """Return (reference time, amount of movement in m^3) of the time with most movement in each part of the recording.
+    """Return, for each part of the recording, (reference time, amount of movement in m^3) at the time with most
+    movement.
 
     Each part of ``span_s`` is sampled at ``PLACES`` times, with two frames each; a part without frames has no entry.
     """
@@ -236,7 +240,9 @@ def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int)
 
 
 def _motion(frames: FrameCache, time_s: float) -> float:
-    """Return the area times the change between two frames of the reference camera; -1 where they are missing."""
+    """Return the sum of area times change of depth (m^3) between two frames of the reference camera; -1 if a frame is
+    missing.
+    """
     times_s = frames.times_s[0]
     first, last = np.clip(np.searchsorted(times_s, [time_s, time_s + APART_S]), 0, len(times_s) - 1)
     if first == last:
@@ -256,7 +262,7 @@ def rough_lags(
     frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
     """Return the lag of each camera from signals, None where no lag is found. Surfaces decide between a certain lag and
-    the lag of the time stamps or, where no lag is certain, among the best of all lags.
+    the lag by the time stamps or, if no lag is certain, among the best lags.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
@@ -278,15 +284,13 @@ def rough_lags(
 
 
 def stamped_lags(frames: FrameCache) -> list[RoughLag | None]:
-    """Return a lag of zero for cameras whose time stamps may come from the first camera's clock, None for all other
-    cameras.
-    """
+    """Return a lag of zero for each camera whose time stamps may be on the first camera's clock, else None."""
     stamped = [_from_stamps(frames, camera) for camera in range(1, len(frames.cameras))]
     return [REFERENCE, *(found[0] if found else None for found in stamped)]
 
 
 def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
-    """Return the middles of the blocks for the signals: distinct, the busiest, none beyond the recording's ends."""
+    """Return the middle times of the blocks for the signals: the busiest, without overlap, inside the recording."""
     low, high = times_s[0] + BLOCK_S / 2, times_s[-1] - BLOCK_S / 2
     if low >= high:
         return [float(times_s[0] + times_s[-1]) / 2]
@@ -303,8 +307,8 @@ def _from_stamps(frames: FrameCache, camera: int) -> list[RoughLag]:
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
-    """Return the (lag, reach) around which to search: for clocks with a common epoch, and for recorders that were
-    started together.
+    """Return (lag, largest error) pairs to search around: one for clocks that share an epoch, one for recorders that
+    were started together.
     """
     common_s = min(reference_s[-1], other_s[-1]) - max(reference_s[0], other_s[0])
     together = (float(other_s[0] - reference_s[0]), MOST_LATE_S)
@@ -355,8 +359,8 @@ def _best_by_surfaces(
 
 
 def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
-    """Return the lags, minus the rough lags, of all pairs of posed cameras in every window; times may count from
-    1970.
+    """Return the lags of all pairs of posed cameras in every window. Rough lags are subtracted, since times may count
+    from 1970 and would lose digits.
     """
     lags = []
     for at_s in times_s:
@@ -376,7 +380,9 @@ def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Seq
 
 
 def _clip(frames: FrameCache, camera: int, at_s: float, rough: RoughLag | None) -> Clip | None:
-    """Return a camera's frames of a window, extended by its clock's error; None with too few frames or no pose."""
+    """Return a camera's frames of a window, extended by the error of its clock; None with too few frames, without a
+    rough lag or without a pose.
+    """
     if rough is None or frames.cameras[camera].T_world_camera is None:
         return None
     half_s = WINDOW_S / 2 + rough.reach_s

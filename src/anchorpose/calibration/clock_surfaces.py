@@ -1,9 +1,9 @@
 """Measure the lag between two posed cameras from the surfaces that both see.
 
-A point that camera A saw at time t is looked up in B's frames at t + lag. The depth in B at this pixel, interpolated in
-time, and the point's depth in B differ by the error of the lag times the rate at which the depth changes. Tens of
-thousands of such residuals give the lag, by least squares, to below a millisecond. Errors of poses, sensors or clothes
-do not bias it, because the mean of each patch of the depth image is subtracted first.
+A point that camera A saw at time t is projected into camera B at time t + lag. B's reading at this pixel, interpolated
+in time, differs from the depth of the point in B by the error of the lag times the rate at which the depth changes.
+Tens of thousands of such residuals give the lag, by least squares, to below a millisecond. Errors of poses, sensors or
+clothes do not bias it, because the mean of each patch of the depth image is subtracted first.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from anchorpose.calibration.common_view import NORMAL_PX, SurfaceGates, huber_we
 from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
-UNITS_PER_M: Final = 4000.0  # units of the stacks, quarters of a millimetre: 16 bits reach 16 m
-SMOOTH_PX: Final = 3  # window of smoothing; a limb is ten pixels wide
-OPENED_PX: Final = 5  # window that removes single flickering pixels, which do not show a limb
-NOISE_FRAMES: Final = 16  # frames for second differences, whose median is then accurate to a quarter
-SPREAD_FRAMES: Final = 8  # frames of a window in which changing pixels are searched
+UNITS_PER_M: Final = 4000.0  # units per metre in stacks: quarters of a millimetre, so that 16 bits reach 16 m
+SMOOTH_PX: Final = 3  # pixels, window of smoothing; a limb is ten pixels wide
+OPENED_PX: Final = 5  # pixels, window that removes single flickering pixels, which do not show a limb
+NOISE_FRAMES: Final = 16  # number of frames from which noise is measured: its median is then accurate to a quarter
+SPREAD_FRAMES: Final = 8  # number of frames of a window in which moving pixels are searched
 
-STEP_PX: Final = 3  # grid of the points: errors of neighbouring pixels are correlated; a body still has 1700 points
-MOVED_M: Final = 0.01  # m, movement within a clip; a smaller movement does not determine time
-MOVED_GATE: Final = 6.0  # sigmas; twice as much as noise causes in eight frames
-# m, difference of depths, beyond which it is another surface, such as a hand in front of a trunk
+STEP_PX: Final = 3  # grid of points: errors of neighbouring pixels are correlated; a body still has 1700
+MOVED_M: Final = 0.01  # m, least movement within a clip; less does not determine time
+MOVED_GATE: Final = 6.0  # least movement in sigmas of the noise: twice as much as noise causes in eight frames
+# m, largest difference of depths; with more, it is another surface, such as a hand in front of a trunk
 SAME_SURFACE_M: Final = 0.05
-ONE_SURFACE_M: Final = 0.15  # m, change within four frames, 1.1 m/s at 30 Hz; a larger change is a passing edge
-LEAST_FACING: Final = 0.3  # least cosine between normal and ray in both cameras, since flatter surfaces are imprecise
+ONE_SURFACE_M: Final = 0.15  # m, largest change within four frames, 1.1 m/s at 30 Hz; more is a passing edge
+LEAST_FACING: Final = 0.3  # least cosine between normal and ray in both cameras; flatter surfaces are imprecise
 PATCH_PX: Final = 24  # pixels, side of the patches whose mean error is subtracted: 10 cm at 2 m
-CHUNK_S: Final = 0.25  # s within which errors of residuals are correlated
-RATE_GATE: Final = 3.0  # sigmas of the rate's own noise; still surfaces add no evidence and cost time
+CHUNK_S: Final = 0.25  # s; errors of residuals are correlated within this time
+RATE_GATE: Final = 3.0  # least rate in sigmas of its noise; still surfaces add no evidence and cost time
 LEAST_POINTS: Final = 400  # least number of residuals; a hand has fewer
-ROUNDS: Final = 12  # Newton steps; three or four are enough
+ROUNDS: Final = 12  # Newton steps at most; three or four are enough
 SETTLED_S: Final = 2e-5
 
 
@@ -44,9 +44,9 @@ SETTLED_S: Final = 2e-5
 class Clip:
     """Consecutive depth frames of one posed camera and the moving points in them.
 
-    time_s (n,); stack (n, height * width) uint16 in ``UNITS_PER_M``, smoothed, 0 = no reading; noise_m (height *
-    width,): deviation of still readings over time; points_world_m, normals_world (m, 3) float64; frame (m,): the frame
-    of each point.
+    time_s (n,); stack (n, height * width) uint16: smoothed depth in ``UNITS_PER_M``, 0 = no reading; noise_m (height *
+    width,): standard deviation of still readings over time; points_world_m, normals_world (m, 3) float64: points on
+    moving surfaces; frame (m,): index of each point's frame.
     """
 
     camera: Camera
@@ -61,8 +61,8 @@ class Clip:
 @dataclass(frozen=True, slots=True)
 class SurfaceLag:
     """A lag by surfaces. lag_s: the second clock minus the first at the same moment; sigma_s: its standard error;
-    points: number of residuals; misfit_m: root mean square of all residuals at this lag, where each is limited to the
-    residual of another surface.
+    points: number of residuals; misfit_m: root mean square of all residuals at this lag, where larger residuals count
+    as ``SAME_SURFACE_M``.
     """
 
     lag_s: float
@@ -88,8 +88,8 @@ def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Cli
 def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
     """Return the lag within ``reach_s`` of ``around_s``; None where the cameras share too little movement.
 
-    It begins with the best of evenly spaced lags, then takes Newton steps on the robust least squares of both
-    directions together. The standard error allows for correlated errors of residuals within ``CHUNK_S``.
+    The search begins with the best of evenly spaced lags, then takes Newton steps on the robust least squares of both
+    directions together. The standard error takes into account that errors within ``CHUNK_S`` are correlated.
     """
     there, back = _look_up(first, second), _look_up(second, first)
     step_s = 0.5 * there.period_s
@@ -114,8 +114,8 @@ def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LookUp:
-    """Points of the source clip that are looked up in the target's frames: (n,) source frame, flat pixel index and
-    depth_m in the target; period_s: time between two frames of the target.
+    """Points of the source clip, projected into the camera of the target clip. Arrays (n,): frame in the source, flat
+    pixel index and depth_m in the target; period_s: time between two frames of the target.
     """
 
     source: Clip
@@ -135,15 +135,17 @@ def _smoothed(depth_m: np.ndarray) -> np.ndarray:
 
 
 def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
-    """Return the deviation (height, width) float32 of each pixel's readings, from second differences over time.
+    """Return (height, width) float32: the standard deviation of each pixel's readings, estimated from second
+    differences over time.
 
-    A floor at a grazing angle and edges of objects flicker many times more than a wall. Steady movement has no second
-    difference, and the median ignores other movement; where readings are missing the noise is that of the whole image.
+    A floor at a grazing angle and edges of objects flicker many times more than a wall. The second difference of a
+    steady movement is zero, and the median ignores other movement. If a pixel lacks readings, the noise of the whole
+    image is used.
     """
     chosen = np.unique(np.linspace(1, len(depths_m) - 2, NOISE_FRAMES).astype(int))
     before, now, after = depths_m[chosen - 1], depths_m[chosen], depths_m[chosen + 1]
     second = np.where((before > 0) & (now > 0) & (after > 0), np.abs(before - 2.0 * now + after), np.inf)
-    ordered = np.sort(second.reshape(len(second), -1).T, axis=1)  # the median, in a fifth of numpy's time
+    ordered = np.sort(second.reshape(len(second), -1).T, axis=1)  # median, in a fifth of numpy's time
     middle = (ordered[:, (len(second) - 1) // 2] + ordered[:, len(second) // 2]).reshape(second.shape[1:]) / 2.0
     noise = middle / (MAD_OF_NORMAL * np.sqrt(6.0))
     known = np.isfinite(noise)
@@ -193,9 +195,9 @@ def _look_up(source: Clip, target: Clip) -> _LookUp:
 
 
 def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return, for each point that both cameras see at this lag: its index, the target's depth minus its own (m), and
-    the rate and the slope of the target's depth (m/s), from the outer and the inner two of four frames, so that their
-    noise is independent.
+    """Return, for each point that both cameras see at this lag: its index; the target's depth minus its own (m); and
+    the rate of change of the target's depth (m/s), once from the outer and once from the inner two of four frames, so
+    that their noise is independent.
 
     The depth comes from the frames just before and after, its rate from the frames around these: common noise would
     pull the lag towards the middle between two frames.
@@ -221,8 +223,8 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
 
 
 def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
-    """Return the mean squared residual of both directions, where each residual is limited to that of another surface;
-    NaN with too few residuals.
+    """Return the mean squared residual of both directions, where larger residuals count as ``SAME_SURFACE_M``; NaN with
+    too few residuals.
     """
     both = [_residuals(look, lag, every=4)[1] for look, lag in ((there, lag_s), (back, -lag_s))]
     residual = np.concatenate(both)
@@ -232,8 +234,8 @@ def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
 
 
 def _normal_equation(look: _LookUp, lag_s: float) -> tuple[float, np.ndarray, int]:
-    """Return the derivative by the lag of the sum of rates times residuals, these sums by chunks of time, and the
-    number of residuals; at the true lag the sums are uncorrelated.
+    """Return the derivative by the lag of the sum of rates times residuals, the sums in each chunk of time, and the
+    number of residuals. At the true lag, the sums are uncorrelated.
     """
     index, residual, rate, slope = _residuals(look, lag_s)
     same = np.abs(residual) < SAME_SURFACE_M

@@ -1,7 +1,7 @@
 """Find the clocks of all cameras from the movement in front of them.
 
-There are two steps. The amount of movement at each height (``clock_lags``) gives the lag, within several seconds, to
-about a twentieth of a second, with or without poses. Where the poses are known, the surfaces that two cameras share
+There are two steps. The amount of movement at each height (``clock_lags``) gives lags of up to several seconds to about
+a twentieth of a second, with or without poses. If the poses are known, the surfaces that two cameras both see
 (``clock_surfaces``) then give the lag to a millisecond.
 """
 
@@ -34,15 +34,15 @@ from anchorpose.recording.depth_image import RecordedFrames
 from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.settings import settings
 
-ROUNDS: Final = 20  # rounds, each of which removes one lag; no recording had more wrong lags
-OUTLIER_GATE: Final = 5.0  # standard deviations beyond which a lag is removed
+ROUNDS: Final = 20  # largest number of lags that are removed, one per round; no recording had more wrong lags
+OUTLIER_GATE: Final = 5.0  # standard deviations; a lag that is farther off is removed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClockFit:
-    """The fitted clocks. ahead_s, drift (cameras,): how far each clock is ahead of the first camera's at at_s, and its
-    drift, NaN where no lag reaches the camera; covariance (cameras, 2, 2) of both; used: the kept lags; residual_s:
-    root mean square of their residuals.
+    """The fitted clocks. ahead_s, drift (cameras,): how far each clock is ahead of the first camera's at the time at_s,
+    and its drift, NaN if no lag links the camera to the first; covariance (cameras, 2, 2) of both; used: the lags that
+    were not removed; residual_s: root mean square of their residuals.
     """
 
     at_s: float
@@ -84,7 +84,9 @@ def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
 
 
 def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
-    """Return (2 * cameras,) the derivative of the lag by (ahead, drift) of each clock; the first camera's are 0."""
+    """Return (2 * cameras,): the derivative of the lag with respect to (ahead, drift) of each clock; 0 for the first
+    camera.
+    """
     row = np.zeros(2 * cameras)
     row[2 * lag.second : 2 * lag.second + 2] = 1.0, lag.at_s - at_s
     row[2 * lag.first : 2 * lag.first + 2] = -1.0, at_s - lag.at_s
@@ -93,13 +95,13 @@ def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
 
 
 def _solve(lags: Sequence[PairLag], cameras: int, at_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values (2 * cameras,) and their covariance."""
+    """Return ahead and drift of all clocks (2 * cameras,) and their covariance."""
     rows = np.array([_row(lag, cameras, at_s) for lag in lags])
     weight = np.array([lag.sigma_s**-2 for lag in lags])
     information = (rows * weight[:, None]).T @ rows
     information[np.arange(1, 2 * cameras, 2), np.arange(1, 2 * cameras, 2)] += DRIFT_SIGMA**-2
     ahead = np.arange(0, 2 * cameras, 2)
-    information[ahead, ahead] += 1e-12 * (weight.max() + 1.0)  # for cameras that no lag reaches
+    information[ahead, ahead] += 1e-12 * (weight.max() + 1.0)  # invertible also if no lag reaches a camera
     covariance = np.linalg.inv(information)
     covariance[:2] = covariance[:, :2] = 0.0
     return covariance @ (rows.T @ (weight * [lag.lag_s for lag in lags])), covariance
@@ -115,22 +117,22 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
     return reached
 
 
-WINDOWS: Final = 10  # windows over the whole recording: a drift shows between its ends, and some windows show little
-SPREAD: Final = 3  # every third window is compared first; these windows span the recording
-CONFIRMING: Final = 4  # windows whose lags show whether the time stamps are correct to a tenth of a second
-AGREEING: Final = 0.75  # share of the compared windows, and of their lags, that have to agree
-APART_S: Final = 0.01  # s, scatter of the lags: a sixth of the time between frames at 15 per second
-ENOUGH_S: Final = 0.002  # accuracy at either end of the recording: 1 mm of a limb that moves at half a metre a second
-SIGNAL_SIGMA_S: Final = 0.03  # standard deviation of the lags from signals, on simulated clinics
-WORST_SIGMA_S: Final = 0.008  # accuracy at either end of the recording: half of the usual time between paired frames
-FLOOR_FRAMES: Final = 9  # frames of a camera without a background: their median contains few people
+WINDOWS: Final = 10  # number of windows over the whole recording, since drift shows between its ends
+SPREAD: Final = 3  # every third window is compared first, so that the first windows span the recording
+CONFIRMING: Final = 4  # number of windows whose lags show whether the time stamps are correct to a tenth of a second
+AGREEING: Final = 0.75  # least share of the compared windows, and of their lags, that must agree
+APART_S: Final = 0.01  # s, largest scatter of lags that agree: a sixth of the time between frames at 15 Hz
+ENOUGH_S: Final = 0.002  # s, sigma at both ends of the recording that needs no more windows: 1 mm of a limb at 0.5 m/s
+SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the lags from signals on simulated clinics
+WORST_SIGMA_S: Final = 0.008  # s, largest accepted sigma at both ends: half of the usual time between paired frames
+FLOOR_FRAMES: Final = 9  # number of frames whose median replaces a missing background: it has few people
 
 
 @settings
 class ClockConfig:
     """Settings of how the clocks of several cameras are compared."""
 
-    estimate: bool = True  # False: the time stamps are used as they are
+    estimate: bool = True  # False: the time stamps are used unchanged
 
 
 class ClockSource(StrEnum):
@@ -144,9 +146,7 @@ class ClockSource(StrEnum):
 
 
 class NoClock(StrEnum):
-    """The reason why a clock was not corrected. It is a result and not an error, since nothing moves in an empty
-    room.
-    """
+    """The reason why a clock was not corrected. It is a result and not an error: in an empty room, nothing moves."""
 
     SWITCHED_OFF = "clocks are not to be estimated"
     FEW_FRAMES = "too few depth frames"
@@ -171,8 +171,8 @@ class CameraClock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clocks:
-    """All cameras' clocks, the reference first; residual_s: root mean square of the lags from the clocks, None without
-    lags; frames_read: cost of the estimate.
+    """All cameras' clocks, the reference first; residual_s: root-mean-square difference between measured lags and
+    clocks, None without lags; frames_read: number of depth frames read for the estimate.
     """
 
     cameras: tuple[CameraClock, ...]
@@ -186,10 +186,10 @@ class Clocks:
 
 
 def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: ClockConfig) -> tuple[Recording, Clocks]:
-    """Return ``recording`` with all times on the first camera's clock; its time stamps must be untouched.
+    """Return ``recording`` with all times on the first camera's clock; its times must be the recorded time stamps.
 
-    cameras: as in the recording, with the poses known so far. With poses the clocks are more accurate, so this is
-    called before and after poses are found. A clock that cannot be estimated stays unchanged.
+    cameras: as in the recording, with the poses known so far. With poses the clocks are more accurate, so call this
+    before and again after poses are found. A clock that cannot be estimated stays unchanged.
     """
     frames = RecordedFrames(recording, tuple(cameras))
     wanted = config.estimate and len(cameras) > 1
@@ -199,7 +199,7 @@ def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: Clock
 
 
 def clocks_of_results(cameras: Sequence[Camera], known: Mapping[str, Clock]) -> Clocks:
-    """Take the clocks of an earlier run of the same recording, by camera name, instead of estimating them."""
+    """Return the clocks of an earlier run of the same recording, by camera name, instead of estimated clocks."""
     others = (CameraClock(camera.name, known[camera.name], ClockSource.RESULTS) for camera in cameras[1:])
     return Clocks((_reference(cameras), *others), None, 0)
 
@@ -225,8 +225,8 @@ def _level(frames: RecordedFrames, index: int) -> FloorPlane | None:
 def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None], config: ClockConfig) -> Clocks:
     """Estimate the offset and drift of every camera's clock against the first camera's clock.
 
-    levels: one per camera, see ``motion_signal``: from the world's Y for cameras with a pose, from the floor for
-    others. If there is too little motion to estimate a clock, it is kept, and ``doubt`` states why.
+    levels: one per camera, as ``motion_signal`` needs it: the plane Y = 0 of the world for cameras with a pose, the
+    floor for others. If there is too little motion to estimate a clock, it is kept, and ``doubt`` states why.
     """
     count = len(source.cameras)
     if count == 1 or not config.estimate:
@@ -253,7 +253,8 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
 
 
 def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
-    """Return whether the lags of the first windows confirm the rough lags; if these are wrong, the lags scatter.
+    """Return whether the lags of the first windows confirm the rough lags; if the rough lags are wrong, these lags
+    scatter.
 
     tried: number of windows in which lags were searched; a short recording has two.
     """
@@ -265,7 +266,7 @@ def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
 
 
 def _agree(fit: ClockFit, lags: Sequence[PairLag]) -> bool:
-    """Return whether nearly all lags agree with one set of clocks, all of which are known."""
+    """Return whether nearly all lags agree with the fitted clocks, and the clocks of all cameras are known."""
     known = bool(np.isfinite(fit.ahead_s).all())
     return known and len(fit.used) >= AGREEING * len(lags) and fit.residual_s <= APART_S
 
@@ -277,8 +278,8 @@ def _fit(
     left_s: Sequence[float],
     span_s: tuple[float, float],
 ) -> ClockFit | None:
-    """Fit the clocks to the lags of the first windows, and of as many remaining ones as they need; None without
-    lags.
+    """Fit the clocks to the lags of the first windows. While they are not accurate enough, add remaining windows. None
+    without lags.
     """
     fit = fit_clocks(lags, len(rough)) if lags else None
     for at_s in left_s:
@@ -317,14 +318,14 @@ def _camera_clock(
     if rough is None or not rough.certain:
         doubt = NoClock.UNSURE if lags or rough is not None else NoClock.NO_MOTION
         return CameraClock(name, Clock(), ClockSource.KEPT, lags=lags, doubt=doubt)
-    if abs(rough.lag_s) < 3.0 * SIGNAL_SIGMA_S:  # no evidence against its time stamps
+    if abs(rough.lag_s) < 3.0 * SIGNAL_SIGMA_S:  # nothing contradicts its time stamps
         return CameraClock(name, Clock(), ClockSource.KEPT, lags=lags, doubt=NoClock.UNSURE)
     clock = Clock(ahead_s=rough.lag_s, at_s=rough.at_s)
     return CameraClock(name, clock, ClockSource.SIGNALS, SIGNAL_SIGMA_S, None, lags)
 
 
 def clock_notes(clocks: Clocks) -> tuple[str, ...]:
-    """Return one sentence per camera except the first; none where clocks were not to be estimated."""
+    """Return one sentence per camera except the first; no sentences if clocks were not to be estimated."""
     first = clocks.cameras[0].camera
     return tuple(_sentence(found, first) for found in clocks.cameras[1:] if found.doubt is not NoClock.SWITCHED_OFF)
 

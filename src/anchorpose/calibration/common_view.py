@@ -1,11 +1,12 @@
-"""Compare the people that two cameras see at the same moments: the pose between them, and how far surfaces disagree.
+"""Compare the people that two cameras see at the same moments, to find the pose between the cameras, or how far the
+surfaces disagree.
 
 The pose is refined by point-to-plane least squares with projective association in both directions (Chen and Medioni
 1992, doi:10.1016/0262-8856(92)90066-C).
 
-Room and people are used together: floor and walls give tilt and height, people give the shift along them. Room and
-people each have half of the weight, so that a wide room does not decide alone. A wrong focal length displaces the far
-ends of a room, but not the people.
+To find a disagreement, room and people are used together: floor and walls determine tilt and height, people determine
+the shift along them. Room and people each have half of the weight, so that a large room does not decide alone. A wrong
+focal length displaces the far ends of a room, but not the people.
 """
 
 from __future__ import annotations
@@ -20,20 +21,20 @@ import numpy as np
 from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane, level_of_pose
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
-NEARER_M: Final = 0.12  # people stand off the room by more than this
-SURFACE_STEP_M: Final = 0.07  # depth difference up to which neighbours are on one surface
-NORMAL_PX: Final = 2  # a normal is computed from neighbours this many pixels away
-RIM_PX: Final = 7  # 2 cm at 2 m to either side: movement of a limb in the 30 ms between two frames
-# m, largest distance of paired points in each step; the poses at the start are within 0.3 m
+NEARER_M: Final = 0.12  # m, least distance of people from the room behind them
+SURFACE_STEP_M: Final = 0.07  # m, largest depth difference between neighbours on one surface
+NORMAL_PX: Final = 2  # a normal is computed from the neighbours this many pixels away
+RIM_PX: Final = 7  # pixels, 2 cm at 2 m to either side: movement of a limb in the 30 ms between two frames
+# m, largest distance of paired points in each step; the initial poses are off by at most 0.3 m
 GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
-WORST_CONDITION: Final = 1e9  # condition number beyond which the data leave a turn or a shift undetermined
-SAME_WAY: Final = 0.8  # cosine between the normals of one surface in two cameras
-HUBER: Final = 1.5  # robust deviations beyond which a residual loses weight
+WORST_CONDITION: Final = 1e9  # condition number beyond which the data leave a rotation or a shift undetermined
+SAME_WAY: Final = 0.8  # least cosine between the normals of one surface in two cameras
+HUBER: Final = 1.5  # robust deviations; larger residuals lose weight
 LEAST_PAIRS: Final = 200  # least number of pairs of points; a hand has fewer
 
 
 class SurfaceGates(NamedTuple):
-    """Limits for pixels with a normal: largest depth step across it, least cosine between normal and ray."""
+    """Limits for pixels with a normal: largest depth step between neighbours, least cosine between normal and ray."""
 
     step_m: float
     least_facing: float
@@ -44,8 +45,8 @@ GATES: Final = SurfaceGates(2.0 * SURFACE_STEP_M, 0.25)  # flatter surfaces are 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """Surface points of one depth frame: points, normals (n, 3) float64, camera frame; person (n,) bool: points not on
-    the room.
+    """Surface points of one depth frame: points, normals (n, 3) float64, camera frame; person (n,) bool: points on
+    people, not on the room.
     """
 
     points_m: np.ndarray
@@ -58,8 +59,8 @@ class LevelView:
     """One camera's view in a frame that stands on the floor.
 
     T_level_camera (4, 4): Y up, origin on the floor below the camera, X level along its optical axis; depths_m: its
-    frames (height, width), at the moments that all cameras share; smooth_m: from ``_smoothed``; people (height, width)
-    bool: pixels of people, with a rim; seen: one per frame.
+    depth frames (height, width) at the moments that all cameras share; smooth_m: the same after ``_smoothed``; people
+    (height, width) bool, one per frame: pixels of people, with a rim; seen: surface points, one entry per frame.
     """
 
     camera: Camera
@@ -73,9 +74,9 @@ class LevelView:
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceFit:
     """The fitted pose T_first_second (4, 4) between camera frames. residual_m: robust deviation from point to plane;
-    impossible: share of one camera's people that fall beside the people whom the other camera sees, in the worse
-    direction; common: share that falls into the other camera's depth image, in the worse direction; sigma_m, sigma_rad:
-    standard errors of position and turn, for independent moments.
+    impossible: share of one camera's people that lie where the other camera sees no people, for the worse of the two
+    cameras; common: share that lies inside the other camera's depth image, for the worse of the two; sigma_m,
+    sigma_rad: standard errors of position and rotation if moments are independent.
     """
 
     T_first_second: np.ndarray
@@ -145,7 +146,7 @@ def _surface_points(camera: Camera, smooth_m: np.ndarray, room_m: np.ndarray, st
     rows, columns = (grid.ravel() for grid in np.mgrid[height, width])
     points, normals, good = points_with_normals(camera, smooth_m, rows, columns, GATES)
     room = room_m[rows, columns]
-    # where the room is out of range, readings are of people
+    # where the room is out of range, all readings are on people
     person = (room <= 0) | (smooth_m[rows, columns] < room - NEARER_M)
     return Seen(points[good], normals[good], person[good])
 
@@ -153,8 +154,8 @@ def _surface_points(camera: Camera, smooth_m: np.ndarray, room_m: np.ndarray, st
 def points_with_normals(
     camera: Camera, smooth_m: np.ndarray, rows: np.ndarray, columns: np.ndarray, gates: SurfaceGates
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points and unit normals (n, 3) at pixels at least ``NORMAL_PX`` from the border, and whether both are
-    usable.
+    """Return points and unit normals (n, 3) at pixels that are at least ``NORMAL_PX`` from the border, and (n,) bool:
+    whether they are usable.
 
     Usable points lie, with their four neighbours, on one surface that faces the camera.
     """
@@ -182,11 +183,11 @@ def huber_weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> SurfaceFit | None:
-    """Fit the turn about the vertical and the shift over the floor, from a first guess whose tilt and height are
+    """Fit the rotation about the vertical and the shift over the floor, from a first guess whose tilt and height are
     correct.
 
-    Moments are frames at the same position in both views. The result is None where both see too little in common. Walls
-    are left out: a shift along a wall has no effect, and walls would hold the cameras back.
+    Frames at the same index in both views are of the same moment. None if both see too little in common. Walls are left
+    out: a shift along a wall cannot be seen, and walls would hold the cameras at the first guess.
     """
     up, ahead, aside = first.T_level_camera[[1, 0, 2], :3]
     zero = np.zeros(3)
@@ -212,8 +213,8 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
 
 
 def outside_silhouette(target: LevelView, source: LevelView, T_target_source: np.ndarray) -> tuple[float, float]:
-    """Return two shares of the source's people: the share at pixels where the target has a reading and no people, and
-    the share inside the target's depth image.
+    """Return two shares of the source's points on people: the share at pixels where the target has a reading but no
+    people, and the share inside the target's depth image.
     """
     outside = readings = inside = total = 0
     for depth, people, seen in zip(target.depths_m, target.people, source.seen, strict=True):
@@ -230,8 +231,8 @@ def outside_silhouette(target: LevelView, source: LevelView, T_target_source: np
 def _pairs(
     target: LevelView, source: LevelView, T_target_source: np.ndarray, gate_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the source's points, the target's points and normals there, (n, 3), target frame, and the moment (n,) of
-    each.
+    """Return the paired points of source and target and the target's normals, (n, 3) each in the target frame, and the
+    moment (n,) of each pair.
     """
     found = []
     for moment, seen in enumerate(source.seen):
@@ -254,11 +255,12 @@ def paired_rows(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the least-squares rows of the pairs within ``gate_m``, in both directions.
 
-    jacobian (n, 6) for a small turn and shift in the first frame, residual (n,) metres, moment (n,).
+    jacobian (n, 6): derivative by a small rotation and shift in the first frame; residual (n,) in metres; moment (n,)
+    of each pair.
     """
     points, there, normal, moment = _pairs(first, second, T_first_second, gate_m)
     back, seen, back_normal, back_moment = _pairs(second, first, invert_rigid(T_first_second), gate_m)
-    # residuals in the second frame are rotated into the first; they belong to the other camera's points, so the sign is
+    # rows of the second frame are rotated into the first; they are about the first camera's points, so the sign is
     # reversed
     here, seen = transform_points(T_first_second, back), transform_points(T_first_second, seen)
     turned = back_normal @ T_first_second[:3, :3].T
@@ -268,7 +270,7 @@ def paired_rows(
 
 
 def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return T after the turn step[:3] about the origin and the shift step[3:]."""
+    """Return T followed by the rotation step[:3] about the origin and the shift step[3:]."""
     motion = np.eye(4)
     motion[:3, :3], _ = cv2.Rodrigues(step[:3])
     motion[:3, 3] = step[3:]
@@ -278,22 +280,22 @@ def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
 DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)  # a wrong lens leaves 5 cm
 ROOM_PX, PEOPLE_PX = 6, 3  # grid steps in pixels: every sixth pixel for the room, every third for people
 LEAST_SURFACE_PAIRS: Final = 500
-# with less, correct poses had up to 32 mm and 26 mm, otherwise up to 9; without people it is often 0.001
+# least ``_support``; below, correct poses seemed 26 and 32 mm off, above up to 9; often 0.001 without people
 LEAST_SUPPORT: Final = 0.02
-STEP_M, STEP_RAD = 0.1, 0.2  # standard deviations that damp each step in undetermined directions
-# m between compared surfaces, for a motion and for the given pose; farther surfaces are different ones
+STEP_M, STEP_RAD = 0.1, 0.2  # m and rad: standard deviations that damp each step in undetermined directions
+# m, largest distance of compared surfaces, for a motion and for the given pose; farther surfaces are different
 COMPARED_M: Final = 0.15
-# share of the given pose's misfit: a motion along which surfaces slide fits no better, however far it goes
+# largest share of the given pose's misfit; a motion along which surfaces merely slide fits no better
 BETTER: Final = 0.8
-# m; correct poses leave up to 6 mm; a lens that is 2 % wrong leaves 15 to 25, and the turn is then meaningless
+# m, largest residual; correct poses leave up to 6 mm, a lens that is 2 % wrong 15 to 25: no rotation is stated
 TIGHT_M: Final = 0.010
 
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
     """The displacement between two cameras. off_m: displacement of the people or, without people, of the room; if no
-    motion fits better than the given poses, the median distance of the surfaces. turn_rad: None where the surfaces do
-    not fit closely enough.
+    motion fits better than the given poses, the median distance of the surfaces. turn_rad: the rotation, None where the
+    surfaces do not fit closely enough.
     """
 
     off_m: float
@@ -351,7 +353,7 @@ def find_displacement(first: LevelView, second: LevelView) -> Displacement | Non
 
 
 def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> float:
-    """Return the median distance of the surfaces that both cameras see, among distances within ``COMPARED_M``."""
+    """Return the median distance of the surfaces that both cameras see; distances above ``COMPARED_M`` are left out."""
     _, residual, _ = paired_rows(first, second, T_first_second, COMPARED_M)
     return float(np.median(np.abs(residual))) if len(residual) else 0.0
 
@@ -365,7 +367,9 @@ def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
 
 
 def _support(jacobian: np.ndarray, weight: np.ndarray, place_m: np.ndarray) -> float:
-    """Return the share of the weight that determines a shift in the least determined direction, if the turn is free."""
+    """Return the share of the weight that determines a shift in the direction in which it is least determined, if the
+    rotation is free.
+    """
     about_place = jacobian.copy()
     about_place[:, :3] -= np.cross(place_m, jacobian[:, 3:])
     mean = (about_place * weight[:, None]).T @ about_place / weight.sum()

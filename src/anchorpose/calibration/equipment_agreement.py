@@ -1,6 +1,7 @@
-"""Check that cameras which saw the equipment fit together: one floor, and no camera sees through another's surfaces.
+"""Check that the poses of cameras that saw the equipment are consistent: one floor, and no camera sees through a
+surface that another camera sees.
 
-For equipment that looks the same from several sides, the module also finds which of its turns each camera saw, and in
+For equipment that looks the same from several sides, the module also finds from which side each camera saw it, and in
 which direction X points.
 """
 
@@ -20,25 +21,25 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
-APART_M: Final = 0.20  # m; people move between the frames of two cameras, and surfaces are rough
+APART_M: Final = 0.20  # m, least distance of a reading behind a point that counts as seen through
 NOISE_GATE: Final = 4.0
-POINTS: Final = 3000  # points of each depth frame
-FRAMES: Final = 6  # frames that are compared at most
-ABOVE_FLOOR_M: Final = 0.15  # m; points below are left out, since the floor agrees whatever direction a camera faces
-FLOOR_SIGMA_M: Final = 0.002  # height error of the floor that all cameras see together
-FLOOR_SIGMA_RAD: Final = 0.0009  # 0.05 degrees
-MOST_DISAGREEMENT: Final = 0.25  # largest share of one camera's points that another sees through
-LEAST_LEAD: Final = 0.15  # lead in disagreement by which the best of symmetric choices must be better than the next
-LEAST_COMPARED: Final = 300  # points that must be compared
+POINTS: Final = 3000  # number of points of each depth frame
+FRAMES: Final = 6  # largest number of frames that are compared
+ABOVE_FLOOR_M: Final = 0.15  # m; lower points are left out, since the floor agrees whatever direction a camera faces
+FLOOR_SIGMA_M: Final = 0.002  # m, error of the floor's height from all cameras together
+FLOOR_SIGMA_RAD: Final = 0.0009  # the same of its direction: 0.05 degrees
+MOST_DISAGREEMENT: Final = 0.25  # largest share of one camera's points that another camera sees through
+LEAST_LEAD: Final = 0.15  # least difference in disagreement between the best and the second of symmetric choices
+LEAST_COMPARED: Final = 300  # least number of points that must be compared
 
 REMEDY: Final = (
     "compare equipment.json with the room, add a background.png of the empty room, or give camera_to_world yourself"
 )
 
 ChooseHeading = Callable[[tuple[Camera, ...], float, Sequence[np.ndarray]], int | None]
-"""Function that returns which of several level unit vectors the patient faces, None where unsure, from all cameras with
-their poses in Gamma_0 and the floor's Y. It needs a body model, which calibration does not have, so the caller passes
-it in.
+"""A function that returns the index of the direction that the patient faces, among several level unit vectors; None if
+unsure. It gets all cameras with their poses in Gamma_0 and Y of the floor. It needs a body model, which calibration
+does not have, so the caller passes it in.
 """
 
 
@@ -76,10 +77,11 @@ def share_seen_through(
     floor_height_m: float,
     noise_per_m: float,
 ) -> float | None:
-    """Return the share of one camera's unhidden points that the other camera sees through; None for too few points.
+    """Return the share of one camera's points that the other camera sees through, among points not hidden from the
+    other; None for too few points.
 
-    Both directions are counted, over pairs of depth frames of about the same moment. cameras: two cameras with poses;
-    depths_m: frames (height, width) of the first and the second camera, 0 = no reading.
+    Both directions count. depths_m holds pairs of depth frames of about the same moment. cameras: two cameras with
+    poses; depths_m: frames (height, width) of the first and the second camera, 0 = no reading.
     """
     tested = through = 0
     for pair in depths_m:
@@ -128,8 +130,8 @@ def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> Fl
 
 
 def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], seen: Sequence[SeenEquipment]) -> None:
-    """Raise InputError where one camera sees through surfaces that another sees; one of the two poses is newly
-    found.
+    """Raise InputError where one camera sees through surfaces that another sees; only pairs in which at least one pose
+    was newly found are checked.
     """
     of_index = {one.index: one for one in seen}
     for a, b in product(range(len(cameras)), range(len(cameras))):
@@ -148,8 +150,8 @@ def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], see
 def resolve_symmetry(
     inputs: EquipmentInputs, seen: Sequence[SeenEquipment], choose_heading: ChooseHeading | None
 ) -> tuple[list[Camera], list[str]]:
-    """Return the cameras with poses in one world, in which X is the direction that the patient faces, and notes on how
-    it was chosen.
+    """Return the cameras with poses in one world whose X is the direction that the patient faces, and notes on how it
+    was chosen.
     """
     given = [camera.T_world_camera is not None for camera in inputs.recording.cameras]
     cameras = list(inputs.recording.cameras)

@@ -11,16 +11,17 @@ import numpy as np
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel, Mesh
 
-MARGIN_PX: Final = 6  # pixels around the equipment; the profiles across the outline have this length
-SUBPIXEL: Final = 8  # rays between two pixels: the outline is precise to a sixteenth of a pixel
-JUMP_M: Final = 0.08  # m between neighbouring pixels of the equipment, where one part ends in front of another
+MARGIN_PX: Final = 6  # pixels around the equipment; profiles across the outline have this length
+SUBPIXEL: Final = 8  # number of rays between two pixels: the outline is precise to a sixteenth of a pixel
+JUMP_M: Final = 0.08  # m, step of depth between neighbouring pixels at which one part ends in front of another
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rendering:
-    """A window of one camera's depth image, (h, w) from row ``top`` and column ``left``; camera frame.
+    """The equipment in a window (h, w) of one camera's depth image, which begins at row ``top`` and column ``left``.
 
-    depth_m float32, inf = no equipment; normal (h, w, 3) towards the camera; part int, -1 = none.
+    depth_m float32, inf without equipment; normal (h, w, 3): in the camera frame, towards the camera; part int: index
+    of the part, -1 without equipment.
     """
 
     top: int
@@ -41,8 +42,8 @@ class Outline:
     """Points of the equipment's silhouette, one per row of the arrays, found along rows or columns of the window.
 
     row, column (n,) int: the last pixel on the equipment, in the whole image; step (n, 2) int: the direction outward
-    (rows, columns); beyond_px (n,) float: distance of the outline beyond that pixel's centre; across (n, 2): unit
-    normal of the outline in the image (rows, columns), outward; part (n,).
+    (rows, columns); beyond_px (n,) float: distance of the outline beyond that pixel's centre; across (n, 2): outward
+    unit normal of the outline in the image (rows, columns); part (n,): index of the part.
     """
 
     row: np.ndarray
@@ -55,7 +56,7 @@ class Outline:
 
 
 class EquipmentCaster:
-    """A caster of rays onto chi_0; the tree over its triangles is built once."""
+    """A ray caster for chi_0; the search tree over its triangles is built once."""
 
     def __init__(self, model: EquipmentModel) -> None:
         from embreex.mesh_construction import TriangleMesh
@@ -72,7 +73,7 @@ class EquipmentCaster:
         self.part_count = len(corners)
 
     def render(self, camera: Camera, T_camera_model: np.ndarray) -> Rendering | None:
-        """Render the equipment as the camera would see it; None where no corner of it falls into the image."""
+        """Render the equipment as the camera would see it; None where none of its corners is in the image."""
         points = transform_points(T_camera_model, self.vertices_m)
         window = _window(camera, points)
         if window is None:
@@ -89,8 +90,8 @@ class EquipmentCaster:
         return Rendering(top, left, depth.reshape(shape), normal.reshape(*shape, 3), part)
 
     def outline(self, camera: Camera, T_camera_model: np.ndarray, rendering: Rendering) -> Outline:
-        """Find the silhouette with subpixel accuracy, by rays between each pixel on the equipment and its neighbours
-        off it.
+        """Find the silhouette with subpixel accuracy, by rays between each pixel on the equipment and those of its
+        neighbours that are not on it.
         """
         depth = rendering.depth_m
         smooth = cv2.GaussianBlur(np.isfinite(depth).astype(np.float32), (0, 0), 1.5)
@@ -118,8 +119,8 @@ class EquipmentCaster:
     def _share_on_equipment(
         self, here: np.ndarray, there: np.ndarray, depth_m: np.ndarray, T_camera_model: np.ndarray
     ) -> np.ndarray:
-        """Return the share (n,) of the way between two rays (n, 2) that meets the equipment at about the depth of the
-        first.
+        """Return (n,): how far the equipment continues from one ray to another (n, 2), as a share of the way, at about
+        the depth of the first.
         """
         share = (np.arange(SUBPIXEL) + 0.5) / SUBPIXEL
         between = here[:, None] + (there - here)[:, None] * share[:, None]
@@ -139,7 +140,9 @@ class EquipmentCaster:
 
 
 def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] | None:
-    """Return the rows and columns that contain the equipment, with a margin; all if some of it is behind the lens."""
+    """Return the rows and columns that contain the equipment, with a margin; the whole image if a part of it is behind
+    the lens.
+    """
     if points_m[:, 2].max() < 0.1:
         return None
     if points_m[:, 2].min() < 0.1:
@@ -152,27 +155,26 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
     return (top, bottom, left, right) if bottom - top > 8 and right - left > 8 else None
 
 
-SURFACE_POINTS: Final = 2000  # points; one per 10 cm^2 of a standing frame's 2 m^2
-LEAST_PER_PART: Final = 24  # points; a small part may be what distinguishes front from back
+SURFACE_POINTS: Final = 2000  # number of points: one per 10 cm^2 of the 2 m^2 of a standing frame
+LEAST_PER_PART: Final = 24  # least number of points of a part; a small part may be what distinguishes front from back
 OUTSIDE_POINTS: Final = 1000
-OUTSIDE_M: Final = (0.05, 0.09)  # m; farther than flying pixels, but so near that a wall behind would fill it
+OUTSIDE_M: Final = (0.05, 0.09)  # m from the surface; beyond flying pixels, but so near that a wall would fill it
 
 STEP_DEG: Final = 5
-# m, largest distance of a part from its place in equipment.json, by tape measure; frames of two clinics differ by more
+# m, largest deviation of a part from equipment.json, measured by tape; the frames of two clinics differ by more
 SAME_M: Final = 0.012
-ALIKE_M: Final = 0.10  # m; turned equipment that differs by less may be confused in a search
+ALIKE_M: Final = 0.10  # m; rotated equipment that differs by less may be confused in the search
 TRIED_POINTS: Final = 400
-ROUND_SHARE: Final = 0.9  # share of all turns that must look alike
+ROUND_SHARE: Final = 0.9  # share of all rotations at which the equipment must look alike to be round
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentSamples:
     """Points of chi_0, all in Gamma_0.
 
-    surface_m (n, 3) float64: points spread evenly over the surface, none inside another part; normal (n, 3): unit
-    normals, outward; two_sided (n,) bool: points of a mesh, whose triangles may face either way; outside_m (m, 3):
-    points within ``OUTSIDE_M`` of the surface where there is no equipment; centre_m (3,) and radius_m: a sphere around
-    all of it.
+    surface_m (n, 3) float64: points spread evenly over the surface, none inside another part; normal (n, 3): outward
+    unit normals; two_sided (n,) bool: points of a mesh, whose triangles may face inward; outside_m (m, 3): points
+    beside the equipment, within ``OUTSIDE_M`` of its surface; centre_m (3,), radius_m: a sphere around the equipment.
     """
 
     surface_m: np.ndarray
@@ -185,10 +187,11 @@ class EquipmentSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Symmetry:
-    """Turns about a vertical axis, each T_model_model (4, 4), without the identity.
+    """Rotations about a vertical axis after which chi_0 looks the same, each T_model_model (4, 4), without the
+    identity.
 
-    same: turns after which chi_0 coincides with itself within ``SAME_M``; alike: turns after which it nearly does;
-    round: whether it does for so many turns that its direction is undetermined.
+    same: rotations after which chi_0 coincides with itself within ``SAME_M``; alike: the same within ``ALIKE_M``;
+    round: whether there are so many of the latter that its direction is undetermined.
     """
 
     same: tuple[np.ndarray, ...]
@@ -271,7 +274,8 @@ def _outside(model: EquipmentModel, surface_m: np.ndarray, rng: np.random.Genera
 
 
 def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
-    """Test every turn in steps of ``STEP_DEG`` about two centres, of the bounding box and of the surface.
+    """Test every rotation in steps of ``STEP_DEG`` about two centres: that of the bounding box, and that of the
+    surface.
 
     A symmetry preserves both centres, but in a model that mixes round and square tubes the centre of the surface is
     shifted.
@@ -287,7 +291,7 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
         turns.append(tried[int(np.argmin(off))])
         apart.append(min(off))
     around = np.array([np.inf, *apart, np.inf])
-    for index in range(1, len(turns) - 1):  # turns next to the identity are not distinct from it
+    for index in range(1, len(turns) - 1):  # rotations next to the identity are not distinct from it
         if around[index + 1] > min(around[index], around[index + 2]):
             continue
         if apart[index] < SAME_M:
@@ -299,7 +303,7 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
 
 
 def _turn_about(centre_m: np.ndarray, angle_rad: float) -> np.ndarray:
-    """Return the turn (4, 4) about the vertical (Y) through a point."""
+    """Return the rotation (4, 4) about the vertical (Y) through a point."""
     T = np.eye(4)
     T[:3, :3] = rotation_about_y(angle_rad)
     T[:3, 3] = centre_m - T[:3, :3] @ centre_m

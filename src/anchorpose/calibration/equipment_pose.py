@@ -28,21 +28,21 @@ from anchorpose.calibration.first_frames import NOISE_GATE
 from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 
-# Shares are of surface area, so that near parts do not outweigh distant ones.
-LEAST_SEEN: Final = 0.2  # share of the facing surface seen in place; people hide up to half, or the image ends
-MOST_THROUGH: Final = 0.10  # share of the unhidden surface that is seen through, since edges of thin bars flicker
+# Shares are of surface area in m2, so that near parts do not count more than distant parts.
+LEAST_SEEN: Final = 0.2  # least share of the facing surface seen in place; people or the border hide up to half
+MOST_THROUGH: Final = 0.10  # largest share of the unhidden surface that is seen through; edges of thin bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
-# share of the unhidden surface; an absent part in front of a distant wall has no readings either
+# largest share of the unhidden surface without readings: an absent part before a distant wall has none either
 MOST_UNREAD_OF_PART: Final = 0.7
-LEAST_PIXELS_OF_PART: Final = 40  # pixels; fewer are not evidence about a part
-# share of the outline's places at which the surface continues; inside a wall it continues at all of them
+LEAST_PIXELS_OF_PART: Final = 40  # pixels; a part with fewer is not judged
+# largest share of the outline at which the surface continues; inside a wall it continues everywhere
 MOST_FILLED: Final = 0.5
-LEAST_OUTLINED: Final = 0.6  # share of the outline's unhidden places at which the part ends
-MOST_OFF_PX: Final = 2.0  # px from its place; edge pixels are often off by one
+LEAST_OUTLINED: Final = 0.6  # least share of the outline's unhidden places at which the part ends
+MOST_OFF_PX: Final = 2.0  # px, largest displacement of a part; edge pixels are often off by one
 MOST_SIGMA_M: Final = 0.006
 MOST_SIGMA_RAD: Final = 0.0087  # half a degree
-LEAST_COSINE: Final = 0.25  # cosine of the angle of incidence: no camera reads flatter surfaces well
-STEADY_RAD: Final = 0.0008  # systematic error of a device: 0.05 degrees between bars a metre apart
+LEAST_COSINE: Final = 0.25  # least cosine of the angle of incidence; no camera reads flatter surfaces well
+STEADY_RAD: Final = 0.0008  # rad, systematic error of a device: 0.05 degrees between bars a metre apart
 
 
 class NoPose(StrEnum):
@@ -64,11 +64,11 @@ class NoPose(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartEvidence:
-    """Areas (m^2) and pixels of each part as expected in the depth image, arrays (parts,).
+    """The evidence in the depth frames for each part at a pose; arrays (parts,), areas in m^2.
 
-    on, through, hidden, unread: areas that together are the expected surface; pixels: number of all but the hidden
-    pixels; shift_m: apparent displacement of the part, NaN where not accurate. filled_share, outlined_share: see
-    ``_outline_shares``.
+    on, through, hidden, unread: areas of the expected surface that are seen in place, seen through, hidden, and without
+    reading; pixels: number of pixels that are not hidden; shift_m: apparent displacement of the part, NaN if
+    inaccurate. filled_share, outlined_share: see ``_outline_shares``.
     """
 
     on_m2: np.ndarray
@@ -93,8 +93,8 @@ class PartEvidence:
 
     @property
     def score_m2(self) -> float:
-        """Return the found area minus twice the area seen through; 0 where the whole outline is inside another
-        surface.
+        """Return the area seen in place minus twice the area seen through; 0 if the surface continues beyond the whole
+        outline.
         """
         return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
 
@@ -140,9 +140,9 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
-    """Return two shares of the outline's unhidden places: among places where the part is seen, the share at which the
-    surface does not end (as inside a wall, the floor, or a person who leans on it); and the share at which it ends as
-    expected.
+    """Return two shares of the outline's unhidden places. The first, among places where the part is seen: the share at
+    which the surface does not end, as inside a wall, the floor, or a person who leans on it. The second: the share at
+    which it ends as expected.
     """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)
@@ -152,8 +152,8 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
 
 
 def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | None]:
-    """Return why the pose is rejected, None where it is accepted, and the part that shows this, if it is a single
-    part.
+    """Return why the pose is rejected, None where it is accepted, and the index of the part that shows this, if it is a
+    single part.
     """
     if evidence.seen_share < LEAST_SEEN:
         return NoPose.LITTLE_SEEN, None
@@ -180,8 +180,8 @@ def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | No
 
 
 def sigma_of(fit: Refined) -> tuple[float, float]:
-    """Return the standard deviation of the angle (rad) and of the position of the equipment's centre (m), worst
-    direction.
+    """Return the standard deviations of the angle (rad) and of the position of the equipment's centre (m), each in its
+    worst direction.
 
     A device's systematic error does not shrink with the number of pixels.
     """
@@ -189,23 +189,25 @@ def sigma_of(fit: Refined) -> tuple[float, float]:
     return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
 
 
-TRIED: Final = 6  # search results that are refined; the correct one was always among the first two
+TRIED: Final = 6  # number of search results that are refined; the correct one was always among the first two
 LEAST_LEAD: Final = 0.9  # least evidence of an accepted pose, as a share of the evidence of the best-scoring pose
-RIVAL: Final = 0.75  # share of the evidence with which another credible pose makes the choice ambiguous
-DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # two poses nearer than this are the same pose; one of them has not converged
-TWO_HEIGHTS_M: Final = 0.03  # m between chi_0's lowest point and Y = 0, above which either may be the floor
+RIVAL: Final = 0.75  # share of the accepted pose's evidence from which another credible pose makes the choice ambiguous
+DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # m and rad; poses that differ by less than both are the same pose
+TWO_HEIGHTS_M: Final = 0.03  # m between chi_0's lowest point and Y = 0; above it, either may be on the floor
 
 
 @settings
 class EquipmentPoseConfig:
     """Settings of how closely readings must lie on the equipment's surface."""
 
-    tolerance_m: Positive = 0.015  # m from the equipment's surface, as in the last step of the refinement
+    tolerance_m: Positive = 0.015  # m, largest distance of a reading from the surface, as in the last refinement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentPose:
-    """The pose that was found. fit.T_camera_model maps Gamma_0 to the camera; evidence: the evidence for this pose."""
+    """The pose that was found. fit.T_camera_model maps Gamma_0 to the camera frame; evidence: what the depth frames
+    show at this pose.
+    """
 
     fit: Refined
     evidence: PartEvidence
@@ -238,7 +240,8 @@ def find_equipment(
 ) -> EquipmentPose | NoEquipmentPose:
     """Search, refine and check the pose; if chi_0 is symmetric, it may be any of the equivalent poses.
 
-    The floor gives up and height; either chi_0's lowest point or Gamma_0's Y = 0 is assumed on the floor.
+    The floor determines the vertical and the height: either chi_0's lowest point or Gamma_0's Y = 0 is assumed to lie
+    on it.
     """
     if equipment.symmetry.round:
         return NoEquipmentPose(NoPose.ROUND)
@@ -305,7 +308,7 @@ def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
 
 
 def _is_rival(accepted: EquipmentPose, other: EquipmentPose, equipment: Equipment) -> bool:
-    """Return whether ``other`` is another place or direction, and not a symmetry of chi_0."""
+    """Return whether ``other`` is a different pose that no symmetry of chi_0 explains."""
     centre = equipment.samples.centre_m
     for turn in (np.eye(4), *equipment.symmetry.same):
         T = accepted.fit.T_camera_model @ turn

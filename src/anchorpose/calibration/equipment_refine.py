@@ -1,4 +1,6 @@
-"""Refine the equipment's pose to the millimetre by depth of surfaces, places of outlines, and the floor."""
+"""Refine the equipment's pose to the millimetre, by the depth of its surfaces, the position of its outlines, and the
+floor.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +15,19 @@ from anchorpose.calibration.equipment_model import Equipment, Outline, Rendering
 from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane, what_stays
 from anchorpose.camera import Camera, transform_points
 
-MOSTLY: Final = 0.4  # share of the frames; an edge pixel of a thin bar reads the bar six times in ten
-STEADY_ERROR_M: Final = 0.0015  # systematic error of a device, the same in all its frames
-OUTLINE_SIGMA_PX: Final = 0.6  # standard deviation of one outline point: edge pixels often read the background
+MOSTLY: Final = 0.4  # least share of the frames; an edge pixel of a thin bar reads the bar in six of ten
+STEADY_ERROR_M: Final = 0.0015  # m, systematic error of a device, the same in all its frames
+OUTLINE_SIGMA_PX: Final = 0.6  # px, standard deviation of one outline point: edge pixels often read the background
 SURFACE_ROWS_PER_OBSERVATION: Final = 40.0  # neighbouring pixels share the device's error
-OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0  # neighbouring edges share their part's error
-ROBUST: Final = 2.5  # sigmas beyond which a row loses weight
-# cosine of the angle of incidence; at flatter angles a small shift changes the depth much
+OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0  # neighbouring points share their part's error
+ROBUST: Final = 2.5  # sigmas; larger residuals lose weight
+# least cosine of the angle of incidence; at flatter angles, a small shift changes the depth much
 LEAST_COSINE: Final = 0.15
 
 
 class Gate(NamedTuple):
-    """Limits within which equipment counts as seen: a depth within tolerance_m of the equipment; an edge within
-    reach_px of its outline.
+    """Limits within which equipment counts as seen: a depth within tolerance_m of the equipment's surface; an edge
+    within reach_px of its outline.
     """
 
     tolerance_m: float
@@ -37,7 +39,8 @@ class StillView:
     """The evidence from one camera.
 
     still_m (height, width) float32: the still surface, 0 = unknown; frames_m (n, height, width) float32, 0 = no
-    reading: the depth frames from which it was made (only the frame of the empty room, if there is one).
+    reading: the depth frames from which the still surface was made; if there is a frame of the empty room, only this
+    one.
     """
 
     camera: Camera
@@ -79,7 +82,7 @@ def predict(camera: Camera, equipment: Equipment, T_camera_model: np.ndarray) ->
 class Rows:
     """Rows of the least squares. jacobian (n, 7): derivative by turn, shift and edge bias; residual (n,) in sigmas;
     part (n,): part of the equipment; together: number of rows that count as one observation; reach: residuals beyond it
-    have no weight, inf where all count.
+    have no weight, inf for no limit.
     """
 
     jacobian: np.ndarray
@@ -91,9 +94,9 @@ class Rows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservedEdges:
-    """The observed edges, one value per outline pixel in each array (n,): how many pixels beyond the pixel's centre the
-    part ends; whether its end is seen; whether the surface continues at the same depth instead; whether the part is
-    absent.
+    """The observed edges; arrays (n,) with one value per outline pixel, in this order: number of pixels beyond the
+    pixel's centre at which the part ends; whether its end is seen; whether the surface continues at the same depth
+    instead; whether the part is absent.
     """
 
     beyond_px: np.ndarray
@@ -103,7 +106,7 @@ class ObservedEdges:
 
 
 def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) -> Rows:
-    """Return point-to-plane rows of pixels inside a part whose readings lie on it most of the time."""
+    """Return point-to-plane rows of the pixels inside a part whose readings lie on it in most frames."""
     rendering = prediction.rendering
     frames, expected = view.frames_m[:, *rendering.window], rendering.depth_m
     row, column = np.nonzero(_inside(expected))
@@ -130,7 +133,9 @@ def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) ->
 
 
 def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: Gate) -> Rows:
-    """Return rows across the outline, in pixels: along each profile, readings on the part are counted up to its end."""
+    """Return rows across the outline, in pixels. Each compares the expected end of a part with the end that is observed
+    by counting readings on the part along a profile.
+    """
     outline, edges = prediction.outline, observed_edges(view, prediction, gate)
     usable, along = edges.usable, np.sum(outline.across * outline.step, axis=1)
     residual = ((edges.beyond_px - outline.beyond_px) * along - bias_px)[usable]
@@ -148,7 +153,7 @@ def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: 
 
 
 def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> ObservedEdges:
-    """Compare each place of the outline with the frames.
+    """Find in the frames where the part ends at each outline pixel.
 
     A frame in which a nearer object hides a pixel of the profile is not evidence for that pixel.
     """
@@ -197,12 +202,12 @@ def _depth_at(rendering: Rendering, row: np.ndarray, column: np.ndarray) -> np.n
 
 
 COARSE, FINE = Gate(0.04, 7), Gate(0.015, 3)
-GATES: Final = (COARSE,) * 3 + (Gate(0.03, 6),) * 2 + (Gate(0.02, 5), Gate(0.02, 4)) + (FINE,) * 2  # one per step
+GATES: Final = (COARSE,) * 3 + (Gate(0.03, 6),) * 2 + (Gate(0.02, 5), Gate(0.02, 4)) + (FINE,) * 2  # one Gate per step
 LEAST_ROWS: Final = 60
-SHIFT_STEPS: Final = 8  # reweighting steps: the shift is then converged to a tenth of a millimetre
-MOST_SHIFT_SIGMA_M: Final = 0.003  # largest error of a part's shift; a less accurate shift is not used as evidence
-STANDING_SIGMA_M: Final = 0.01  # m, distance of chi_0's lowest point from the floor, used only as a prior
-STANDING_SIGMA_RAD: Final = 0.0087  # half a degree between chi_0's up and the floor's
+SHIFT_STEPS: Final = 8  # number of reweighting steps: the shift has then converged to a tenth of a millimetre
+MOST_SHIFT_SIGMA_M: Final = 0.003  # largest error; a less accurate shift is not used as evidence
+STANDING_SIGMA_M: Final = 0.01  # m, prior sigma of the distance between chi_0's lowest point and the floor
+STANDING_SIGMA_RAD: Final = 0.0087  # half a degree: prior sigma between the verticals of chi_0 and the floor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,8 +223,8 @@ class FloorPrior:
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
     """The refined pose T_camera_model (4, 4); covariance (6, 6) of (turn rad, shift m) about the equipment's centre, in
-    the camera's axes; rms: root mean square of surface (m) and outline (px) residuals; edge_bias_px: by how much bars
-    look too thick on each side.
+    the camera's axes; rms: root mean square of surface (m) and outline (px) residuals; edge_bias_px: pixels by which
+    bars look too thick on each side.
     """
 
     T_camera_model: np.ndarray
@@ -237,8 +242,8 @@ def standing_prior(floor_m: float) -> FloorPrior:
 def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior) -> Refined | None:
     """Improve T_camera_model from a start within a bar's width; None where too little of the equipment is seen.
 
-    Gauss-Newton with Tukey's weights on all six degrees of freedom, turns about the equipment's centre, and on the
-    edge bias: sensors make bars look thicker or thinner, the same on both sides.
+    Gauss-Newton with Tukey's weights. It fits all six degrees of freedom, with rotations about the equipment's centre,
+    and the edge bias: sensors make bars look thicker or thinner, equally on both sides.
     """
     T, bias = start, 0.0
     for gate in GATES:
@@ -263,7 +268,7 @@ def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: Floo
 
 
 def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarray:
-    """Return the shift (parts,), in metres, by which each part alone would fit better; NaN where not accurate.
+    """Return the shift (parts,), in metres, by which each part, if moved alone, would fit better; NaN if inaccurate.
 
     Only directions that are known to ``MOST_SHIFT_SIGMA_M`` count, since a shift of a bar along itself is invisible.
     """
@@ -277,8 +282,8 @@ def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarr
 
 
 def _shift_alone(groups: list[Rows], part: int) -> float:
-    """Return the length of one part's shift. Weights decrease with the distance, so that hands that hold the part do
-    not count.
+    """Return the length of one part's shift. Weights decrease with the distance, so that hands on the part have little
+    effect.
     """
     shift = np.zeros(3)
     rows = [(group.jacobian[group.part == part, 3:6], group.residual[group.part == part], group) for group in groups]
@@ -299,11 +304,11 @@ def _shift_alone(groups: list[Rows], part: int) -> float:
 def _floor_rows(
     view: StillView, T: np.ndarray, centre_model: np.ndarray, centre: np.ndarray, prior: FloorPrior
 ) -> Rows:
-    """Return rows of the seen floor against the prior; centre_model, centre (3,): the equipment's centre in Gamma_0 and
-    in the camera.
+    """Return rows that compare the seen floor with the prior; centre_model, centre (3,): the equipment's centre in
+    Gamma_0 and in the camera.
     """
     up = T[:3, :3] @ prior.up
-    foot = centre - (centre_model @ prior.up - prior.height_m) * up  # below the centre, at the floor of Gamma_0
+    foot = centre - (centre_model @ prior.up - prior.height_m) * up  # the point of Gamma_0's floor below the centre
     level = np.linalg.svd(up[None])[2][1:]  # two horizontal directions
     turn = np.concatenate([np.cross(up, level), np.zeros((2, 4))], axis=1) / prior.sigma_rad
     shift = np.concatenate([np.cross(foot - centre, view.floor.up), view.floor.up, [0.0]])[None] / prior.sigma_m
@@ -315,7 +320,7 @@ def _floor_rows(
 
 def _solve(rows: list[Rows]) -> tuple[np.ndarray, np.ndarray]:
     """Return the step (7,) and covariance (7, 7)."""
-    information, pull = np.diag([1e-6] * 6 + [1.0]), np.zeros(7)  # the edge bias is about a pixel
+    information, pull = np.diag([1e-6] * 6 + [1.0]), np.zeros(7)  # prior of the edge bias: about a pixel
     for group in rows:
         ratio = np.minimum(np.abs(group.residual) / group.reach, 1.0)
         weight = (1.0 - ratio**2) ** 2 / group.together
@@ -326,7 +331,7 @@ def _solve(rows: list[Rows]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _moved(T: np.ndarray, centre: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return T after the turn step[:3] about ``centre`` and the shift step[3:6]."""
+    """Return T followed by the rotation step[:3] about ``centre`` and the shift step[3:6]."""
     turn = cv2.Rodrigues(step[:3])[0]
     moved = np.eye(4)
     moved[:3, :3] = turn @ T[:3, :3]

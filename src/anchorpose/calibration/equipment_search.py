@@ -14,20 +14,20 @@ from anchorpose.camera import Camera
 from anchorpose.lens import lens_array, pixel_of_ray
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3
-LEAST_Z_M: Final = 0.3  # no depth camera measures nearer
-RADIUS_M: Final = 0.5  # m, radius of the equipment, by which a turn is compared with a shift
+LEAST_Z_M: Final = 0.3  # m; no depth camera measures nearer
+RADIUS_M: Final = 0.5  # m, radius of the equipment, which relates rotations to shifts
 CELL_M: Final = 0.04  # m, cell of the first, coarse map: as wide as a bar
-YAW_STEP_RAD: Final = 0.0873  # 5 degrees move a bar at 0.5 m by one cell
-ABOVE_FLOOR_M: Final = 0.06  # m above the floor; points below are left out, since the floor fills the map there
-FARTHEST_M: Final = 7.0  # no depth camera sees a bar beyond
-THINNING: Final = 3  # every third point of the equipment suffices until the last and finest steps
-STARTS: Final = 400  # places of the coarse map that are refined
-KEPT: Final = 16  # distinct places in the result
-DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # two poses nearer than this are the same; 0.14 is 8 degrees
-TOLERANCES_M: Final = (0.05, 0.03, 0.02)  # distance to the surface that counts as on it, from coarse to fine
-THROUGH_WEIGHT: Final = 2.0  # a point seen through counts twice as much as a point on the surface
+YAW_STEP_RAD: Final = 0.0873  # 5 degrees: moves a bar at 0.5 m by one cell
+ABOVE_FLOOR_M: Final = 0.06  # m; points lower above the floor are left out, since there the floor fills the map
+FARTHEST_M: Final = 7.0  # m; no depth camera sees a bar farther away
+THINNING: Final = 3  # every third point of the equipment is used before the last and finest steps
+STARTS: Final = 400  # number of places of the coarse map that are refined
+KEPT: Final = 16  # number of distinct places in the result
+DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # m and rad (8 degrees); poses that differ by less are the same pose
+TOLERANCES_M: Final = (0.05, 0.03, 0.02)  # m from the surface that count as on it, from coarse to fine
+THROUGH_WEIGHT: Final = 2.0  # a point that is seen through counts twice as much as a point on the surface
 BROAD_M: Final = 0.10  # m; a surface that continues flat this far to all four sides is a wall, a panel or a table
-# a bar may lie anywhere in such a surface, so it is weaker evidence than a surface that ends where a bar ends
+# a bar may lie anywhere in such a surface, so its readings are weaker evidence than those of a surface that ends
 BROAD_WEIGHT: Final = 0.25
 
 
@@ -64,7 +64,8 @@ def _transform(T: np.ndarray, x: float, y: float, z: float) -> tuple[float, floa
 
 @nb.njit(cache=True)
 def fill_space(image: SearchImage, counts: tuple[int, int, int], wide_m: float) -> np.ndarray:
-    """Map the ground frame: (y, x, z) int8, each cell by the pixels around its place in the depth image.
+    """Map the space above the floor: (y, x, z) int8, the state of each cell by the pixels around its projection into
+    the depth image.
 
     counts: numbers of cells along y, x, z; x starts at -wide_m.
     """
@@ -109,8 +110,8 @@ def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
 
 @nb.njit(cache=True, fastmath=True)
 def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return, for every place (x, z), the sum of the map's values over the cells (n, 3) of y, x, z, moved to this
-    place.
+    """Return, for every place (x, z), the weighted sum of the map's values over the ``cells`` (n, 3) (y, x, z), shifted
+    to this place.
     """
     _, nx, nz = value.shape
     total = np.zeros((nx, nz), np.float32)
@@ -130,7 +131,7 @@ def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.nd
 
 @nb.njit(cache=True)
 def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> np.ndarray:
-    """Improve each place in turn along yaw, x and z, with steps of half and a quarter of the tolerance."""
+    """Improve each place (yaw, x, y, z) along yaw, x and z in turn, by a half and a quarter of the tolerance."""
     scores = np.empty(len(places))
     trial = np.empty(4)
     for k in range(len(places)):
@@ -178,7 +179,7 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
                 continue
             facing += 1
         elif y < 0.1:
-            continue  # the floor beside the equipment is allowed
+            continue  # points on the floor beside the equipment are allowed
         d, w = _reading(image, cx, cy, cz)
         if d <= 0.0:
             continue
@@ -207,7 +208,9 @@ def _reading(image: SearchImage, x: float, y: float, z: float) -> tuple[float, f
 
 
 def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.ndarray:
-    """Weigh readings (height, width): ``BROAD_WEIGHT`` where a surface continues flat for ``BROAD_M`` to all sides."""
+    """Return the weights of readings (height, width): ``BROAD_WEIGHT`` where a surface continues flat for ``BROAD_M``
+    to all sides, else 1.
+    """
     margin_m, noise = 2.0 * TOLERANCES_M[-1], 2.0 * NOISE_GATE * noise_per_m
     height, width = depth_m.shape
     row, column = np.nonzero(depth_m > 0.0)
@@ -219,7 +222,7 @@ def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.nda
     for down, right in ((0, 1), (1, 0)):
         one, other = depth_m[row - down * k, column - right * k], depth_m[row + down * k, column + right * k]
         with np.errstate(divide="ignore", invalid="ignore"):
-            between = (one * other / (one + other)).astype(np.float64) * 2.0 - z  # 1/z, not z, is linear along a plane
+            between = (one * other / (one + other)).astype(np.float64) * 2.0 - z  # along a plane, 1/z is linear, not z
         flat &= (one > 0.0) & (other > 0.0) & (np.abs(between) < margin_m + noise * z * z)
     weight = np.ones((height, width), np.float32)
     weight[row[flat], column[flat]] = BROAD_WEIGHT
@@ -227,11 +230,12 @@ def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.nda
 
 
 def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) -> list[np.ndarray]:
-    """Return T_camera_model (4, 4) of distinct places, best first, with the height ``lowest_m`` of Gamma_0 on the floor
-    and Y upright.
+    """Return T_camera_model (4, 4) of distinct places, best first. Y is upright, and the height ``lowest_m`` of Gamma_0
+    is on the floor.
 
-    The space above the floor is mapped as filled, free or unknown. For each of 72 directions, the map is summed over
-    the equipment's points at every cell. Then the best places are improved on the depth image itself.
+    The space above the floor is mapped as filled, free or unknown. The equipment is tried in 72 directions at every
+    cell of the floor: a score sums the map over its points. Then the best places are improved on the depth image
+    itself.
     """
     image = _search_image(view)
     starts = _coarse(image, view.camera, samples, lowest_m)
@@ -267,7 +271,7 @@ def ground_frame(floor: FloorPlane) -> np.ndarray:
 
 
 def _placed(T_camera_ground: np.ndarray, place: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """Return T_camera_model of (yaw, x, y, z), the centre's place in the ground frame."""
+    """Return T_camera_model for (yaw, x, y, z): direction, and position of the centre in the ground frame."""
     T_ground_model = np.eye(4)
     T_ground_model[:3, :3] = rotation_about_y(place[0])
     T_ground_model[:3, 3] = place[1:] - T_ground_model[:3, :3] @ centre_m
@@ -288,8 +292,8 @@ def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:
 
 
 def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowest_m: float) -> np.ndarray:
-    """Return (n, 4) yaw, x, y, z of the best cells of all directions; y is the height of Gamma_0's origin minus the
-    centre's height.
+    """Return (n, 4) yaw, x, y, z of the best cells of all directions; y is the height of Gamma_0's origin above the
+    floor, not yet that of the centre.
     """
     surface = samples.surface_m[::THINNING]
     heights = surface[:, 1] - lowest_m

@@ -34,16 +34,16 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
-LATE_SHARE: Final = 0.34  # share of the sampled frames, at the end, in which the equipment is searched again
+LATE_SHARE: Final = 0.34  # share of the sampled frames, those at the end, in which the equipment is searched again
 LEAST_FRAMES: Final = 3
-MOVED_SIGMAS: Final = 5.0  # standard deviations of the pose; a larger movement of the equipment counts as moved
-LEAST_SHIFT_M: Final = 0.008  # m, twice the accuracy required of a calibration
-LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees
-DOUBT_SHARE: Final = 0.2  # share of the unhidden equipment seen through; above it the whole floor is searched
-GONE_SHARE: Final = 0.4  # share of the unhidden equipment seen through; above it the equipment is gone
-# m, and rad (3 degrees); published poses that are 3 cm and 1 degree off have 7 cm at 2.5 m
+MOVED_SIGMAS: Final = 5.0  # standard deviations of the pose; a larger change counts as a movement of the equipment
+LEAST_SHIFT_M: Final = 0.008  # m, twice the accuracy that a calibration must have
+LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees; a smaller change is not a movement of the equipment
+DOUBT_SHARE: Final = 0.2  # share of the unhidden equipment seen through, above which the whole floor is searched
+GONE_SHARE: Final = 0.4  # share of the unhidden equipment seen through, above which the equipment is gone
+# m and rad (3 degrees), above which tracking is refused: poses 3 cm and 1 degree off give 7 cm at 2.5 m
 REFUTED_M, REFUTED_RAD = 0.10, 0.052
-LEAST_PIXELS: Final = 100  # pixels of a frame that must show the equipment or see through it
+LEAST_PIXELS: Final = 100  # least number of pixels of a frame that show the equipment or see through it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +65,7 @@ def check_given_poses(
     floor_height_m: float,
     config: EquipmentPoseConfig,
 ) -> tuple[list[PoseDoubt], list[str]]:
-    """Return doubts about given poses in which the equipment is not seen in its place, and notes on moved equipment.
+    """Return doubts about given poses at which the equipment is not seen in its place, and notes on moved equipment.
 
     floors: one per camera.
     """
@@ -88,7 +88,7 @@ def check_given_poses(
 def _where_given_pose_has_none(
     inputs: EquipmentInputs, index: int, floor: FloorPlane, prior: FloorPrior
 ) -> Moved | None:
-    """Return a sentence on where the equipment is instead; None if a camera with a given pose sees it in its place."""
+    """Return where the equipment is instead; None if a camera with a given pose sees it in its place."""
     frames, _ = inputs.frames_of(index)
     if not frames:
         return None
@@ -110,7 +110,7 @@ def _doubt(camera: str, moved: Moved) -> PoseDoubt:
 
 
 def moved_note(camera: str, moved: Moved, times_s: Sequence[float]) -> str:
-    """Return the sentence that is shown to people."""
+    """Return a sentence for users on the movement."""
     since = f"from about {times_s[moved.first]:.1f} s on"
     if moved.shift_m is None or moved.turn_rad is None:
         return f"camera {camera} no longer sees the equipment in its place {since}: what it hides there is unknown"
@@ -131,8 +131,8 @@ def notice_movement(
     """Return how the equipment has moved until the last of ``frames_m``, which are in the order of time; None if it did
     not move.
 
-    view: the camera's noise and floor. A shift within a bar's width is found by fitting the pose again, a larger shift
-    by the camera seeing through the places where the equipment was.
+    view: the camera's noise and floor. A shift within a bar's width is found by fitting the pose again. A larger shift
+    is found because the camera sees through the places where the equipment was.
     """
     count = round(LATE_SHARE * len(frames_m))
     if count < LEAST_FRAMES:
@@ -191,7 +191,7 @@ def _through_share(placed: _Placed, frames_m: np.ndarray) -> float:
 
 
 def _first_gone(placed: _Placed, frames_m: Sequence[np.ndarray]) -> int:
-    """Return the frame after the last one that shows the equipment in its place."""
+    """Return the index of the first frame after the last frame that shows the equipment in its place."""
     for index in range(len(frames_m) - 1, -1, -1):
         on, through = placed.counts(frames_m[index])
         if on + through >= LEAST_PIXELS and through < GONE_SHARE * (on + through):
@@ -200,7 +200,9 @@ def _first_gone(placed: _Placed, frames_m: Sequence[np.ndarray]) -> int:
 
 
 def _first_elsewhere(before: _Placed, now: _Placed, frames_m: Sequence[np.ndarray]) -> int:
-    """Return the best split in time: earlier frames fit the earlier pose, later frames the later pose."""
+    """Return the index of the frame that best separates frames that fit the earlier pose from frames that fit the later
+    pose.
+    """
     gain = []
     for frame in frames_m:
         on_before, through_before = before.counts(frame)
@@ -218,9 +220,9 @@ def world_from_equipment(
 ) -> Calibration:
     """Find the poses in Gamma_0 of all cameras that have none; given poses are in Gamma_0 already.
 
-    First each camera is placed separately. Then chi_0's symmetry is resolved, between the cameras and by
-    ``choose_heading``, all cameras get a common floor, and it is checked that no two contradict each other. Raises
-    InputError where a pose is not accepted.
+    First each camera is placed separately. Then symmetries of chi_0 are resolved, by comparing cameras and by
+    ``choose_heading``. Finally all cameras get a common floor, and it is checked that no two contradict each other.
+    Raises InputError where a pose is not accepted.
     """
     if recording.equipment is None:
         raise ValueError("the recording has no equipment to find the cameras from")
@@ -285,8 +287,8 @@ def _attempt(
 def _polish(
     inputs: EquipmentInputs, one: SeenEquipment, start: np.ndarray, moved: Moved | None, prior: FloorPrior
 ) -> EquipmentPose:
-    """Refine the pose again with all cameras' common floor, on the empty room and all frames that show it in this
-    place.
+    """Refine the pose again with all cameras' common floor, on the frame of the empty room and all frames that show the
+    equipment in this place.
     """
     before = one.frames_m if moved is None else one.frames_m[: moved.first]
     own = one.view.frames_m if len(one.view.frames_m) == 1 or not before else np.stack(before)

@@ -15,17 +15,17 @@ from anchorpose.descriptor.people import LEAST_CERTAINTY, find_people
 from anchorpose.recording.recording import FrameSet
 
 MAD_OF_NORMAL: Final = 0.6745  # median of |x| of a standard normal distribution
-# share of the frames; a surface that is read this often is the room, even where people stand in front of it
+# share of the frames; a surface that is read this often is the room, even if people stand in front of it
 STAYS_SHARE: Final = 0.3
-SAME_M, SAME_SIGMAS = 0.02, 3.0  # readings of one surface differ by less
+SAME_M, SAME_SIGMAS = 0.02, 3.0  # m, and sigmas of the noise; readings of one surface differ by less
 
 
 def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
     """Return the factor a of the sensor's noise law sigma(z) = a z^2 (unit 1/m), from second differences along rows.
 
-    depths_m: depth frames (height, width) float32, 0 = no reading. A plane has no second difference, so second
-    differences are noise; medians ignore edges. The step between grey values is included as the deviation of a uniform
-    error. Source of the law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437). Raises ValueError where no three
+    depths_m: depth frames (height, width) float32, 0 = no reading. The second difference along a plane is zero, so
+    second differences are noise; medians ignore edges. The standard deviation of rounding to grey values is included.
+    Source of the law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437). Raises ValueError where no three
     neighbouring pixels have a reading.
     """
     ratios = []
@@ -45,7 +45,7 @@ def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
     """Return the factor of the step between neighbouring grey values, ``step_per_m z^2`` (unit 1/m); 0 if all values
     are equal.
 
-    depths_m: as for ``noise_per_m``. Cameras that measure disparity have steps that grow with the square of distance.
+    depths_m: as for ``noise_per_m``. In cameras that measure disparity, steps grow with the square of the distance.
     """
     steps = []
     for depth in depths_m:
@@ -74,22 +74,22 @@ def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
     return np.where(count >= STAYS_SHARE * len(frames_m), total, 0.0).astype(np.float32)
 
 
-NEARER_M: Final = 0.15  # distance in front of the room: a body is thicker than this
-# share of the depth image with readings, and their depth range in m, if the room was removed
+NEARER_M: Final = 0.15  # m in front of the room; a body is thicker
+# largest share of pixels with readings, and largest depth range in m, of an image whose room was removed
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
-FRAMES_NEEDED: Final = 8  # frames; with fewer a percentile over time is meaningless
-USUAL_DISTANCE_M: Final = 2.5  # distance of a patient from the camera, used where nobody is found
+FRAMES_NEEDED: Final = 8  # least number of frames; with fewer, a percentile over time has no meaning
+USUAL_DISTANCE_M: Final = 2.5  # m, distance of a patient from the camera that is assumed if nobody is found
 
 
 def start_of_patient(
     camera: Camera, sample_frames: Sequence[FrameSet], up: np.ndarray, height_m: float | None
 ) -> tuple[np.ndarray, str]:
-    """Return the place (3,) below the pelvis of the most visible person in the first sampled frame with a person, and
-    how this place was found. It is a point in the camera frame, on the floor or, without a floor, at the height of the
+    """Return a point (3,) in the camera frame below the pelvis of the most visible person in the first sampled frame
+    with a person, and a note on how it was found. The point is on the floor or, without a floor, at the height of the
     lowest visible point.
 
-    up (3,), camera frame; height_m: height of the camera above the floor, None where unknown. Where the learnt
-    descriptor sees nobody, the place is straight ahead of the camera.
+    up (3,), camera frame; height_m: height of the camera above the floor, None where unknown. If the learnt descriptor
+    finds nobody, the point is straight ahead of the camera.
     """
     for frame in sample_frames:
         depth = frame.depths_m[0]
@@ -107,7 +107,9 @@ def start_of_patient(
 
 
 def people_only(depth_m: np.ndarray) -> bool:
-    """Return whether the recorder has removed the room already: few readings, all within a person's reach in depth."""
+    """Return whether the recorder has removed the room already: it has few readings, all within the depth range that a
+    person can fill.
+    """
     readings = depth_m[depth_m > 0]
     if readings.size == 0:
         return True
@@ -122,25 +124,25 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
     return moved
 
 
-LEAST_READINGS: Final = 1000  # readings; a hundredth of the smallest depth image
-REFITS: Final = 6  # refits; the gate converges in three or four
-FLATNESS_M: Final = 0.003  # m, flatness of a hard floor; without it, near pixels would dominate
-TOLERANCES_M: Final = (0.02, 0.08)  # m; floors are flat to 2 cm, and cameras that smooth make waves of 8 cm
-NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise, added to each tolerance
-WORST_TILT_RAD: Final = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down and roll little
-IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # up of a camera whose pose is unknown
-# m and share: people stand on a floor if this share of the moving points, a shoe and a shin, is within this height
+LEAST_READINGS: Final = 1000  # least number of readings, a hundredth of the smallest depth image
+REFITS: Final = 6  # number of refits; the gate converges in three or four
+FLATNESS_M: Final = 0.003  # m, flatness of a hard floor; without this limit near pixels would dominate
+TOLERANCES_M: Final = (0.02, 0.08)  # m, tried in turn: floors are flat to 2 cm, smoothing makes waves of 8 cm
+NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise that are added to each tolerance
+WORST_TILT_RAD: Final = 0.87  # 50 degrees between the verticals of camera and floor: cameras look down, but roll little
+IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # upward direction of a camera whose pose is unknown
+# least share of the moving points, a shoe and a shin, within this height (m) above a floor on which people stand
 STANDS_M, LEAST_STANDING = 0.2, 0.02
-LEAST_HEIGHT_M: Final = 0.3  # smallest height of the camera above its floor; nearer planes are tables
-MOST_BELOW: Final = 0.1  # points below the floor, as a share of the points on it: mirrors and flying pixels
-# share of the moving points that may lie below the floor; legs beside a table top are a third of a person
+LEAST_HEIGHT_M: Final = 0.3  # m, least height of the camera above its floor; nearer planes are tables
+MOST_BELOW: Final = 0.1  # largest ratio of points below the floor to those on it: mirrors and flying pixels
+# largest share of the moving points below the floor; legs beside a table top are a third of a person
 MOST_SUNK: Final = 0.05
-SUNK_M: Final = 0.10  # m below the plane: a shoe's height, and the error of a tilted plane
-LEAST_SHARE: Final = 0.02  # share of the readings; the direction of a smaller patch is uncertain
-# m, smallest extent of a floor in its narrower direction; the direction of a smaller patch is uncertain
+SUNK_M: Final = 0.10  # m below the plane: the height of a shoe, and the error of a tilted plane
+LEAST_SHARE: Final = 0.02  # least share of the readings; the direction of a smaller patch is uncertain
+# m, least extent of a floor in its narrower direction; the direction of a narrower patch is uncertain
 LEAST_EXTENT_M: Final = 0.5
-TRIALS: Final = 300  # trials; with 10 % inliers, three good points are drawn once in 1000; planes here have 20 to 50 %
-SAMPLE: Final = 6000  # readings that vote
+TRIALS: Final = 300  # number of trials: with 10 % inliers, one in 1000 draws three of them; floors here have 20 to 50 %
+SAMPLE: Final = 6000  # number of readings that vote
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,9 +165,7 @@ def level_of_pose(T_world_camera: np.ndarray) -> FloorPlane:
 
 
 class NoFloor(StrEnum):
-    """The reason why no floor was found. It is a result and not an error, since a frame that shows only people has no
-    floor.
-    """
+    """The reason why no floor was found. It is a result and not an error: a frame may show only people."""
 
     NO_READINGS = "the depth image has too few readings"
     NO_PLANE = "no plane below the camera has enough readings and nothing under it"
@@ -208,8 +208,8 @@ def is_upside_down(
     """Return whether people stand on a plane that, by the camera's pose, lies above the camera, while they stand on no
     plane below it.
 
-    floor: result of ``floor_of_room`` from the same frames. It is False, for lack of evidence, where nobody moves or no
-    plane is seen.
+    floor: result of ``floor_of_room`` from the same frames. False also if nobody moves or no plane is seen, since
+    nothing then shows it.
     """
     if not frames_m or floor is NoFloor.NO_READINGS:
         return False
@@ -243,10 +243,11 @@ def find_floor(
 ) -> FloorPlane | NoFloor:
     """Return the largest plane that faces up and has almost nothing below it.
 
-    depth_m (height, width) float32, best without people; noise_per_m: ``first_frames``; standing_m (n, 3): camera
-    points of people and objects on the floor; up (3,): approximate, camera frame. The plane is found by RANSAC on a
-    sample, first with the strict tolerance. Then it is fitted by weighted least squares to the inliers, whose gate
-    shrinks to three of their own deviations, since the foot of a wall within the first gate would tilt the plane.
+    depth_m (height, width) float32, preferably without people; noise_per_m: factor of the noise, see ``noise_per_m``;
+    standing_m (n, 3): points, in the camera frame, on people and objects that stand on the floor; up (3,): approximate
+    upward direction in the camera frame. The plane is found by RANSAC on a sample, first with the strict tolerance.
+    Then it is fitted by weighted least squares to the inliers. Their gate shrinks to three of their standard
+    deviations, since the foot of a wall within the first gate would tilt the plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]
@@ -270,10 +271,11 @@ def _vote(
     rng: np.random.Generator,
     up: np.ndarray,
 ) -> np.ndarray | None:
-    """Return the plane (4,) (up, height) with the most votes, from which votes of points below it are subtracted; None
+    """Return the plane (4,) (up, height) with the most points on it after subtraction of the points below it; None
     where no plane is a floor.
 
-    Depth noise a z^2 along a ray that meets the floor at a grazing angle is a z h across it, h the camera's height.
+    Depth noise a z^2 along a ray that meets the floor at a grazing angle becomes a z h across the floor, where h is the
+    height of the camera.
     """
     normals, offsets = drawn_planes(points_m, TRIALS, rng)
     sign = np.where(normals @ up < 0.0, -1.0, 1.0)
@@ -323,10 +325,9 @@ def _refined(plane: np.ndarray, points_m: np.ndarray, tolerance_m: float, noise_
 
 
 def _fit_plane(points_m: np.ndarray, sigma_m: np.ndarray, up: np.ndarray) -> np.ndarray | None:
-    """Fit a plane (4,) (up, height) by weighted least squares, centred for conditioning; None where the patch is
-    narrow.
+    """Fit a plane (4,) (up, height) by weighted least squares to centred points; None where the patch is too narrow.
 
-    up (3,): approximate.
+    up (3,): approximate upward direction.
     """
     if len(points_m) < 3:
         return None

@@ -1,6 +1,6 @@
 """Find a camera's pose from printed markers in its infrared or colour image, an alternative to calibration by depth.
 
-The places of the markers in Gamma_0 are read from markers.json (format ``marker-layout``).
+The poses of the markers in Gamma_0 are read from markers.json (format ``marker-layout``).
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from anchorpose.recording.regular_file import read_image
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 SMALLEST_M: Final = 1e-3
-LARGEST_M: Final = 5.0  # largest side of a printed marker; a larger value was written in millimetres
+LARGEST_M: Final = 5.0  # m, largest side of a printed marker; a larger value was probably written in millimetres
 
-Squares = Annotated[Whole, Field(gt=1, le=100, description="how many squares a row or a column has")]
+Squares = Annotated[Whole, Field(gt=1, le=100, description="the number of squares in a row or a column")]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tag:
-    """A square tag: side of its black square, and pose with x to its right, y up and z out of it, towards the
+    """A square tag: the side of its black square, and its pose, with x to its right, y up and z out of it, towards the
     reader.
     """
 
@@ -49,7 +49,9 @@ class Tag:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Board:
-    """A ChArUco board: pose with x along its rows, y down its columns and z into it, from its upper left corner."""
+    """A ChArUco board. Its pose has the origin at the upper left corner, x along the rows, y down the columns and z
+    into the board.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     squares_x: Squares
@@ -94,7 +96,7 @@ def read_marker_layout(path: Path) -> MarkerLayout:
     return read_document(path, MarkerLayout)
 
 
-# pixels; the bits of a smaller tag are two pixels wide, its corners less accurate than assumed
+# pixels, least side of a tag: in a smaller tag, bits are two pixels wide and corners less accurate than assumed
 LEAST_SIDE_PX: Final = 14.0
 LEAST_BOARD_CORNERS: Final = 6
 DEPTH_READINGS: Final = 40  # largest number of depth readings used per marker
@@ -112,8 +114,8 @@ class NoMarkers(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenMarkers:
-    """The markers that were seen. Of each corner: pixel (n, 2), world_m (n, 3), marker (n,), the marker's id. Of each
-    depth reading on a marker: rays (k, 2), depth_m (k,), plane (k,), the marker's index.
+    """The markers that were seen. For each corner: pixel (n, 2), world_m (n, 3), marker (n,): id of its marker. For
+    each depth reading on a marker: rays (k, 2), depth_m (k,), plane (k,): index of its marker.
     """
 
     pixel: np.ndarray
@@ -140,7 +142,7 @@ def detect_markers(
     if layout.board is not None:
         found = _board_corners(grey, layout.board, dictionary, parameters)
     else:
-        # quadrilaterals from fitted edges have half the error of corners that are refined one by one
+        # corners of quadrilaterals from fitted edges have half the error of corners that are refined one by one
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
         found = _tag_corners(grey, layout, cv2.aruco.ArucoDetector(dictionary, parameters))
     if not found:
@@ -157,8 +159,8 @@ def detect_markers(
 
 
 def _grey(image: np.ndarray) -> np.ndarray:
-    """Return an 8-bit grey image. For 16-bit infrared, values are scaled without the brightest specks, and their square
-    root balances near and far.
+    """Return an 8-bit grey image. In 16-bit infrared, values are scaled so that the brightest specks saturate, and
+    their square root makes near and far markers similarly bright.
     """
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     if grey.dtype == np.uint8:
@@ -171,7 +173,7 @@ def _tag_corners(
     grey: np.ndarray, layout: MarkerLayout, detector: cv2.aruco.ArucoDetector
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Return pixel and world corners of each tag of the layout that is seen exactly once; if two equal tags are seen,
-    one of them is a copy.
+    both are left out, since one is a copy.
     """
     corners, numbers, _ = detector.detectMarkers(grey)
     listed = [] if numbers is None else [int(number) for number in np.ravel(numbers)]
@@ -186,8 +188,8 @@ def _tag_corners(
 def _board_corners(
     grey: np.ndarray, board: Board, dictionary: cv2.aruco.Dictionary, parameters: cv2.aruco.DetectorParameters
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Return all chessboard corners of the board, with the id 0; no corners where fewer than ``LEAST_BOARD_CORNERS``
-    are seen.
+    """Return pixel and world positions of all chessboard corners of the board, under the id 0; empty if fewer than
+    ``LEAST_BOARD_CORNERS`` are seen.
     """
     size = (board.squares_x, board.squares_y)
     known = cv2.aruco.CharucoBoard(size, board.square_m, board.marker_m, dictionary)
@@ -200,7 +202,7 @@ def _board_corners(
 
 
 def _side_px(corners: np.ndarray) -> float:
-    """Return the shortest side of a tag or, for a board's corners, half the breadth of their extent."""
+    """Return the shortest side of a tag or, for the corners of a board, half of their narrower extent."""
     if len(corners) == 4:
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).min())
     return float(np.ptp(corners, axis=0).min()) / 2.0
@@ -209,7 +211,9 @@ def _side_px(corners: np.ndarray) -> float:
 def _depth_inside(
     corners: np.ndarray, number: int, camera: Camera, depth_m: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rays and depths of readings on a marker, without its edge, where depth mixes with the background."""
+    """Return rays and depths of readings inside a marker, and its number for each. The rim is left out, where depth
+    mixes with the background.
+    """
     if depth_m is None:
         return np.empty((0, 2)), np.empty(0), np.empty(0, dtype=np.int64)
     mask = np.zeros(depth_m.shape, np.uint8)
@@ -222,26 +226,25 @@ def _depth_inside(
     return rays, depth_m[row, column].astype(np.float64), np.full(len(place), number)
 
 
-MARKER_IMAGES: Final = ("infrared.png", "color.png")  # in a camera's folder, with the depth images' geometry
-SAME_M, SAME_RAD = 0.002, 0.002  # the solver's own spread; mirrored poses differ by degrees
-CORNER_SIGMA_PX: Final = 0.3  # error of a corner after refinement, in an image with noise and slight blur
-DEPTH_SIGMA_M: Final = 0.006  # error of a depth reading on black and white print: noise, and the effect of ink
-WORST_CORNER_PX: Final = 4.0  # a tag with a corner farther off was moved or misread, and is left out
-# largest root mean square of all corners; a larger value means another lens or another layout
+MARKER_IMAGES: Final = ("infrared.png", "color.png")  # in a camera's folder, same lens as its depth
+SAME_M, SAME_RAD = 0.002, 0.002  # m and rad, spread of the solver's results; mirrored poses differ by degrees
+CORNER_SIGMA_PX: Final = 0.3  # px, error of a corner after refinement, in an image with noise and slight blur
+DEPTH_SIGMA_M: Final = 0.006  # m, error of a depth reading on black and white print: noise, and the effect of ink
+WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther off was moved or misread, and is left out
+# px, largest root mean square of all corners; with more, the lens or the layout is wrong
 WORST_RMS_PX: Final = 1.0
 FLIPPED_CHI2: Final = 16.0  # lead in chi2 over the mirrored pose of a flat layout: four sigmas
-WORST_SIGMA_M: Final = 0.02  # m, largest error of the camera's position; a small distant tag gives it only to 10 cm
-WORST_SIGMA_RAD: Final = 0.01  # half a degree: a centimetre at a metre
+WORST_SIGMA_M: Final = 0.02  # m, largest sigma of the camera's position; a small distant tag gives it only to 10 cm
+WORST_SIGMA_RAD: Final = 0.01  # rad, half a degree: a centimetre at a metre
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkerPose:
     """The pose by markers: T_world_camera (4, 4); rms_px: root mean square residual of the corners; sigma_m: sigma of
-    the position, per axis; sigma_rad: sigma of the direction. corners: number used; markers: ids of the tags, or of the
-    board's markers, they belong to; left_out: ids of tags that do not fit the others.
+    the position, per axis; sigma_rad: sigma of the direction.
 
-    corners: how many were used; markers: ids of the tags, or of the board's markers, they belong to; left_out: ids of
-    tags that do not fit the others.
+    corners: number of corners used; markers: ids of the tags, or of the board's markers, to which they belong;
+    left_out: ids of tags that do not fit the others.
     """
 
     T_world_camera: np.ndarray
@@ -254,11 +257,10 @@ class MarkerPose:
 
 
 def place_by_markers(recording: Recording, layout: MarkerLayout) -> tuple[Recording, dict[str, PoseRecord]]:
-    """Return the recording with poses of all cameras that have an image of markers, and their records by camera
-    name.
+    """Return the recording with poses of all cameras that have an image of markers, and their records by camera name.
 
-    Cameras without such an image keep the pose they have, or have none. Raises InputError where no camera has such an
-    image, where an image does not fit its camera, or where its markers do not give the pose.
+    Cameras without such an image keep their given pose, if any. Raises InputError where no camera has such an image,
+    where an image does not fit its camera, or where its markers do not give the pose.
     """
     cameras, records = list[Camera](), dict[str, PoseRecord]()
     for camera, background in zip(recording.cameras, recording.backgrounds_m, strict=True):
@@ -316,7 +318,7 @@ def pose_from_markers(
     poses = _candidates(seen, camera)
     while not poses or _worst_corner_px(poses[0][1], seen, camera) > WORST_CORNER_PX:
         numbers = np.unique(seen.marker).tolist()
-        if 2 * (len(left_out) + 1) >= len(numbers) + len(left_out):  # no majority agrees
+        if 2 * (len(left_out) + 1) >= len(numbers) + len(left_out):  # the tags that agree are not a majority
             return NoMarkers.INCONSISTENT
         rest = {number: _candidates(seen.without(number), camera) for number in numbers}
         left_out.append(min(numbers, key=lambda number: rest[number][0][0] if rest[number] else np.inf))
@@ -325,7 +327,7 @@ def pose_from_markers(
 
 
 def _candidates(seen: SeenMarkers, camera: Camera) -> list[tuple[float, np.ndarray]]:
-    """Return (chi2, T_camera_world) of the refined solutions, best first; there are two where all corners lie in one
+    """Return (chi2, T_camera_world) of the refined solutions, best first; there are up to two if all corners lie in one
     plane.
     """
     matrix, distortion = camera.intrinsics.matrix, np.array(camera.intrinsics.distortion)
@@ -359,14 +361,16 @@ def _refined(start: np.ndarray, seen: SeenMarkers, camera: Camera) -> tuple[floa
 
 
 def _moved(T_camera_world: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return the pose after a small turn x[:3] and shift x[3:] of the camera frame."""
+    """Return the pose after a small rotation x[:3] and shift x[3:] of the camera frame."""
     step = np.eye(4)
     step[:3, :3], step[:3, 3] = Rotation.from_rotvec(x[:3]).as_matrix(), x[3:]
     return np.asarray(step @ T_camera_world)
 
 
 def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.ndarray:
-    """Return the residuals in standard deviations: corners in the image, and depth readings off the marker's plane."""
+    """Return the residuals in standard deviations: of corners in the image, and of depth readings from the plane of
+    their marker.
+    """
     points = transform_points(T_camera_world, seen.world_m)
     off = np.nan_to_num(camera.project(points) - seen.pixel, nan=1e3).ravel() / CORNER_SIGMA_PX
     rows = [off]
@@ -393,7 +397,7 @@ def _judged(
 ) -> MarkerPose | NoMarkers:
     chi2, T_camera_world = poses[0]
     rows = _rows(T_camera_world, seen, camera)
-    scale = max(1.0, chi2 / max(len(rows) - 6, 1))  # if corners are less accurate than assumed, so are all other rows
+    scale = max(1.0, chi2 / max(len(rows) - 6, 1))  # if corners are less accurate than assumed, so are depths
     if len(poses) > 1 and (poses[1][0] - chi2) / scale < FLIPPED_CHI2:
         return NoMarkers.AMBIGUOUS
     off = camera.project(transform_points(T_camera_world, seen.world_m)) - seen.pixel
@@ -406,7 +410,7 @@ def _judged(
         return NoMarkers.TOO_UNCERTAIN
     covariance = scale * np.linalg.inv(information)
     sigma_rad = float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
-    sigma_m = float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0))  # the camera's shift, in any direction
+    sigma_m = float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0))  # per axis, mean over all directions
     if sigma_m > WORST_SIGMA_M or sigma_rad > WORST_SIGMA_RAD:
         return NoMarkers.TOO_UNCERTAIN
     markers = tuple(sorted(set(seen.marker.tolist())))

@@ -20,21 +20,23 @@ from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
 
-ROUNDS: Final = 3  # readings are assigned to the nearest part, and the parts are fitted again
-SNAP_RAD: Final = np.radians(10.0)  # error of a bar's direction where readings of another bar are mixed in
-SNAP_WORSE: Final = 1.15  # a snapped part may explain the readings this much worse than a free one
-EXPLAINED_M: Final = 0.015  # distance from a part's surface within which the part explains a reading
-WELL_M: Final = 0.006  # m, spread of the readings of a part that fits well and need not be turned
-WORST_RESIDUAL_M: Final = 0.012  # m, spread of a part's readings about it; with more, it is neither a bar nor a plate
-MOST_HOLLOW: Final = 0.2  # share of the rays through a part's core that pass through; a wrongly proposed part has more
-END_SHARE: Final = 0.15  # share of a bar's length at each end, left out of its cross-section
-RUNNER_M, SEAT_M = 0.15, 0.30  # m, heights by which parts are named
-SAMPLES: Final = 8  # frames that determine the patient's place where no pose is given
+ROUNDS: Final = 3  # number of rounds: readings are assigned to the nearest part, then parts are fitted again
+SNAP_RAD: Final = np.radians(10.0)  # largest error of a bar's direction if readings of another bar are mixed in
+SNAP_WORSE: Final = 1.15  # factor by which a snapped part may explain the readings worse than a free part
+EXPLAINED_M: Final = 0.015  # m from a part's surface; the part explains readings within this distance
+WELL_M: Final = 0.006  # m, spread of the readings of a part that fits well, so that its axes need not be freed
+WORST_RESIDUAL_M: Final = 0.012  # m, largest spread of a part's readings; with more, it is no bar and no plate
+MOST_HOLLOW: Final = 0.2  # largest share of the rays through a part's core that pass through; a wrong part has more
+END_SHARE: Final = 0.15  # share of a bar's length at each end that is not used to measure its cross-section
+RUNNER_M, SEAT_M = 0.15, 0.30  # m, heights above the floor that decide the name of a part
+SAMPLES: Final = 8  # number of frames from which the patient's place is found if no pose is given
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProposedPart:
-    """A proposed part, the robust distance of its readings from it, their number, and the names of guessed lengths."""
+    """A proposed part, the robust distance of its readings from it, their number, and the names of lengths that are
+    guessed.
+    """
 
     part: Box | Cylinder
     residual_m: float
@@ -44,8 +46,8 @@ class ProposedPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentProposal:
-    """The proposed parts, tallest names first. explained_share: share of the free-standing readings that lie within 15
-    mm of a part.
+    """The proposed parts, ordered by name. explained_share: share of the free-standing readings that lie within 15 mm
+    of a part.
     """
 
     parts: tuple[ProposedPart, ...]
@@ -66,8 +68,8 @@ class NoEquipment(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedRoom:
-    """The fitted room: cameras with the poses used; rooms_m: one depth image of the empty room each; the proposal;
-    notes on both.
+    """The fitted room: cameras with the poses used; rooms_m: one depth image of the empty room per camera; the
+    proposal; notes on both.
     """
 
     cameras: tuple[Camera, ...]
@@ -105,7 +107,7 @@ def fit_equipment(recording: Recording, camera: str | None, region: Region) -> F
 
 
 def _with_cameras(recording: Recording, name: str | None) -> Recording:
-    """Return the recording with one camera, or with all, and without its equipment, which is to be found."""
+    """Return the recording with one camera, or with all, and without its equipment, since this is to be found."""
     names = [camera.name for camera in recording.cameras]
     if name is not None and name not in names:
         raise InputError(recording.folder, f"has no camera '{name}'", f"choose one of {', '.join(names)}")
@@ -128,8 +130,8 @@ def propose_equipment(
 ) -> EquipmentProposal | NoEquipment:
     """Propose the boxes and tubes that explain the empty room near the patient's place.
 
-    cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. A side that no
-    camera sees is placed so that the bar is square, and named in ``guessed``.
+    cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. If no camera
+    sees a side of a bar, it is placed such that the bar is square, and its length is named in ``guessed``.
     """
     readings = gather_readings(cameras, rooms_m, floor_height_m, region)
     if readings.stands.sum() < LEAST_PIXELS:
@@ -155,10 +157,10 @@ def propose_equipment(
 
 
 def _common_yaw(found: Sequence[Found]) -> float:
-    """Return the direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 if this fits as
-    well.
+    """Return the direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 if 0 fits as well.
 
-    Because bars meet at right angles, four times the angle is averaged; longer bars count more.
+    Bars meet at right angles, so angles that differ by 90 degrees are averaged as equal (as four times the angle);
+    longer bars count more.
     """
     total = 0.0 + 0.0j
     for part in found:
@@ -170,10 +172,10 @@ def _common_yaw(found: Sequence[Found]) -> float:
 
 
 def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
-    """Fit a part with its axes along the vertical and the common directions where they nearly are.
+    """Fit a part whose axes are set to the vertical and the common directions if they are nearly parallel to them.
 
-    It is fitted from two starts. Readings of other parts among its own may make one start too large, and a face then
-    converges to the wrong side of the readings.
+    It is fitted from two starts. If readings of other parts are mixed in, one start may be too large, and a face may
+    converge to the wrong side of the readings.
     """
     rotation = _snapped(part.rotation, yaw)
     rows = np.flatnonzero(readings.stands)[part.members]
@@ -181,7 +183,7 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
     local = points @ rotation
     seen_from = ((readings.origin_m[rows] - points) @ rotation).mean(axis=0)
     inner = np.ones(len(local), dtype=bool)
-    if not part.plate:  # other bars start from a bar's ends
+    if not part.plate:  # other bars join a bar at its ends, which are left out
         ends = np.percentile(local[:, 2], [0, 100]) @ np.array([[1 - END_SHARE, END_SHARE], [END_SHARE, 1 - END_SHARE]])
         inner = (local[:, 2] >= ends[0]) & (local[:, 2] <= ends[1])
     across = slice(0, 2) if not part.plate else slice(2, 3)
@@ -204,7 +206,7 @@ def _snapped(rotation: np.ndarray, yaw: float) -> np.ndarray:
     choice = int(np.argmax(overlap[:, 2]))
     if overlap[choice, 2] < np.cos(SNAP_RAD):
         return rotation
-    axes = [common[:, choice - 2], common[:, choice - 1], common[:, choice]]  # cyclic, so right-handed
+    axes = [common[:, choice - 2], common[:, choice - 1], common[:, choice]]  # cyclic order keeps the axes right-handed
     return np.stack(axes, axis=1)
 
 
@@ -213,7 +215,9 @@ def _is_snapped(fit: Fit) -> bool:
 
 
 def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[Fit]:
-    """Assign readings to the nearest part and fit every part to its readings, repeatedly; drop small leftovers."""
+    """Assign readings to the nearest part and fit every part to its readings, repeatedly. Parts left with too few
+    readings are dropped.
+    """
     fits = list(fits)
     stands = np.flatnonzero(readings.stands)
     points = readings.points_m[stands]
@@ -235,7 +239,7 @@ def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[
 
 
 def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:
-    """Refit the part with its axes fixed if the common directions explain it, else free to turn."""
+    """Refit the part, with its axes fixed if the common directions explain the readings, else with free axes."""
     straight = refine(fit, readings, own, tubes=tubes)
     if _is_snapped(fit) and straight.residual_m < WELL_M:
         return straight

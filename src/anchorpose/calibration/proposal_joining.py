@@ -1,4 +1,6 @@
-"""Complete proposed parts in the room: join pieces, extend bars, test rays that pass through, put feet on the floor."""
+"""Complete proposed parts: join pieces of one bar, extend bars, test whether rays pass through parts, extend posts to
+the floor.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +13,19 @@ import numpy as np
 from anchorpose.calibration.proposal_readings import UNREAD_M, Readings
 from anchorpose.calibration.proposal_shape import LEAST_SUPPORT, REACH_M, Fit
 
-OFF_LINE_M, LARGEST_CUT_M = 0.02, 0.30  # pieces of one bar: aligned, with a gap at most as broad as a leg
+OFF_LINE_M, LARGEST_CUT_M = 0.02, 0.30  # m, limits for pieces of one bar: off its line, and gap (a leg)
 SEEN_THROUGH: Final = 4  # number of rays through a gap that show that it is empty
-ALONG_M: Final = 0.01  # a reading this near to the extension of a bar's faces belongs to it; also the step along it
-DENSE: Final = 3  # readings in a step; one pixel's breadth of a bar at 3 m has five
-LIES_M: Final = 0.06  # m; a level bar whose unseen lower side is this low lies on the floor
-TO_FLOOR_M: Final = 0.12  # m; an upright bar that ends this low stands on the floor, or in a runner that hides its end
+ALONG_M: Final = 0.01  # m; a reading this near to a bar's extension belongs to the bar; also the step along it
+DENSE: Final = 3  # least number of readings in a step; a bar one pixel wide at 3 m has five
+LIES_M: Final = 0.06  # m above the floor; a level bar whose unseen lower side is this low lies on the floor
+TO_FLOOR_M: Final = 0.12  # m above the floor; an upright bar that ends this low stands on it, or in a runner
 
 
 def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
     """Extend a bar as far as readings continue in its cross-section.
 
-    free (n,) bool: readings that do not belong to another part. Readings of other parts may extend a bar, so that a
-    runner continues behind the post on it, but no bar ends in them.
+    free (n,) bool: readings that do not belong to another part. A bar is extended also across readings of other parts,
+    so that a runner continues behind the post on it, but it never ends in such readings.
     """
     if fit.plate:
         return fit
@@ -36,7 +38,7 @@ def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
 
 
 def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
-    """Return how far readings continue beyond an end, in steps with some readings each; the last step has free
+    """Return how far (m) readings continue beyond an end: every step has enough readings, and the last step has free
     readings.
     """
     steps = (beyond_m / ALONG_M).astype(int)
@@ -100,7 +102,7 @@ def _core(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rays_through(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, readings: Readings) -> tuple[int, int]:
-    """Return how many of the rays that meet a box end beyond it, and how many within it or just before."""
+    """Return two numbers of rays that meet a box: how many end beyond it, and how many end in it or just before it."""
     origin, ray = readings.origin_m @ rotation, readings.ray @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
         one, other = (low - origin) / ray, (high - origin) / ray
@@ -113,8 +115,8 @@ def _rays_through(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, readi
 
 
 def on_its_feet(fit: Fit, readings: Readings, floor_height_m: float) -> Fit:
-    """Extend a part to the floor where its lowest face is lost in the floor's noise or in a runner; no part goes below
-    the floor.
+    """Extend a part to the floor if its lower end is hidden by the floor's noise or by a runner; no part goes below the
+    floor.
     """
     upright = np.abs(fit.rotation[1])
     axis = int(np.argmax(upright))
@@ -145,9 +147,10 @@ def _lifted(fit: Fit, axis: int, height_m: float, readings: Readings) -> bool:
 
 
 def guessed_lengths(fit: Fit, floor_height_m: float) -> tuple[str, ...]:
-    """Return the lengths that no camera sees: a side along which all cameras look, or an end without readings.
+    """Return the names of lengths that no camera sees: of a side along which all cameras look, or of an end without
+    readings.
 
-    A part that stands on the floor ends there.
+    The end of a part on the floor counts as seen.
     """
     names = ("breadth", "thickness", "length") if not fit.plate else ("length", "breadth", "thickness")
     unplaced = fit.support < LEAST_SUPPORT

@@ -17,31 +17,32 @@ from anchorpose.calibration.first_frames import TOLERANCES_M, noise_per_m
 from anchorpose.camera import Camera, transform_points
 from anchorpose.settings import Positive, settings
 
-FLOOR_SIGMAS: Final = 4.0  # standard deviations of the depth noise across the floor
-JUMP_M, JUMP_SIGMAS = 0.03, 4.0  # m and sigmas between neighbours on one object: a bar's slanted side, and noise
-SUPPORT: Final = 4  # least neighbours, of eight, at the pixel's own depth; flying pixels have fewer
-FREE_SHARE: Final = 0.5  # least share of an object's pixels near the patient's place; walls and cupboards have less
-BEYOND_PX: Final = 14  # pixels around a free-standing object whose rays pass by it
-UNREAD_M: Final = 100.0  # m, depth assumed for a large area without readings: the room there is out of range
-UNREAD_PX: Final = 21  # pixels, width of such an area; the side of a tube at a grazing angle is unread but narrower
-TOP_M: Final = 2.2  # largest height above the floor; lamps and ceiling lifts are not part of the equipment
+FLOOR_SIGMAS: Final = 4.0  # sigmas of the depth noise across the floor; higher readings are above it
+JUMP_M, JUMP_SIGMAS = 0.03, 4.0  # largest step on one object, m and sigmas: a bar's slanted side, noise
+SUPPORT: Final = 4  # least number of the eight neighbours at a pixel's depth; flying pixels have fewer
+FREE_SHARE: Final = 0.5  # least share of an object's pixels that lie in the region; walls and cupboards have less
+BEYOND_PX: Final = 14  # pixels around a free-standing object whose rays are known to pass by it
+UNREAD_M: Final = 100.0  # m, depth assigned to a large area without readings, where the room is out of range
+UNREAD_PX: Final = 21  # pixels, least width of such an area; the unread side of a tube at a grazing angle is narrower
+TOP_M: Final = 2.2  # m above the floor, largest height; lamps and ceiling lifts are not part of the equipment
 
 
 @settings
 class Region:
     """An upright cylinder in which equipment is searched."""
 
-    center_xz_m: tuple[float, float] = (0.0, 0.0)  # Gamma_0's origin lies where the patient stands
-    radius_m: Positive = 1.0  # a standing frame is a metre long and as wide, measured from its middle
+    center_xz_m: tuple[float, float] = (0.0, 0.0)  # origin of Gamma_0, where the patient stands
+    radius_m: Positive = 1.0  # m; a standing frame is a metre long and wide, measured from its middle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
     """Readings of all cameras' empty rooms in and around the region, world frame, one row per pixel.
 
-    origin_m (n, 3): the camera that looked; ray (n, 3): vector along the ray with a depth of one metre; depth_m (n,),
+    origin_m (n, 3): position of the camera; ray (n, 3): vector along the ray with a depth of one metre; depth_m (n,),
     ``UNREAD_M`` without a reading; sigma_m (n,): noise of the depth; pixel_m (n,): breadth of a pixel at this depth;
-    stands (n,) bool: on a free-standing object in the region, False where the ray passes by or ends beyond.
+    stands (n,) bool: True on a free-standing object in the region, False where the ray passes by the object or ends
+    beyond it.
     """
 
     origin_m: np.ndarray
@@ -88,12 +89,12 @@ def _of_one_camera(camera: Camera, room_m: np.ndarray, floor_height_m: float, re
 
 
 def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_m: float, region: Region) -> np.ndarray:
-    """Return (height, width) bool: pixels above the floor, in the region, and part of an object that lies mostly in
-    it.
+    """Return (height, width) bool: pixels above the floor, in the region, and on an object that is mostly in the
+    region.
     """
     points = transform_points(camera.require_pose(), camera.back_project(room_m).astype(np.float64))
     height = points[..., 1] - floor_height_m
-    lift = abs(camera.position_m[1] - floor_height_m)  # depth noise a z^2 becomes a z h across a floor h below
+    lift = abs(camera.position_m[1] - floor_height_m)  # noise a z^2 is a z h across a floor h below
     standing = (room_m > 0) & (height > TOLERANCES_M[0] + FLOOR_SIGMAS * noise * room_m * lift)
     limit = JUMP_M + JUMP_SIGMAS * noise * room_m**2
     supported = _support(room_m, standing, limit) >= SUPPORT
@@ -108,8 +109,8 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
 
 
 def _uncertain(room_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """Return (height, width) bool: pixels beside free-standing objects and not clearly behind them, which are mixed or
-    show the same object.
+    """Return (height, width) bool: pixels beside free-standing objects that are not clearly behind them. They mix
+    object and background, or show the same object.
     """
     nearest = np.where(stands, room_m, 0.0).astype(np.float32)
     around = cv2.dilate(nearest, np.ones((5, 5), np.uint8))
@@ -117,7 +118,7 @@ def _uncertain(room_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
 
 
 def _support(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """Return how many (height, width) of a pixel's eight neighbours lie within the limit of its depth."""
+    """Return (height, width): how many of the eight neighbours of a pixel differ in depth by at most ``limit``."""
     padded, inside = np.pad(room_m, 1), np.pad(mask, 1)
     count = np.zeros(room_m.shape, np.int64)
     height, width = room_m.shape
@@ -130,7 +131,7 @@ def _support(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> np.ndar
 
 
 def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return the number (height, width) int of the connected object, -1 outside of the mask; and the number of
+    """Return (height, width) int: the index of each pixel's connected object, -1 outside the mask; and the number of
     objects.
     """
     index = np.full(mask.shape, -1)
@@ -148,28 +149,30 @@ def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[n
     return objects, max(int(count), 1)
 
 
-BAR_RADIUS_M: Final = 0.055  # m from a bar's middle line to its surface: tubes of 3 cm to pads of 9 cm
-SURROUNDINGS_M: Final = 0.10  # m; up to this distance a bar has nothing beside it, unlike a strip of a plate
-MOST_BESIDE: Final = 0.5  # readings beside a bar, divided by its own pixels; other bars may start from it
-LEAST_LENGTH_M: Final = 0.15  # m; shorter pieces are handles, screws and corners
-SLENDERNESS: Final = 2.5  # least length over breadth of a bar
-GAP_M: Final = 0.06  # m without readings along a bar, hidden by another bar
+BAR_RADIUS_M: Final = 0.055  # m from a bar's middle line to its surface at most: tubes of 3 cm to pads of 9 cm
+SURROUNDINGS_M: Final = 0.10  # m around a bar in which nothing is beside it, unlike a strip of a plate
+MOST_BESIDE: Final = 0.5  # largest number of readings beside a bar over those on it; other bars may start from it
+LEAST_LENGTH_M: Final = 0.15  # m, shortest bar; shorter pieces are handles, screws and corners
+SLENDERNESS: Final = 2.5  # least ratio of length to breadth of a bar
+GAP_M: Final = 0.06  # m, longest stretch of a bar without readings, which another bar hides
 SEEDS: Final = 120  # number of places from which a bar is searched, drawn again for each bar
-NEAR_M: Final = 0.12  # m around a seed, for the points that give a direction: twice a thick bar's breadth
-LEAST_PIXELS: Final = 40  # fewest pixels of a bar or plate; fewer give no direction
-PLATE_RADIUS_M: Final = 0.09  # m, radius of the disc that readings fill on a plate but never on a bar
-PLATE_FILLED: Final = 0.85  # share of the disc's cells with readings, from which it counts as filled
-PLATE_FLATNESS_M: Final = 0.02  # m, noise and upholstery
-PLATE_EDGE_M: Final = 0.05  # m, a seat's edge, which is not a separate bar
-CELL_M: Final = 0.02  # m, three pixels at 2.4 m
+NEAR_M: Final = 0.12  # m around a seed; its points give a direction: twice a thick bar's breadth
+LEAST_PIXELS: Final = 40  # least number of pixels of a bar or plate; fewer give no direction
+PLATE_RADIUS_M: Final = 0.09  # m, radius of a disc that readings can fill on a plate, but never on a bar
+PLATE_FILLED: Final = 0.85  # least share of the disc's cells with readings for it to count as filled
+PLATE_FLATNESS_M: Final = 0.02  # m, deviation from a plane: noise and upholstery
+PLATE_EDGE_M: Final = 0.05  # m, thickness of a seat's edge, which is not a separate bar
+CELL_M: Final = 0.02  # m, cell of the disc: three pixels at 2.4 m
 MOST_PARTS: Final = 40  # largest number of parts of one piece of equipment
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """A detected part: rotation (3, 3) with its axes as columns, a bar's longest or a plate's normal last.
+    """A detected part. rotation (3, 3): its axes as columns; the last is the direction of a bar, or the normal of a
+    plate.
 
-    low, high (3,): extent of its visible points along the axes, from ``center_m``; members: their indices.
+    low, high (3,): extent of its visible points along the axes, relative to ``center_m``; members: indices of these
+    points.
     """
 
     plate: bool
@@ -196,7 +199,9 @@ def find_parts(points_m: np.ndarray) -> list[Found]:
 
 
 def _inside(points_m: np.ndarray, part: Found, margin_m: float, margin_last_m: float) -> np.ndarray:
-    """Return (n,) bool: points within the part's extent and a margin, which differs along its last axis."""
+    """Return (n,) bool: points within the part's extent enlarged by a margin; the margin along its last axis is given
+    separately.
+    """
     local = (points_m - part.center_m) @ part.rotation
     margin = np.array([margin_m, margin_m, margin_last_m])
     return np.asarray(((local > part.low - margin) & (local < part.high + margin)).all(axis=1))
@@ -233,7 +238,7 @@ def _grow_line(points: np.ndarray, place: np.ndarray, axis: np.ndarray) -> tuple
         if chosen.sum() < LEAST_PIXELS:
             return None
         middle, axis = points[chosen].mean(axis=0), _main_direction(points[chosen])
-        # a thin tube is limited to its own breadth, so that adjoining bars do not turn it
+        # a thin tube uses only points within its breadth, so that adjoining bars do not turn it
         radius = float(np.clip(2.5 * np.median(across[chosen]), 0.4 * BAR_RADIUS_M, BAR_RADIUS_M))
     along, across = _cylindrical(points, middle, axis)
     chosen = (across < radius) & (along >= along[chosen].min()) & (along <= along[chosen].max())
@@ -313,7 +318,9 @@ def _filled(offset: np.ndarray, axes: np.ndarray) -> float:
 
 
 def _grow_plate(points_m: np.ndarray, left: np.ndarray, place: np.ndarray, axes: np.ndarray) -> Found | None:
-    """Return the connected part of the plane around a place, in its smallest rectangle; None if that is a bar's."""
+    """Return the connected part of the plane around a place, in its smallest rectangle; None if this rectangle is as
+    narrow as a bar.
+    """
     offset = points_m[left] - place
     on_plane = np.abs(offset @ axes[:, 0]) < PLATE_FLATNESS_M
     flat = offset[on_plane] @ axes[:, 1:]

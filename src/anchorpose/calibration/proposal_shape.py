@@ -1,5 +1,5 @@
-"""Fit the faces of a part by robust least squares, such that readings lie on its surface and rays that end beyond it
-miss it.
+"""Fit the faces of a part by robust least squares: readings should lie on its surface, and rays that end beyond it
+should miss it.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.calibration.proposal_readings import Readings
 from anchorpose.recording.equipment import Box, Cylinder
 
-LEAST_SIGMA_M: Final = 0.003  # m; tubes are not straighter than this, and camera poses are not more accurate
-REACH_M: Final = 0.03  # distance to a part within which readings are its own
+LEAST_SIGMA_M: Final = 0.003  # m; neither are tubes straighter than this, nor camera poses more accurate
+REACH_M: Final = 0.03  # m from a part; readings within this distance belong to it
 BEYOND_M: Final = 0.05  # m; a ray that ends this far behind a part has passed it
-STEP_M: Final = 0.015  # half a thin plate's thickness
-ROWS: Final = 300  # readings, and as many rays, for one part: faces are precise to half a millimetre
-TRIALS: Final = 25  # iterations of the solver; most fits converge after ten
+STEP_M: Final = 0.015  # m, step along a ray: half the thickness of a thin plate
+ROWS: Final = 300  # largest number of readings, and of rays, for one part: faces are then precise to half a millimetre
+TRIALS: Final = 25  # largest number of iterations of the solver; most fits converge after ten
 SQUARE_SIGMA_M: Final = 0.02  # m, usual deviation of a bar's cross-section from a square; any visible side overrules it
-PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, thickness of a seat where its edge is not seen
+PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge is not seen, and its sigma
 ASLANT: Final = 0.4  # sine of 24 degrees: a 5 cm bar at this angle shows three pixels of its side
-ASSUMED: Final = 20.0  # weight where no camera sees a side: the bar is assumed square
-THINNEST_M, BROADEST_M = 0.01, 0.13  # m, limits of a bar's cross-section; broader parts, as pads, are plates
-END_SIGMA_M: Final = 0.05  # m; an end without evidence stays at its last reading
-ROUNDER: Final = 1.12  # a tube is chosen where it costs at most this many times the bar, which has one more free length
-LEAST_SUPPORT: Final = 12  # readings or passing rays at a face, below which its place is a guess
+ASSUMED: Final = 20.0  # weight of the assumption that a bar is square if no camera sees a side
+THINNEST_M, BROADEST_M = 0.01, 0.13  # m, limits of a bar's cross-section; broader parts, such as pads, are plates
+END_SIGMA_M: Final = 0.05  # m, sigma with which an end without evidence stays at its last reading
+ROUNDER: Final = 1.12  # largest ratio of costs at which a tube replaces the bar, which has one more free length
+LEAST_SUPPORT: Final = 12  # least number of readings or passing rays at a face; with fewer, its place is a guess
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A box in its own axes, or a tube along the last of them.
+    """A box along the axes ``rotation``, or a tube along the last of them.
 
-    rotation (3, 3): T_world_local's; low, high (3,): faces along the axes, from the world's origin. A round part has
-    the same breadth along the first two axes. cost: cost of the fit per reading; residual_m: robust spread of the
-    readings about the surface; support (3, 2): number of readings and passing rays that determine each face; readings:
-    number of readings on the part.
+    rotation (3, 3): from the part's axes to the world; low, high (3,): position of the faces along the axes, relative
+    to the world's origin. A round part (tube) has the same breadth along the first two axes. cost: cost of the fit per
+    reading; residual_m: robust spread of the readings about the surface; support (3, 2): number of readings and passing
+    rays that determine each face; readings: number of readings on the part.
     """
 
     rotation: np.ndarray
@@ -82,8 +82,8 @@ class Fit:
 
 
 def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bool, seen_from: np.ndarray) -> Fit:
-    """Make a part from its visible points; its thickness away from the camera is assumed equal to its breadth.
-    seen_from (3,): camera position, local.
+    """Make a part from its visible points; its unseen thickness, away from the camera, is assumed to equal its breadth.
+    seen_from (3,): camera position along the part's axes.
     """
     low, high = low.copy(), high.copy()
     size = high - low
@@ -98,7 +98,7 @@ def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bo
 
 
 def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tubes: bool = False) -> Fit:
-    """Fit the box that explains the readings best or, with tubes, the tube if it is about as good.
+    """Fit the box that explains the readings best. If ``tubes`` is set and a tube is about as good, return the tube.
 
     own (n,) bool: readings on this part. turn: whether the axes may turn too.
     """
@@ -113,10 +113,9 @@ def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tu
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Evidence:
-    """The evidence of one part. points_m (n, 3) with sigma_m (n,), and hitting_m (n, k, 3): places on their rays, which
-    hit the part. passing_m (m, k, 3): places on rays that miss the part. *_sigma_m (n,), (m,): half a pixel's breadth.
-
-    passing_m (m, k, 3): places on rays that miss the part. *_sigma_m (n,), (m,): half a pixel's breadth.
+    """The evidence for one part. points_m (n, 3): its readings, with sigma_m (n,); hitting_m (n, k, 3): places on the
+    rays of these readings, which hit the part; passing_m (m, k, 3): places on rays that miss the part. *_sigma_m (n,),
+    (m,): half the breadth of a pixel.
     """
 
     points_m: np.ndarray
@@ -149,8 +148,8 @@ def _evidence(fit: Fit, readings: Readings, own: np.ndarray) -> _Evidence:
 
 
 def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
-    """Return (3,) bool: axes across the part along which all cameras that see it look; its outline shows the other
-    axes.
+    """Return (3,) bool: axes along which all cameras that see the part look, so that they do not show its extent; its
+    outline shows the extent along the other axes.
     """
     view = (np.unique(origins_m, axis=0) - fit.center_m) @ fit.rotation
     blind = np.zeros(3, dtype=bool)
@@ -164,8 +163,8 @@ def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
 
 
 def _along_rays(readings: Readings, rows: np.ndarray, near: np.ndarray, thick_m: float) -> np.ndarray:
-    """Return places (n, k, 3) on rays around their nearest approach to the part, no farther apart than a bar is
-    thick.
+    """Return places (n, k, 3) on the rays around the point nearest to the part; two places are no farther apart than a
+    bar is thick.
     """
     length = np.linalg.norm(readings.ray[rows], axis=1)
     count = max(5, int(np.ceil(2.0 * thick_m / STEP_M)))
@@ -208,7 +207,7 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
         if fit.round:
             middle, half = x[:2], np.maximum(x[3], THINNEST_M) / 2.0
             low[:2], high[:2] = middle - half, middle + half
-        # turned about the middle: the faces' places along the new axes follow
+        # the part turns about its middle, so the positions of the faces along the new axes change
         return replace(fit, rotation=rotation, low=low, high=high)
 
     def rows(x: np.ndarray) -> np.ndarray:
@@ -222,7 +221,7 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
     x = np.concatenate([(fit.low + fit.high) / 2.0, fit.size_m, np.zeros(3 if turn else 0)])
     scale = np.concatenate([np.full(6, 0.01), np.full(len(x) - 6, 0.02)])
     seen = len(evidence.points_m) + len(evidence.passing_m) + len(evidence.hitting_m)
-    # the first kernel pulls the part out of passing rays, the second rejects outliers
+    # the first kernel moves the part out of passing rays, the second rejects outliers
     for kernel in (_soft_l1, _cauchy):
         loss = partial(_robust_loss, kernel, seen)
         found = least_squares(rows, x, loss=loss, f_scale=2.0, max_nfev=TRIALS, x_scale=scale)
@@ -231,7 +230,9 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
 
 
 def _robust_loss(kernel: Callable[[np.ndarray], np.ndarray], seen: int, z: np.ndarray) -> np.ndarray:
-    """Compute the robust loss. Only measurements may be outliers: assumptions keep their full weight."""
+    """Compute the robust loss. Only the first ``seen`` residuals, the measurements, may be outliers: assumptions keep
+    their full weight.
+    """
     rho = np.stack([z, np.ones_like(z), np.zeros_like(z)])
     rho[:, :seen] = kernel(z[:seen])
     return rho
@@ -247,7 +248,7 @@ def _cauchy(z: np.ndarray) -> np.ndarray:
 
 
 def _too_broad(x: np.ndarray, fit: Fit) -> np.ndarray:
-    """Return residuals that keep a bar from becoming broader than bars are, or a plate thicker."""
+    """Return residuals that keep a bar from becoming broader, or a plate thicker, than ``BROADEST_M``."""
     across = x[5:6] if fit.plate else x[3:5]
     rows: np.ndarray = np.maximum(across - BROADEST_M, 0.0) / 1e-3
     return rows

@@ -32,10 +32,10 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording, depths_of
 
-TILTED_RAD: Final = 0.035  # two degrees between a measured floor and the world's: a foot a metre away is 3.5 cm off
-# four degrees: floors are level to one, lenses bend them by one; beyond, the pose is wrong
+TILTED_RAD: Final = 0.035  # two degrees between a measured floor and the world's; a foot at 1 m is then 3.5 cm off
+# four degrees: floors are level to one degree, lenses bend them by one; with more, the pose is wrong
 WORST_FLOOR_TILT_RAD: Final = 0.07
-# m between the heights of the same floor in two cameras, each 10 cm off; heights are known to 2 cm
+# m between the heights of one floor in two cameras: known to 2 cm each; at the second limit each is 10 cm off
 UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15
 
 
@@ -51,9 +51,10 @@ def find_world(
 
     sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without
     equipment, the world has Y up, the origin on the floor below the patient's first place, and X from the patient
-    towards the camera: the patient is assumed to face the camera, which a note states. Other cameras are placed
-    relative to the first by the people whom they see (``placing``). rough_clocks: whether the clocks are known only to
-    50 ms, so that these placements may be less accurate. Raises InputError where poses are missing and cannot be found.
+    towards the camera: the patient is assumed to face the camera, and a note states this assumption. Other cameras are
+    placed relative to the first by the people that both see (``placing``). rough_clocks: whether the clocks are known
+    only to 50 ms, so that these placements may be less accurate. Raises InputError where poses are missing and cannot
+    be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
     equipment_config = equipment_config or EquipmentPoseConfig()
@@ -76,7 +77,7 @@ def find_world(
 
 
 def _given_world(recording: Recording, sample_frames: Sequence[FrameSet], config: EquipmentPoseConfig) -> Calibration:
-    """Return the given poses, with notes where the floor or the equipment contradicts them."""
+    """Return the given poses, with doubts and notes where the floor or the equipment contradicts them."""
     floors = _floors(recording, sample_frames)
     world = _checked(recording.cameras, floors, "the cameras' given poses are used")
     upside_down = _upside_down(recording, sample_frames, floors)
@@ -114,7 +115,7 @@ def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[Flo
 def _upside_down(
     recording: Recording, sample_frames: Sequence[FrameSet], floors: Sequence[FloorPlane | NoFloor]
 ) -> tuple[PoseDoubt, ...]:
-    """Return a doubt about each camera that shows people on a floor above their heads."""
+    """Return a doubt about each camera in which, by its pose, people stand upside down on a floor above it."""
     found = []
     for index, (camera, floor) in enumerate(zip(recording.cameras, floors, strict=True)):
         if is_upside_down(floor, camera, recording.backgrounds_m[index], depths_of(sample_frames, index)):
@@ -125,7 +126,9 @@ def _upside_down(
 
 
 def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor], first_note: str) -> Calibration:
-    """Return the cameras with poses, and how well their floors agree with these poses."""
+    """Return the calibration of cameras with poses, with residuals and doubts on how well their floors agree with these
+    poses.
+    """
     residuals, heights, notes, doubts = [], dict[str, float](), [first_note], list[PoseDoubt]()
     for camera, floor in zip(cameras, floors, strict=True):
         if isinstance(floor, NoFloor):
@@ -143,8 +146,8 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
             doubts.append(PoseDoubt(DoubtSource.FLOOR, (camera.name,), sentence, off_m, refuted))
         if tilt > WORST_FLOOR_TILT_RAD:
             continue
-        # the floor's height in the middle of the camera's view; directly below the camera, a small tilt would act as a
-        # lever
+        # Height of the floor in the middle of the camera's view: directly below the camera, a small tilt would act as a
+        # lever.
         ahead = floor.height_m / max(0.2, float(-floor.up @ [0.0, 0.0, 1.0])) * np.array([0.0, 0.0, 1.0])
         on_floor = ahead - (floor.up @ ahead + floor.height_m) * floor.up
         heights[camera.name] = float(transform_points(T_world_camera, on_floor)[1])
@@ -155,7 +158,9 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
 
 
 def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
-    """Return a doubt if cameras have one floor at different heights, about the camera farthest from the others."""
+    """Return a doubt if cameras see the floor at different heights; it is about the camera that differs most from the
+    others.
+    """
     if len(heights_m) < 2:
         return []
     values = np.array(list(heights_m.values()))

@@ -24,17 +24,17 @@ from anchorpose.isolation.depth_noise import LIMB_M, measure_detail
 from anchorpose.isolation.room_planes import find_planes
 from anchorpose.isolation.view import View
 
-NOISY_PER_M: Final = 2 * 1.425e-3  # noise of a Kinect v1, the noisiest common camera: Khoshelham and Elberink 2012
-# shares of the image without readings: 0.05 to 0.35 indoors, where windows and far walls return nothing
+NOISY_PER_M: Final = 2 * 1.425e-3  # sigma / depth^2: twice that of a Kinect v1 (Khoshelham and Elberink 2012)
+# shares of the image without readings; indoors, windows and far walls leave 0.05 to 0.35
 SOME_GONE, MOST_GONE = 0.40, 0.70
-HOLED: Final = 0.15  # share of the patient's outline; hair and shoes are less
-# times the usual noise, in a single frame; the noise of undisturbed cameras stays within 10 % between frames
+HOLED: Final = 0.15  # share of the patient's outline without readings; hair and shoes leave less
+# noise of a disturbed frame over the usual noise; undisturbed frames differ by up to 10 %
 BURST: Final = 1.3
-GONE: Final = 0.05  # share of the image that suddenly has no reading; the shadow of a passing person is less
-OFTEN_BURST: Final = 0.25  # share of the frames
-UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # shares of the image that gain or lose their readings; edges and people have 0.03
-SPECK_PX: Final = 7  # holes between two read pixels, in the patient's outline
-LEAST_SAMPLES: Final = 5  # frames, to measure changes between them
+GONE: Final = 0.05  # share of the image that loses its readings in a disturbed frame; a passing person's shadow is less
+OFTEN_BURST: Final = 0.25  # share of the frames that are disturbed
+UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # shares of the image that gain or lose readings; edges and people cause 0.03
+SPECK_PX: Final = 7  # pixels; a smaller hole or gap in the patient's pixels is closed to find the outline
+LEAST_SAMPLES: Final = 5  # number of frames needed to measure changes between them
 
 
 def check_depth(material: Material) -> list[Finding]:
@@ -77,7 +77,7 @@ def _detail(camera: Camera, frames_m: Sequence[np.ndarray], at_m: float) -> OfCa
     edges = f"edges {100 * edge_m:.0f} cm wide" if detail.filtered else "sharp edges"
     measured, remedies = f"steps of {1000 * step_m:.0f} mm, {edges} at {at_m:.1f} m", list[str]()
     if drawn_out > Level.GREEN:
-        measured += f": an arm is told apart up to {detail.limbs_until_m:.1f} m"
+        measured += f": an arm can be distinguished up to {detail.limbs_until_m:.1f} m"
         remedies.append("switch off the recorder's filters (spatial, temporal, hole filling, decimation)")
     if max(drawn_out, coarse) > Level.GREEN:
         remedies.append("move the camera nearer")
@@ -103,7 +103,7 @@ def _steady(
     """Return findings on frames with more noise or fewer readings than usual, and on readings that appear and disappear
     between frames.
 
-    Light of an unsynchronised camera has an effect on the whole image at once.
+    The light of an unsynchronised camera disturbs the whole image at once.
     """
     if len(frames_m) < LEAST_SAMPLES:
         return OfCamera(camera.name, Level.GREEN, "too few frames to compare")
@@ -113,7 +113,7 @@ def _steady(
     level = max(level_of(float(disturbed.mean()), 0.0, OFTEN_BURST), level_of(unsteady, UNSTEADY, VERY_UNSTEADY))
     stands_out = f"{disturbed.sum()} of {len(frames_m)} frames stand out"
     remedy = "another camera's light or a flickering lamp: find it by switching them off, and synchronise the cameras"
-    return OfCamera(camera.name, level, f"{stands_out}, {100 * unsteady:.0f} % of the image comes and goes", remedy)
+    return OfCamera(camera.name, level, f"{stands_out}, {100 * unsteady:.0f} % of the image flickers", remedy)
 
 
 def _disturbed(camera: Camera, frames_m: Sequence[np.ndarray]) -> np.ndarray:
@@ -135,8 +135,8 @@ def _holes(camera: Camera, views: Sequence[View]) -> OfCamera:
         return OfCamera(camera.name, Level.GREEN, "the patient is not in view")
     holed = float(np.mean(shares))
     remedy = "other clothes (dark, shiny or very loose ones return no light); keep sunlight off the patient"
-    level = level_of(holed, HOLED, MOST_MISSING)  # red as in tracking: no usable reading on most of the skin
-    return OfCamera(camera.name, level, f"{100 * holed:.0f} % of the outline without one", remedy)
+    level = level_of(holed, HOLED, MOST_MISSING)  # red, as in tracking, if most of the skin has no usable reading
+    return OfCamera(camera.name, level, f"{100 * holed:.0f} % of the outline without a reading", remedy)
 
 
 def _hole_share(view: View) -> float:
@@ -146,25 +146,25 @@ def _hole_share(view: View) -> float:
     return float(np.mean(view.depth_m[filled] <= 0)) if filled.any() else float("nan")
 
 
-# degrees of view; depth cameras have 43 (a cropped RealSense) to 120 (Azure Kinect, wide)
+# field of view in degrees; depth cameras have 43 (a cropped RealSense) to 120 (Azure Kinect, wide)
 NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0
-# shares of the image's size: real lenses are 3 % off; more means another image size
+# distance of the principal point from the middle, as a share of the image's size; real lenses have up to 0.03
 OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25
-UNEQUAL: Final = 0.10  # relative difference of fx and fy; pixels are square
-BENT_M, STRONGLY_BENT_M = 0.03, 0.08  # floors are flat to 2 cm; a bend of 8 moves feet by as much
-ON_FLOOR_M: Final = 0.12  # m from the plane: higher readings are objects on the floor
+UNEQUAL: Final = 0.10  # largest relative difference of fx and fy, since pixels are square
+BENT_M, STRONGLY_BENT_M = 0.03, 0.08  # m; floors are flat to 2 cm; a lens that bends them by 8 cm moves feet by 8 cm
+ON_FLOOR_M: Final = 0.12  # m, largest distance from the plane; higher readings are objects on the floor
 RINGS: Final = 6
-LEAST_READINGS: Final = 300  # readings of one ring, for its median
-LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # rooms have right angles; planes of 3 % of the image are measured to 1 degree
-UPRIGHT_DEG: Final = 35.0  # largest tilt of a wall: a steeper one is a ramp or a sloping ceiling
-# cosine between a wall's normal and the view; all other walls keep a right angle with the floor anyway
+LEAST_READINGS: Final = 300  # least number of readings in a ring, for its median
+LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # limits of the deviation from a right angle; walls are measured to 1 degree
+UPRIGHT_DEG: Final = 35.0  # largest tilt of a wall; a steeper plane is a ramp or a sloping ceiling
+# least cosine between a wall's normal and the view; other walls stay at right angles with any lens
 FACING: Final = 0.5
-# cosine of 5 degrees, for the same angle; walls cut off at the sensor's range are within 2 degrees
+# largest cosine of that angle, 5 degrees; apparent walls at the sensor's range are within 2 degrees
 PARALLEL: Final = 0.996
-SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # adults are 1.4 to 2.1 m tall standing, 1.1 to 1.4 sitting
+SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # height; adults have 1.4 to 2.1 m standing, 1.1 to 1.4 m sitting
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"
-NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # range in which depth cameras measure
+NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # m, range in which depth cameras measure
 
 
 def check_lens(material: Material) -> list[Finding]:
@@ -195,7 +195,7 @@ def _angle_deg(rays: np.ndarray) -> float:
 
 
 def _room_through_lens(material: Material) -> list[Finding]:
-    """Return findings on how flat the floor and how upright the walls are; none where no camera sees a floor."""
+    """Return findings on how flat the floor and how upright the walls are; empty where no camera sees a floor."""
     flat, upright = list[OfCamera](), list[OfCamera]()
     for scene in material.floor_scenes:
         room, camera = scene.background, scene.camera
@@ -215,8 +215,8 @@ def _room_through_lens(material: Material) -> list[Finding]:
 
 
 def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
-    """Return how much the floor's median heights in rings about the optical axis differ; NaN where the floor is in
-    fewer than three rings.
+    """Divide the floor into rings about the optical axis, and return the largest difference (m) between the median
+    heights of two rings; NaN with too few readings of the floor.
 
     A wrong lens bends planes, increasingly away from the axis; noise and furniture hardly change the medians.
     """
@@ -232,12 +232,12 @@ def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
 
 
 def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float:
-    """Return how far the most upright wall that faces the camera deviates from a right angle with the floor; NaN
-    without.
+    """Return by how many degrees the most upright wall that faces the camera deviates from a right angle with the
+    floor; NaN without such a wall.
 
     A wrong focal length shears a room seen from above; furniture may lean, so one upright wall is enough. Walls
-    parallel to the image are left out: they stay parallel with any lens, and the visible strip of a wall that the
-    sensor's range cuts off looks like such a wall.
+    parallel to the image are left out: they stay parallel with any lens, and where the sensor's range ends, the end of
+    the readings looks like such a wall.
     """
     planes = find_planes(room.depth_m, camera, room.sensor.noise_per_m, most_beyond=1.0)
     facing = [plane[:3] for plane in planes if FACING < plane[2] < PARALLEL]
@@ -280,8 +280,8 @@ def _heights_m(material: Material) -> Sequence[float]:
 
 
 def _tallest_m(material: Material) -> Sequence[float]:
-    """Return the height of the highest person in each sampled frame: people are never too tall, but a giant may count
-    as several.
+    """Return the height of the highest person in each sampled frame: a person is never found too tall in the patient's
+    search, where a giant may count as several people.
     """
     if material.floor_m is None or material.look is None:
         return []

@@ -70,7 +70,9 @@ class OfCamera(NamedTuple):
 
 
 def level_of(value: float, yellow: float, red: float) -> Level:
-    """Return the level of a value with limits above which it is yellow and red; NaN is green, for lack of evidence."""
+    """Return the level of a value with limits above which it is yellow and red; NaN is green, since nothing speaks
+    against it.
+    """
     return Level.RED if value > red else Level.YELLOW if value > yellow else Level.GREEN
 
 
@@ -90,13 +92,13 @@ def of_cameras(check: str, parts: Sequence[OfCamera]) -> Finding:
     return Finding(check, level, "; ".join(named), "; ".join(remedies))
 
 
-LOOKS: Final = 6  # frames in which the patient is examined closely, up to a second each
-PAIRS: Final = 6  # pairs of successive frames, for readings that come and go
-BODIES: Final = 8  # frames in which all people get a body, a second each for three people
-SHORT: Final = 300  # frames, ten seconds at 30 per second: reading all of them takes little time
-ENOUGH_HZ: Final = 14.5  # frame rate needed for clocks and poses: the guide asks for 15, which recorders just miss
-BORDER_PX: Final = 4  # rows; filters leave the first rows without a reading
-REACH_M: Final = 0.10  # m from a rough body to the skin that it represents
+LOOKS: Final = 6  # number of frames in which the patient is examined closely, each up to a second of work
+PAIRS: Final = 6  # number of pairs of successive frames, to find readings that come and go
+BODIES: Final = 8  # number of frames in which all people get a body, each a second of work for three people
+SHORT: Final = 300  # number of frames, ten seconds at 30 per second, up to which a recording is not thinned
+ENOUGH_HZ: Final = 14.5  # Hz needed for clocks and poses; recorders often just miss the 15 of the guide
+BORDER_PX: Final = 4  # rows at the upper border; filters leave the first rows without a reading
+REACH_M: Final = 0.10  # m, largest distance of skin from a rough body for the body to represent it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +142,7 @@ class Material:
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
-        """Return the scene of each camera; none where poses are unknown."""
+        """Return the scene of each camera; empty where poses are unknown."""
         return () if self.look is None else self.look.scenes
 
     @property

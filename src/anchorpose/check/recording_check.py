@@ -35,11 +35,11 @@ from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy
 from anchorpose.tracker.look import Look
 from anchorpose.tracker.room import NOBODY_SEEN
 
-TOO_SLOW_HZ: Final = 5.0  # frames per second; people move by a step between two frames
-# gaps of single frames are bridged; with a quarter lost, the rate is halved in places
+TOO_SLOW_HZ: Final = 5.0  # frames per second; with fewer, people move by a step between two frames
+# shares of missing frames; single gaps are bridged, but with a quarter missing the rate is halved in places
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
-SHORT_S: Final = 4.0  # s, duration from which the patient's body is learnt
-# shares of the steps off the beat; at 30 Hz, a hand at 2 m/s is then displaced by 2 cm
+SHORT_S: Final = 4.0  # s, duration from which the patient's body is learnt at least
+# shares of steps between frames off the camera's period; at 30 Hz, a hand at 2 m/s is then 2 cm off
 SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5
 
 
@@ -79,7 +79,7 @@ def _frames(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
     if gaps.duplicates:
         measured += f", {100 * gaps.duplicates / total:.0f} % stored twice"
     remedies = (
-        (lost, "close other programs, use a fast disk, and give every camera a USB 3 socket of its own"),
+        (lost, "close other programs, use a fast disk, and give every camera a separate USB 3 socket"),
         (slow, "record 15 to 30 depth images per second"),
         (short, f"record {SHORT_S:.0f} s or more: the patient's body is learnt from them"),
     )
@@ -102,7 +102,7 @@ def _stamps(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
     if ends:
         remedies.append("start all cameras before the session and stop them after it")
     if gaps.repeated:
-        ends.append(f"{gaps.repeated} repeat the time before and are left out")
+        ends.append(f"{gaps.repeated} repeat the previous time and are left out")
     level = max(level, Level.YELLOW) if ends else level
     return OfCamera(gaps.camera, level, ", ".join([*parts, *ends]), "; ".join(remedies))
 
@@ -121,7 +121,7 @@ SOURCES: Final = {PoseSource.FLOOR: "not given; found from floor and patient"}
 
 
 def check_poses(material: Material) -> list[Finding]:
-    """Return findings on the source of poses, the floor, and whether two cameras show one room."""
+    """Return findings on the source of poses, the floor, and whether two cameras show the same room."""
     if material.settled is None:
         assert material.refusal is not None
         return [Finding("camera poses", Level.RED, material.refusal.problem, material.refusal.remedy)]
@@ -133,7 +133,9 @@ def check_poses(material: Material) -> list[Finding]:
 
 
 def _poses(calibration: Calibration, asked: PosesAsked) -> Finding:
-    """Return a finding on the source of each pose, or on its contradictions, except by other cameras."""
+    """Return a finding on the source of each pose, or on what contradicts the pose; contradictions by other cameras are
+    left to ``_agreement``.
+    """
     own = [doubt for doubt in asked.doubts if doubt.source is not DoubtSource.CAMERAS]
     parts = []
     for pose in calibration.poses:
@@ -183,12 +185,12 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
     return OfCamera(floor.camera, max(tilted, uneven), measured, "; ".join(remedies))
 
 
-SELDOM: Final = 0.5  # share of the sampled frames
-CUT_PX: Final = 3  # pixels of the patient at a border: a hand is wider at any distance where it is resolved
-SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off: sometimes, as by a raised hand, or mostly
-NEAR_M, FAR_M = 1.2, 4.0  # m; nearer, no lens has feet and head in view; farther, a forearm is ten pixels wide
+SELDOM: Final = 0.5  # least share of the sampled frames in which the patient should be found
+CUT_PX: Final = 3  # pixels of the patient at a border from which the body counts as cut off; a resolved hand is wider
+SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off: sometimes (a raised hand), mostly
+NEAR_M, FAR_M = 1.2, 4.0  # m; nearer, no lens shows feet and head; farther, a forearm is ten pixels wide
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
-# shares of the skin that faces the camera; beyond the larger one, more is inferred than seen
+# hidden shares of the skin that faces the camera; beyond the second, more is inferred than seen
 HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8
 
 
@@ -292,7 +294,7 @@ def _others(look: Look) -> Finding:
     most = max((len(one.people) for one in look.sightings), default=0)
     rival = look.initial_frames[0].choice.rival_xz_m if look.initial_frames else None
     if rival is not None:
-        place = ",".join(f"{round(float(along), 2) + 0.0:.2f}" for along in rival)  # + 0.0: no minus before a zero
+        place = ",".join(f"{round(float(along), 2) + 0.0:.2f}" for along in rival)  # + 0.0 turns -0 into 0
         measured = f"up to {most} people; the one at {place} may be the patient as well"
         remedy = f"if that is the patient, track with --patient {place}; look at the pictures of the report"
         return Finding("other people", Level.YELLOW, measured, remedy)

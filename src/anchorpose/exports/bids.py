@@ -128,21 +128,21 @@ def _trial_row(trial: Trial) -> tuple[float, float, tuple[str, ...]]:
 
 
 def events_sidecar(trials: Trials | None) -> dict[str, Any]:
-    """Return units and meaning of the columns and of the event types; conditions keep the names of the events file."""
+    """Return units and meaning of the columns and of the event types; conditions keep their names."""
     conditions = () if trials is None else trials.conditions
     return {
         "onset": {"Description": "start of the event since the first frame of the motion", "Units": "s"},
         "duration": {"Description": "from the start of the event to its end", "Units": "s"},
         "trial_type": {
             "Description": "a condition, where trial has a number; otherwise what happened",
-            "Levels": dict.fromkeys(conditions, "a condition, as named in the events file") | EVENT_TYPES,
+            "Levels": dict.fromkeys(conditions, "a condition with its name in the events file") | EVENT_TYPES,
         },
-        "trial": {"Description": "number of the trial in the order of the events file; n/a for what is not a trial"},
+        "trial": {"Description": "number of the trial in the order of the events file; n/a for other events"},
         "part": {"Description": "region of the patient's body that is touched"},
         "person": {
             "Description": "who touches; a person keeps the name while followed, equipment has the name of its part"
         },
-        "state": {"Description": "whether it was seen or is inferred"},
+        "state": {"Description": "whether the event was seen or is inferred"},
         **({} if trials is None else {column.name: _own_column(column) for column in trials.columns}),
     }
 
@@ -175,7 +175,7 @@ _README: Final = """Joint centres and joint angles of one person, found by ancho
 
 Positions are in metres, X forward, Y up, Z to the person's right; angles in degrees. Every joint has a standard
 deviation and a state code in channels of the type MISC. {missing} is written where nothing was found.
-The subject's label is a pseudonym. No name, date or place is in these files, unless your own events file has one.
+The subject's label is a pseudonym. No name, date or place is in these files, unless your events file has one.
 Research use only; not a medical device.
 """
 

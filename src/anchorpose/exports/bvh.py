@@ -23,8 +23,8 @@ from anchorpose.rotations import unit
 
 ROOT: Final = "SpineBase"
 
-# Node: its parent node, the joint where it stands, the joint that it points to. Where several bones leave a joint, each
-# has its own node there, so that every bone keeps its direction.
+# By name of a node: its parent node, the joint at its origin, and the joint that it points to. Where several bones
+# leave a joint, each has a node there, so that every bone keeps its direction.
 _TREE: Final = {
     "LowerSpine": ("SpineBase", "SpineBase", "SpineMid"),
     "SpineMid": ("LowerSpine", "SpineMid", "SpineShoulder"),
@@ -51,9 +51,9 @@ _TREE: Final = {
 class Node:
     """A node of the hierarchy over all frames.
 
-    parent: index of the parent in the list of nodes, -1 for the root. offset_m (3,): from the parent's node, in the
-    parent's axes; end_m (3,): the point to which the node points, in its own axes. axes (n, 3, 3): its rotation in the
-    world in each frame, NaN where it is unknown; the identity is the rest pose of the body asset.
+    parent: index of the parent in the list of nodes, -1 for the root. offset_m (3,): position relative to the parent
+    node, in the parent's axes; end_m (3,): the point to which the node points, in the node's axes. axes (n, 3, 3):
+    rotation from the rest pose of the body asset to the world in each frame, NaN where unknown.
     """
 
     name: str
@@ -66,15 +66,15 @@ class Node:
 def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
     """Build the nodes from joint centres (n, 21, 3). Offsets have median bone lengths.
 
-    A bone's rotation relative to its parent is the shortest one, so no rotation about its long axis is invented; hips
-    and shoulders rotate pelvis and chest.
+    A bone's rotation relative to its parent is the shortest one, so no rotation about its long axis is invented. Pelvis
+    and chest are rotated by the lines of hips and shoulders.
     """
     rest = shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None]
     nodes, index = [Node(ROOT, -1, np.zeros(3), np.zeros(3), pelvis_axes(position_m))], {ROOT: 0}
     for name, (above, at, to) in _TREE.items():
         parent, points = nodes[index[above]], _along(rest, at, to)[0]
         start = torso_axes(position_m) if name == "SpineMid" else parent.axes
-        # use the shortest rotation from the parent's direction
+        # the shortest rotation from the parent's direction
         axes = _swing(start @ points, _along(position_m, at, to)) @ start
         nodes.append(Node(name, index[above], parent.end_m, points * _length(position_m, at, to), axes))
         index[name] = len(index)
@@ -92,7 +92,7 @@ def _length(position_m: np.ndarray, start: str, end: str) -> float:
 
 
 def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the shortest rotations (n, 3, 3) of unit vectors ``start`` to ``end``; NaN where there is none."""
+    """Return the shortest rotations (n, 3, 3) of unit vectors ``start`` to ``end``; NaN where it is undetermined."""
     cross = np.cross(start, end)
     angle = np.arctan2(np.linalg.norm(cross, axis=1), np.sum(start * end, axis=1))
     axis = np.where((angle == 0.0)[:, None], 0.0, unit(cross))
@@ -115,11 +115,10 @@ _ENDS: Final = {
 def skeleton_of_poses(
     path: Path, recorded: Samples, frame: np.ndarray, interpolation: Interpolation
 ) -> tuple[list[Node], np.ndarray]:
-    """Build nodes named as the body's bones, which are those of the CMU collection, and the root's path (g, 3),
-    metres.
+    """Build nodes named as the body's bones, which are those of the CMU collection, and the root's path (g, 3), metres.
 
-    Offsets come from recorded frames; where the grid lies between these, a rotation is the normalised mean of its
-    neighbours. Raises InputError where poses.parquet has other frames than the joints, ``frame`` (n,).
+    Offsets come from recorded frames. At grid times between them, a rotation is the normalised mean of its neighbours.
+    Raises InputError where poses.parquet has other frames than the joints, ``frame`` (n,).
     """
     poses = read_poses(path)
     if not np.array_equal(poses.frame, frame):
@@ -199,7 +198,7 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
         units="centimetres, degrees, turns about Z, then X, then Y",
         time=str(regular.base),
         missing="a BVH cannot hold a gap: bones known in less than half of the frames are left out, and each stretch "
-        "of frames in which all the others are known is a file of its own",
+        "of frames in which all the others are known is a separate file",
         counts=(
             ("files", len(stretches.runs)),
             ("frames", frames),
@@ -209,13 +208,13 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
         notes=(
             "Turns are those of the learnt body (poses.parquet)."
             if from_poses
-            else "Turns are made from joint centres; a turn about a bone's own long axis is not in them.",
+            else "Turns are made from joint centres; turns about the long axis of a bone are not included.",
             *(
                 f"{stretch_name(STEM, '.bvh', number, len(stretches.runs))} begins at "
                 f"{float(regular.samples.time_s[first])!r} s."
                 for number, (first, _) in enumerate(stretches.runs)
             ),
-            f"Left out for want of joints: {', '.join(left_out) or 'nothing'}.",
+            f"Left out, since joints are missing: {', '.join(left_out) or 'nothing'}.",
         ),
     )
 

@@ -33,10 +33,10 @@ from anchorpose.results.records import (
 
 STEM: Final = "joints"
 LARGEST_FRAMES: Final = 65535
-"""The format counts frames in 16 bits; a longer recording is split into several files."""
+"""Largest number of frames in a file: the format counts them in 16 bits. A longer recording is split."""
 
-LARGEST_RESIDUAL: Final = 255.0  # a byte in the file
-NOT_GIVEN: Final = -1.0  # sigma where there is no value: an analog channel cannot mark it as missing
+LARGEST_RESIDUAL: Final = 255.0  # largest residual in mm, since the file stores it in a byte
+NOT_GIVEN: Final = -1.0  # sigma where there is no value, since an analog channel cannot mark it as missing
 
 
 def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
@@ -66,14 +66,14 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
         notes=(
             "Angles are points listed in POINT:ANGLES: the angle is X; Y and Z mean nothing and are 0.",
             "A point's residual is its sigma in whole millimetres, rounded up and at most 255; the analog channels "
-            "NAME.sigma have it exactly.",
+            "NAME.sigma have the exact value.",
             "The analog channels NAME.state are codes: "
             + ", ".join(f"{code} {state}" for code, state in enumerate(STATES))
             + ".",
             "Events are in the group EVENT: Foot Off and Foot Strike (Left, Right), and in the context General the "
             "beginnings and ends of standing up, sitting down, being upright and contacts; "
             f"{len(events) - held} of {len(events)} did not fit into a file, which holds {MOST_EVENTS}.",
-            f"The first frame is at {float(samples.time_s[0])!r} s; each file says when it begins in "
+            f"The first frame is at {float(samples.time_s[0])!r} s; the beginning of each file is in "
             "ANCHORPOSE:START_TIME.",
         ),
         tools=("ezc3d",),
@@ -148,7 +148,7 @@ def _about(file: Any, samples: Samples) -> None:
 
 
 MOST_EVENTS: Final = 255
-"""Limit of the events: a parameter's dimension is one byte."""
+"""Largest number of events in a file, since the dimension of a parameter is one byte."""
 
 GENERAL: Final = "General"
 
@@ -177,7 +177,7 @@ class Event:
 
 
 def read_events(folder: Path) -> tuple[Event, ...]:
-    """Return beginnings and ends of a results folder's episodes and contacts, in the order of time; none without
+    """Return beginnings and ends of a results folder's episodes and contacts, in the order of time; empty without
     tables.
     """
     return tuple(sorted([*_of_episodes(folder / EPISODES_FILE), *_of_contacts(folder / CONTACTS_FILE)]))
@@ -200,7 +200,7 @@ def _of_contacts(path: Path) -> Iterator[Event]:
 def add_events(file: Any, events: tuple[Event, ...], time_s: np.ndarray) -> int:
     """Add the group of events to an ezc3d file with frames at time_s (n,); return their number.
 
-    Events outside of the file's time are left out; of more than ``MOST_EVENTS``, events of contacts and posture are
+    Events outside the file's time are left out. If more than ``MOST_EVENTS`` remain, events of contacts and posture are
     left out first.
     """
     inside = [event for event in events if time_s[0] <= event.time_s <= time_s[-1]]

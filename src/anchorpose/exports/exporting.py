@@ -58,7 +58,7 @@ def _described(
     file: str, name: str, kind: str, column: str, thing: str = "", own: Mapping[str, TrialColumn] | None = None
 ) -> tuple[str, ...]:
     """Return a row of the dictionary. An unknown column has no unit and no meaning; thing: subject of a wide column;
-    own: the user's columns of trials, by name.
+    own: the columns that the user added to the trials, by name.
     """
     unit, meaning = _MEANING.get(column, ("", ""))
     if own and column in own:
@@ -78,7 +78,7 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
         with opened_parquet(path) as file:
             schema, count = file.schema_arrow, file.metadata.num_rows
         if any(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) for kind in schema.types):
-            continue  # images of person labels for the viewer
+            continue  # images of person labels, which only the viewer uses
         name = f"{path.stem}.csv"
         rows += count
         _write(folder / name, schema.names, _rows(path))
@@ -101,11 +101,7 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
         time="as recorded",
         missing="an empty cell; state says why",
         counts=(("frames", len(source.frame)), ("rows_of_long_tables", rows)),
-        notes=(
-            f"{DICTIONARY_FILE} says what each column means.",
-            "UTF-8, commas, decimal points, one line of names.",
-            *notes,
-        ),
+        notes=(f"{DICTIONARY_FILE} explains each column.", "UTF-8, commas, decimal points, one line of names.", *notes),
     )
 
 
@@ -144,7 +140,7 @@ def _kind(kind: pa.DataType) -> str:
 
 
 def _cells(column: pa.ChunkedArray) -> list[str]:
-    if pa.types.is_float32(column.type):  # the shortest text of the single precision number, not of its double
+    if pa.types.is_float32(column.type):  # the shortest text of the number in single, not in double precision
         return ["" if value is None or value != value else str(np.float32(value)) for value in column.to_pylist()]
     return [_cell(value) for value in column.to_pylist()]
 
@@ -216,8 +212,9 @@ def export_results(
 ) -> tuple[tuple[Path, Product], ...]:
     """Write ``out``/trc, ``out``/csv and so on, each with its export.json; return each folder with its product.
 
-    out: by default the folder ``exports`` in the results. Folders of earlier exports are replaced with ``overwrite``
-    only; other folders and files are never touched. Raises InputError or MissingPackage, and then nothing was written.
+    out: by default the folder ``exports`` in the results. Folders of earlier exports are replaced only with
+    ``overwrite``; other folders and files are never touched. If InputError or MissingPackage is raised, nothing was
+    written.
     """
     target = out if out is not None else results / EXPORTS_FOLDER
     if not results.is_dir():

@@ -32,7 +32,7 @@ class Format(StrEnum):
 
 
 WITHOUT_ANGLES: Final = frozenset({Format.TRC, Format.MOT, Format.BVH})
-"""Formats that follow from joints and poses alone."""
+"""Formats that hold joints and poses only, no angles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,8 @@ class Samples:
     """Joints and angles of every frame.
 
     time_s (n,) float64, increasing; position_m (n, 21, 3) world, NaN where missing; joint_sigma_m (n, 21);
-    joint_state_code (n, 21) int8, index into ``STATES``; degrees, sigma_deg, angle_state_code (n, a), of ``angles``.
+    joint_state_code (n, 21) int8, index into ``STATES``; degrees, sigma_deg, angle_state_code (n, a): the same for the
+    angles named in ``angles``.
     """
 
     time_s: np.ndarray
@@ -109,7 +110,7 @@ def _angles(path: Path, joints: JointTable) -> _Angles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
-    """The report of a format's writer, for export.json: axes and units in words.
+    """The report of a format's writer for export.json. axes, units: in words.
 
     time: how the times were changed; missing: the mark of a missing value; counts: figures to check, such as the frames
     written; notes: further information for people.

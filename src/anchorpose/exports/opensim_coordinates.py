@@ -26,13 +26,13 @@ from anchorpose.results.tables import POSES_FILE, PoseTable, read_poses
 from anchorpose.rotations import unit
 
 SIDES: Final = (("Right", "r", 1), ("Left", "l", -1))
-"""Our name of a side, OpenSim's, and its sign on Z."""
+"""For each side: its name here, its name in OpenSim, and the sign of its direction on Z."""
 
 LOWER_SPINE_LEAN_DEG: Final = 4.4
 UPPER_SPINE_LEAN_DEG: Final = 5.2
 """Leans, in degrees, of the mean body that stands upright: the line from the hips to SpineMid leans back by the first,
-and the line from SpineMid to SpineShoulder forward by the second. They set the zeros of pelvis and lumbar coordinates,
-as ``SOLE_SLOPE_DEG`` sets that of the ankle; a test compares them with the body asset.
+and the line from SpineMid to SpineShoulder forward by the second. They define the zeros of the pelvis and lumbar
+coordinates, as ``SOLE_SLOPE_DEG`` defines that of the ankle; a test compares them with the body asset.
 """
 
 
@@ -64,7 +64,7 @@ def torso_axes(position_m: np.ndarray) -> np.ndarray:
 
 
 def in_axes(axes: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Return world vectors (n, 3) in the axes (n, 3, 3)."""
+    """Return the components of world vectors (n, 3) along the axes (n, 3, 3)."""
     return np.einsum("nji,nj->ni", axes, vector)
 
 
@@ -82,7 +82,7 @@ def limb_angles_deg(direction: np.ndarray, side: int) -> tuple[np.ndarray, np.nd
     """Return flexion and adduction (n,) of a limb that hangs along -Y at zero; direction (n, 3) in the axes of the body
     above it.
 
-    side: 1 right, -1 left; adduction is towards the middle on both.
+    side: 1 right, -1 left; adduction is towards the body's midline on both sides.
     """
     along = unit(direction)
     flexion = np.arctan2(along[:, 0], -along[:, 1])
@@ -105,7 +105,8 @@ def _about_z(axes: np.ndarray, degrees: float) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HingeAxes:
-    """Knee and elbow axes of the learnt body, which carry the rotation about thigh and upper arm.
+    """Knee and elbow axes of the learnt body, which determine the rotation of thigh and upper arm about their long
+    axes.
 
     knee, elbow (n, 2, 3): unit axes in the world, right then left, pointing to the right where the limb hangs down; NaN
     where the patient is lost.
@@ -126,14 +127,14 @@ def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
         raise InputError(path, "has other frames than joints.parquet", "track the recording again")
     knee, elbow = np.empty((len(frame), len(SIDES), 3)), np.empty((len(frame), len(SIDES), 3))
     for index, (side, _, _) in enumerate(SIDES):
-        # our knee bends about an axis to the left, OpenSim's about an axis to the right
+        # knee axes point to the left here, to the right in OpenSim
         knee[:, index] = -_axis(poses, f"{side}UpLeg", f"{side}Leg")
         elbow[:, index] = _axis(poses, f"{side}Arm", f"{side}ForeArm")
     return HingeAxes(knee, elbow)
 
 
 def _axis(poses: PoseTable, upper: str, lower: str) -> np.ndarray:
-    """Return the axis (n, 3) about which the lower bone bends, carried by the upper."""
+    """Return the axis (n, 3) about which the lower bone bends, fixed to the upper bone."""
     hinge, _ = hinge_axes(load_body_asset(), lower)
     quaternion = poses.quaternion[:, MOVING_BONES.index(upper)].astype(np.float64)
     axis = np.full((len(quaternion), 3), np.nan)
@@ -157,7 +158,7 @@ class Coordinates:
 
 
 def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None) -> Coordinates:
-    """Compute the coordinates of the joints (n, 21, 3), world, metres; undetermined ones are left out.
+    """Compute the coordinates of the joints (n, 21, 3), world, metres; undetermined coordinates are left out.
 
     hinges: the knee and elbow axes of the learnt body; with them hip_rotation and arm_rot are included. The model that
     ``opensim_model`` writes has the same axes and zeros: with these coordinates its markers are at the joints. Names,
@@ -247,13 +248,13 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
         units="degrees; pelvis_tx, pelvis_ty, pelvis_tz metres; seconds",
         time="as recorded",
         missing="a MOT cannot hold a gap: coordinates known in less than half of the frames are left out, and each "
-        "stretch of frames without a pause in which all the others are known is a file of its own",
+        "stretch of frames without a pause in which all the others are known is a separate file",
         counts=(("files", len(stretches.runs)), ("frames", frames), ("frames_left_out", len(source.frame) - frames)),
         notes=(
-            f"Left out for want of joints: {', '.join(left_out) or 'nothing'}.",
+            f"Left out, since joints are missing: {', '.join(left_out) or 'nothing'}.",
             "hip_rotation and arm_rot are those of the learnt body (poses.parquet); they are the least certain."
             if hinges is not None
-            else "hip_rotation and arm_rot cannot be had from joint centres, there is no poses.parquet: left out.",
+            else "hip_rotation and arm_rot are left out: joint centres do not determine them (no poses.parquet).",
         ),
     )
 
@@ -261,10 +262,10 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
 def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
     """Return the values (n, c) without jumps of angles by 360 degrees, as occur where a patient turns past -X.
 
-    Interpolation and filters would otherwise go the long way round. Lengths stay unchanged.
+    Interpolation and filters would otherwise take the longer arc. Lengths stay unchanged.
     """
     unwrapped = values.copy()
-    for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one by one: all together take four times the memory
+    for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one at a time: all together take four times the memory
         unwrapped[:, column] = np.unwrap(values[:, column], period=360.0)
     return unwrapped
 

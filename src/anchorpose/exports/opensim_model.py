@@ -15,7 +15,9 @@ from anchorpose.options import CoordinateModel
 from anchorpose.results.joint_angles import SOLE_SLOPE_DEG
 
 Places = Mapping[str, np.ndarray]
-"""Places (3,), metres, by joint: in the body that carries the joint, from that body's own joint, with hanging limbs."""
+"""By joint: its position (3,), metres, in the body that carries it, relative to the joint of that body, with hanging
+limbs.
+"""
 
 _IN_TRUNK: Final = {
     "SpineMid": ("pelvis", "SpineBase"),
@@ -84,7 +86,7 @@ MASS_SHARE: Final = {
 
 @dataclass(frozen=True, slots=True)
 class OsimCoordinate:
-    """A coordinate of a joint: its axis in the parent, its default value and, in radians or metres, its range."""
+    """A coordinate of a joint: its axis in the parent body, its default value, and its range in radians or metres."""
 
     name: str
     axis: Axis
@@ -100,10 +102,10 @@ class OsimBody:
     name: str
     parent: str
     joint: str
-    place_m: np.ndarray  # place of the joint in the parent
+    place_m: np.ndarray  # position of the joint in the parent body
     coordinates: tuple[OsimCoordinate, ...]
     markers: Places
-    rods: tuple[tuple[np.ndarray, np.ndarray], ...]  # drawn as cylinders from end to end
+    rods: tuple[tuple[np.ndarray, np.ndarray], ...]  # end points (3,) of each cylinder that is drawn
 
 
 def segments(body: Places, model: CoordinateModel) -> tuple[OsimBody, ...]:
@@ -118,7 +120,7 @@ def _some(body: Places, *names: str) -> Places:
 
 
 def _pelvis(body: Places) -> OsimBody:
-    turns = tuple(  # wide enough that a turning patient reaches no limit, where inverse kinematics would stop
+    turns = tuple(  # ranges so wide that a turning patient reaches no limit, where inverse kinematics would stop
         OsimCoordinate(f"pelvis_{name}", axis, (-4.0 * np.pi, 4.0 * np.pi))
         for name, axis in (("tilt", Z), ("list", X), ("rotation", Y))
     )
@@ -140,7 +142,7 @@ def _trunk(body: Places) -> tuple[OsimBody, OsimBody]:
             ("neck", (("extension", Z), ("bending", X))),
         )
     )
-    # the shoulder girdle moves on the chest, for which this model has no joint: shoulders are markers of the arms
+    # the model has no joint for the shoulder girdle, which moves on the chest: shoulders are markers of the arms
     top, markers = body["SpineShoulder"], _some(body, "SpineShoulder", "Neck")
     rods = ((zero, top), (top, body["Neck"]), (body["ShoulderRight"], body["ShoulderLeft"]))
     return (
@@ -181,8 +183,8 @@ def _arm(body: Places, side: str, end: str, sign: int) -> tuple[OsimBody, OsimBo
 def _ball(
     names: tuple[str, str, str], end: str, sign: int, limits_deg: tuple[float, float, float, float]
 ) -> tuple[OsimCoordinate, ...]:
-    """Return flexion, adduction and inward rotation, mirrored on the left; limits: least and greatest flexion, then +-
-    each.
+    """Return flexion, adduction and inward rotation, mirrored on the left. limits_deg: least and greatest flexion, then
+    the largest adduction and rotation to either side.
     """
     least, most, aside, about = np.radians(limits_deg)
     ranges = ((least, most), (-aside, aside), (-about, about))
@@ -194,7 +196,9 @@ def _ball(
 
 OSIM_VERSION: Final = "40000"  # version of the file format; every OpenSim 4 reads it
 NOMINAL_MASS_KG: Final = 75.0
-"""An adult's mass: the patient's is unknown, OpenSim needs one to load the model, and kinematics do not use it."""
+"""Mass of an adult. OpenSim needs a mass to load the model; the patient's is unknown, and kinematics do not depend on
+it.
+"""
 
 ROD_RADIUS_M: Final = 0.012
 

@@ -19,8 +19,8 @@ from anchorpose.options import CoordinateModel, ExportConfig
 TRC_FILE: Final = "joints.trc"
 
 MISSING: Final = "NaN"
-"""OpenSim's own mark. Its reader refuses an empty cell at the end of a line, and takes zeros for a marker at the
-origin.
+"""OpenSim's mark of a missing value. Its reader refuses an empty cell at the end of a line, and takes zeros for a
+marker at the origin.
 """
 
 
@@ -30,7 +30,7 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
     samples = regular.samples
     write_rows(folder / TRC_FILE, "\t", trc_head(regular), trc_body(samples))
     return Product(
-        axes="OpenSim's and ours: X forward, Y up, Z to the patient's right",
+        axes="OpenSim's: X forward, Y up, Z to the patient's right",
         units="metres, seconds",
         time=str(regular.base),
         missing=f"{MISSING} in all three cells of a marker; OpenSim's inverse kinematics leaves such a marker out",
@@ -69,14 +69,14 @@ def trc_body(samples: Samples) -> Iterator[list[str]]:
 
 SCALED_MODEL: Final = "scaled.osim"
 
-# Weight of a marker, 1 for the others. The model has neither shoulder girdle nor wrist, so these are less reliable.
+# Weights of markers; all others have 1. The model has neither shoulder girdle nor wrist, so these fit it less well.
 _MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 
-# The rotation of a straight limb about its long axis, which markers do not determine, stays near zero.
+# Coordinates that are held near zero: markers do not determine the rotation of a straight limb about its long axis.
 _FREE: Final = ("hip_rotation", "arm_rot")
 _FREE_WEIGHT: Final = 1e-4  # too weak to shift coordinates that markers determine
 
-# Name: the two markers whose distance is measured, the body that it scales, and the scaled axes.
+# By name: the two markers whose distance is measured, the body that is scaled by it, and the scaled axes.
 _MEASUREMENTS: Final = {
     "pelvis_width": (("HipLeft", "HipRight"), "pelvis", "Z"),
     "lower_spine": (("SpineBase", "SpineMid"), "pelvis", "X Y"),
@@ -128,11 +128,11 @@ def ik_setup_xml(name: str, result: str, markers: Sequence[str], period_s: Itera
 
 
 def scale_setup_xml(time_s: np.ndarray) -> str:
-    """Return a set-up file that scales a model, with markers named like our joints, by distances between markers in the
-    first second, at most, of ``time_s`` (n,) in which all of them are known.
+    """Return a set-up file of OpenSim's scale tool, for a model whose markers are named like the joints. It uses
+    distances between markers in at most the first second of ``time_s`` (n,), in which all markers are known.
 
-    The model beside it has the patient's lengths already, so its factors are near one; name another model in
-    ``model_file`` to scale that.
+    The model beside the file has the patient's lengths already, so its factors are near one. To scale another model,
+    name it in ``model_file``.
     """
     files = xml_texts(
         marker_file=TRC_FILE,
@@ -163,8 +163,8 @@ def _measurement(name: str, pair: tuple[str, str], body: str, axes: str) -> Elem
 
 
 # OpenSim's inverse kinematics stops at a frame with fewer than three markers, and repeats a coordinate's last value
-# where its markers are missing. So it gets only frames in which all of trunk and legs is known; an arm or the head that
-# is lost for a while does not split a recording.
+# where its markers are missing. So it gets only frames in which all joints of trunk and legs are known; an arm or the
+# head that is lost for a while does not split a recording.
 _MAY_BE_MISSING: Final = ("Head", "Shoulder", "Elbow", "Wrist", "Hand")
 
 
@@ -175,11 +175,11 @@ def write_osim_files(folder: Path, samples: Samples, model: CoordinateModel) -> 
     """
     body = measure_body(samples.position_m)
     if body is None:
-        return (f"No {MODEL_FILE}: some bone of the patient was never seen with both its ends.",)
+        return (f"No {MODEL_FILE}: for some bone, both ends were never known in one frame.",)
     write_text(folder / MODEL_FILE, model_xml(body, model))
     known = np.isfinite(samples.position_m).all(axis=2)
     return (
-        f"{MODEL_FILE} has this patient's bone lengths and joints; its masses are those of a 75 kg adult, for "
+        f"{MODEL_FILE} has the bone lengths and joints of this patient; its masses are those of a 75 kg adult, for "
         "kinematics only.",
         *_write_ik(folder, samples.time_s, known),
         *_write_scale(folder, samples.time_s, known),
@@ -205,15 +205,15 @@ def _write_ik(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
     notes = [
         f"In OpenSim: open {MODEL_FILE}, then Tools, Inverse Kinematics, Load {files}, Run.",
         f"Inverse kinematics is set up for {len(inside)} of {len(time_s)} frames: those with all of trunk and legs.",
-        f"In {missing} of these a marker of head or arms is missing, and OpenSim repeats the last value of what hangs "
-        "on it.",
+        f"In {missing} of these a marker of head or arms is missing, and OpenSim repeats the last value of the "
+        "coordinates that depend on it.",
     ]
     return notes if missing else notes[:2]
 
 
 def _write_scale(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
-    """Write the scale set-up from a second in which all markers are known: if one is unknown, OpenSim skips its
-    measurements with a warning.
+    """Write the scale set-up from at most a second in which all markers are known: if a marker is missing, OpenSim
+    skips its measurements with a warning.
     """
     runs = runs_where(np.asarray(known.all(axis=1)))
     if not runs:

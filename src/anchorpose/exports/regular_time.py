@@ -17,13 +17,13 @@ from anchorpose.joints import LOST
 from anchorpose.results.frame_time import LONGEST_STEP, runs_of
 
 NEAR_SHARE: Final = 0.01
-"""Share of the time between frames: a sample this near to its place on the grid is used there unchanged. At 30 frames
-per second that is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
+"""Share of the time between frames. A sample that is at most this far from a grid time is used there unchanged: at 30
+frames per second 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
 """
 
 
 MOST_ROWS: Final = 20
-"""Ratio of grid frames to recorded ones above which the recording was paused."""
+"""Largest ratio of grid frames to recorded frames; with more, the recording pauses for most of its time."""
 
 
 class TimeBase(StrEnum):
@@ -38,8 +38,8 @@ class TimeBase(StrEnum):
 class Interpolation:
     """The recorded samples on both sides of each grid time.
 
-    before (g,): index of the sample before each grid time; share (g,): of the way to the next one, 0 or 1 where a
-    sample is used unchanged; bridged (g,) bool: False in a gap.
+    before (g,): index of the sample before each grid time; share (g,): position of the grid time between this sample
+    (0) and the next (1), exactly 0 or 1 where a sample is used unchanged; bridged (g,) bool: False in a gap.
     """
 
     before: np.ndarray
@@ -52,7 +52,7 @@ class Interpolation:
         return self.bridged & ((self.share == 0.0) | (self.share == 1.0))
 
     def values(self, values: np.ndarray, turn: float = np.inf) -> np.ndarray:
-        """Interpolate values linearly to (g, ...), NaN in a gap and where a sample with a weight is NaN.
+        """Interpolate values linearly to (g, ...), NaN in a gap, and where a sample that is used is NaN.
 
         turn: a full turn, given for angles, which are interpolated along the shorter arc.
         """
@@ -86,7 +86,7 @@ class RegularSamples:
 def regular_samples(samples: Samples) -> RegularSamples:
     """Bring the samples to a fixed rate, NaN and lost where there are none.
 
-    Times that lie on a grid stay bit for bit, and grid frames that were not recorded are added without values.
+    If all times lie on a grid, they stay bit for bit, and grid frames that were not recorded are added without values.
     Otherwise all samples are resampled: linearly between the two neighbours where they are near in time and both have
     the value; the state is the worse of the two, and sigma is interpolated too, as if their errors were the same.
     Raises AnchorposeError where there is one frame only, or where recording paused for long.
@@ -104,7 +104,9 @@ def regular_samples(samples: Samples) -> RegularSamples:
 
 
 def nominal_rate_hz(time_s: np.ndarray) -> float:
-    """Return the rate of times (n,), as round as they allow; raises AnchorposeError for one frame."""
+    """Return the frame rate of times (n,), rounded to a usual rate if they allow it; raises AnchorposeError for one
+    frame.
+    """
     return _grid(time_s)[0]
 
 
@@ -126,7 +128,7 @@ def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
     steps_s = np.diff(time_s)
     step_s = float(np.median(steps_s))
-    for _ in range(3):  # the median is inexact; counting frame by frame keeps its error from adding up
+    for _ in range(3):  # steps are rounded one by one, so that the error of the median does not add up
         slot = np.concatenate([[0], np.cumsum(np.rint(steps_s / step_s).astype(np.int64))])
         step_s = float((time_s[-1] - time_s[0]) / max(slot[-1], 1))
     for rate_hz in (*(round(1.0 / step_s, digits) for digits in (0, 1, 2, 3, 6)), 1.0 / step_s):
@@ -186,7 +188,9 @@ def _at(samples: Samples, grid_s: np.ndarray, interpolation: Interpolation) -> S
 
 
 KEPT_SHARE: Final = 0.5
-"""Share of the frames; columns known in fewer are left out: they would cost the others too many frames."""
+"""Least share of the frames in which a column must be known to be kept: a rarer column would leave too few whole
+frames.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,7 +206,7 @@ class Stretches:
 def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretches:
     """Find the stretches. known (n, c) bool: columns with a value in each frame; joined as in ``runs_where``.
 
-    There is no run where no column is known in half of the frames.
+    ``runs`` is empty if no column is known in half of the frames.
     """
     kept = known.mean(axis=0) >= KEPT_SHARE
     return Stretches(kept, runs_where(np.asarray(known[:, kept].all(axis=1)), joined) if kept.any() else ())

@@ -29,7 +29,7 @@ from anchorpose.sources.plan import CameraPlan, folder_name
 WIDTH, HEIGHT, RATE_HZ = 848, 480, 30
 STALL_S: Final = 5.0  # s; a camera without an image for this time counts as unplugged
 GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system_time")
-"""Clock domains in which the device's time is on the host's clock, so that the age of an image is known."""
+"""Clock domains of a device in which its times are on the computer's clock, so that the age of an image is known."""
 
 
 @dataclass(slots=True, eq=False)
@@ -80,7 +80,7 @@ def open_realsense(serial: str, about: Recording | None) -> RealSense:
 
 
 def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> RealSense:
-    """Start the stream that ``config`` selects, which may be a file that librealsense plays; rs: the module
+    """Start the stream that ``config`` selects: a camera, or a file that librealsense plays. rs: the module
     pyrealsense2.
     """
     pipeline = rs.pipeline()
@@ -105,7 +105,7 @@ def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> Re
 
 
 def _lens(rs: Any, found: Any) -> Intrinsics:
-    """Return the lens; depth images of all cameras sold by this maker have no distortion left."""
+    """Return the lens; the depth images of all cameras of this maker are already undistorted."""
     if any(found.coeffs) and found.model != rs.distortion.brown_conrady:
         raise AnchorposeError(f"The camera's lens model ({found.model}) is not known: record with its own program.")
     coefficients = tuple(float(value) for value in found.coeffs)
@@ -113,8 +113,8 @@ def _lens(rs: Any, found: Any) -> Intrinsics:
 
 
 def _taken(depth: Any) -> float:
-    """Return when an image was taken, by ``time.monotonic``; if the device has its own clock, when the image
-    arrived.
+    """Return when an image was taken, by ``time.monotonic``. If the device's clock is not the computer's, return when
+    the image arrived.
     """
     now_s = time.monotonic()
     if str(depth.get_frame_timestamp_domain()) not in GLOBAL_CLOCKS:
@@ -135,7 +135,7 @@ class Orbbec:
     cameras: tuple[CameraPlan, ...]
     about: Recording | None
     process: subprocess.Popen[bytes]
-    first: bytes  # the header that was read to learn the scale
+    first: bytes  # header of the first image, which was read to learn the scale
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
         """Yield images as ``LiveSource`` requires."""
@@ -204,25 +204,25 @@ def _why_ended(process: subprocess.Popen[bytes]) -> str:
     last = said.decode(errors="replace").strip().splitlines()[-1:] or ["the process that reads it ended"]
     if "pyorbbecsdk" in last[0] and "Error" in last[0]:
         return (
-            "An Orbbec camera needs the package pyorbbecsdk2 in a Python of its own: make one with 'python -m venv', "
+            "An Orbbec camera needs the package pyorbbecsdk2 in a separate Python: make one with 'python -m venv', "
             f"install it there, and name that Python in the variable {PYTHON_VARIABLE}."
         )
     return f"The Orbbec camera cannot be read: {last[0]}."
 
 
 LATE_S: Final = 0.25
-"""Seconds; an image that is later than this is dropped, as a camera overwrites images that nobody took."""
+"""Age in s from which an image is dropped, as a camera overwrites images that nobody fetched."""
 
 
 class Playback:
-    """The images of a recording, each at its time; a damaged one is left out."""
+    """The images of a recording, each at its time; a damaged image is left out."""
 
     def __init__(self, recording: Recording) -> None:
         self.name = recording.folder.resolve().name
         self.recording = recording
         self.about: Recording | None = recording
         self.cameras = tuple(CameraPlan(camera=camera) for camera in recording.cameras)
-        timed, _ = settle_clocks(recording, recording.cameras, ClockConfig())  # all cameras on one clock
+        timed, _ = settle_clocks(recording, recording.cameras, ClockConfig())  # puts all cameras on one clock
         shown_s = [stream.time_s for stream in timed.streams]
         self._order = sorted(
             (float(when), camera, place) for camera, times in enumerate(shown_s) for place, when in enumerate(times)

@@ -22,8 +22,8 @@ from anchorpose.sources.plan import CameraPlan
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveImage:
     """One depth image. camera: index of the camera; number: number given by the source, with gaps where it lost images;
-    time_s: time on the device's own clock; taken_s: when it was taken, by ``time.monotonic``; grey (height, width)
-    uint16, 0 = no reading.
+    time_s: time on the device's clock; taken_s: when it was taken, by ``time.monotonic``; grey (height, width) uint16,
+    0 = no reading.
     """
 
     camera: int
@@ -36,8 +36,8 @@ class LiveImage:
 class LiveSource(Protocol):
     """Cameras that are read together, in the order of their indices.
 
-    name: name for the user; about: a recording whose equipment, empty room and patient are valid for these cameras,
-    too; None without such a recording.
+    name: name for the user; about: a recording whose equipment, empty room and patient also apply to these cameras;
+    None without such a recording.
     """
 
     name: str
@@ -53,7 +53,7 @@ class LiveSource(Protocol):
 
 
 def about_folder(sources: Sequence[LiveSource]) -> Path | None:
-    """Return the folder of the first recording that is valid for one of the sources, None without such a recording."""
+    """Return the folder of the first source's recording (``about``); None if no source has such a recording."""
     return next((source.about.folder for source in sources if source.about is not None), None)
 
 
@@ -100,7 +100,7 @@ class Intake:
         self._takers = (*self._takers, taker)
 
     def remove(self, taker: Taker) -> None:
-        """Stop passing images to ``taker``; an image may still be under way."""
+        """Stop passing images to ``taker``; an image that is already being passed on may still arrive."""
         self._takers = tuple(one for one in self._takers if one != taker)
 
     @property
@@ -141,7 +141,7 @@ class Intake:
 
 
 KEPT: Final = 4  # images kept per camera; the partner of an image is at most one period older than the newest
-SILENT_S: Final = 0.5  # s; a camera without images for this long is not waited for
+SILENT_S: Final = 0.5  # s; the feed does not wait for a camera that was without images for this long
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,7 +181,7 @@ class Feed:
     """A buffer: sources put images in from their threads, and the tracker takes the newest complete set.
 
     A set is complete when every camera that is not silent has delivered an image of the same time, or when a period has
-    passed. The first camera that is not silent is the reference.
+    passed since it was taken. The first camera that is not silent is the reference.
     """
 
     def __init__(self, count: int) -> None:
@@ -190,7 +190,7 @@ class Feed:
         self._last: LiveSet | None = None
 
     def put(self, image: LiveImage) -> None:
-        """Add an image of a camera, in the order in which it takes them."""
+        """Add an image of a camera, in the order in which the camera takes them."""
         with self._changed:
             self._images[image.camera].append(image)
             self._changed.notify_all()
@@ -267,7 +267,7 @@ class Feed:
                     for k, own in enumerate(self._images)
                 )
                 return LiveSet(images, reference, main.taken_s, self._skipped(reference, main))
-            if age_s < half_s:  # the other cameras' images are still under way
+            if age_s < half_s:  # images of the other cameras may still arrive
                 return None
         return None
 

@@ -1,4 +1,4 @@
-"""Record the first seconds of a patient, and find in them everything that tracking needs to know.
+"""Record the first seconds of a patient, and compute from them everything that tracking needs.
 
 For the first patient this includes the room; for a person who becomes the patient later, the room is known.
 """
@@ -35,7 +35,7 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.start import with_best_initial_frame
 
 FIRST_WAIT_S: Final = 10.0  # s, longest wait for the first image of a source
-# share of the best score with which a later initial frame is preferred, since it saves waiting
+# least share of the best score for which a later initial frame is chosen: a later frame leaves less to catch up
 NEARLY_AS_GOOD: Final = 0.5
 
 Say = Callable[[str], None]
@@ -43,10 +43,10 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveOptions:
-    """Options of a live session. config: settings of tracking; wait_frames: number of later frames to wait for before
-    the pose of a frame is given; start_s: duration of the recording from which the body is learnt; calibration: a file
-    of camera poses; record: a folder for all depth images; seconds: duration of tracking, None until ``stop``; markers:
-    the stream whose markers are kept in ``record``.
+    """Options of a live session. config: settings of tracking; wait_frames: number of later frames that are awaited
+    before the pose of a frame is given; start_s: duration of the recording from which the body is learnt; calibration:
+    a file of camera poses; record: a folder for all depth images; seconds: duration of tracking, None until ``stop``;
+    markers: the stream whose markers are kept in ``record``.
     """
 
     config: TrackConfig
@@ -65,9 +65,9 @@ class LiveOptions:
 @dataclass(frozen=True, slots=True, eq=False)
 class User:
     """The user's connections to a running session. say: function that receives sentences; stop: event that ends the
-    session; asked: function that returns, once, the number (``PersonInView``) of a person who becomes the patient from
-    now on, None otherwise; keep_markers: function that receives the function which stores the user's markers, once
-    there is a recording.
+    session; asked: function that returns the number (``PersonInView``) of a person who is to become the patient, once
+    per request, else None; keep_markers: function that is called when a recording exists, with the function that stores
+    the user's markers in it.
     """
 
     say: Say
@@ -98,7 +98,7 @@ class FirstSeconds:
     user: User
 
     def record(self, name: str, whom: str) -> Recording:
-        """Record the next seconds. whom: words for the recorded person, for the user.
+        """Record the next seconds. whom: words for the recorded person in messages to the user.
 
         Raises AnchorposeError where the recording cannot be made.
         """
@@ -184,12 +184,12 @@ def new_room(recording: Recording, options: LiveOptions) -> tuple[TrackInputs, R
 def known_room(
     recording: Recording, options: LiveOptions, room: Room, place_xz_m: tuple[float, float]
 ) -> tuple[TrackInputs, Room]:
-    """Prepare a known room in the first seconds of another patient, who stands at a given place. It has no initial
-    frames where nobody is found there.
+    """Prepare a known room in the first seconds of another patient, who stands at a given place. If nobody is found
+    there, the room has no initial frames.
     """
     config = replace(options.config, patient_xz_m=place_xz_m, height_m=None)
     inputs = read_inputs(recording.folder, config, UserInputs(options.calibration))
-    # statements about the patient are about the previous one
+    # the recording's statements about the patient concern the previous patient
     theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)
     chosen, samples = sample_recording(theirs, config)
     settled = Settled(theirs, room.clocks, room.calibration, tuple(chosen), tuple(samples))
@@ -202,10 +202,10 @@ def in_room(folder: Path, room: Room) -> Recording:
     return replace(recording, cameras=room.recording.cameras, subject=room.recording.subject)
 
 
-STEP_S: Final = 0.2  # a patient in a standing frame moves little in it
-# longest gap between frames; after a longer one, another person may stand in the patient's place
+STEP_S: Final = 0.2  # s; within this time a patient in a standing frame moves little
+# s, longest gap between tracked frames; after a longer gap, another person may stand in the patient's place
 MOST_STEP_S: Final = 1.0
-PACE: Final = 2.0  # least speed, relative to real time, at which waiting sets are processed, so that the backlog ends
+PACE: Final = 2.0  # least speed relative to real time at which waiting sets are processed: the backlog must shrink
 PATIENCE_S: Final = 0.5
 
 
@@ -215,7 +215,7 @@ class Backlog:
     def __init__(self, feed: Feed, cameras: Sequence[Camera]) -> None:
         self._feed, self._cameras = feed, cameras
         self._packed: deque[LiveSet] = deque()
-        self._last_s, self._taken_at_s = -np.inf, -np.inf  # time of the set taken last, and when it was taken
+        self._last_s, self._taken_at_s = -np.inf, -np.inf  # time of the last set, and when it was fetched
         self._done = Event()
         self._thread = Thread(target=self._collect, daemon=True)
         self._thread.start()

@@ -65,8 +65,8 @@ class LatencyMeter:
         )
 
 
-BLOCK: Final = 48  # frames per stored block
-ROUNDING_S: Final = 1e-5  # recorded times have six decimals
+BLOCK: Final = 48  # number of frames per stored block
+ROUNDING_S: Final = 1e-5  # s; recorded times have six decimals
 
 
 @dataclass(slots=True, eq=False)
@@ -96,7 +96,7 @@ class LiveFollower:
     def take(self, live_set: LiveSet, live: bool) -> None:
         """Track a set. live: whether it is the newest set, so that its latency counts."""
         frame_set = without_other_places(live_set.frame_set(self._cameras, self._clocks), self.run.room.scenes)
-        if frame_set.time_s <= self._last_s + ROUNDING_S:  # the last set of the first seconds is also in the feed
+        if frame_set.time_s <= self._last_s + ROUNDING_S:  # the last set of the first seconds also comes from the feed
             return
         self._last_s = frame_set.time_s
         self._taken_s[frame_set.frame] = live_set.taken_s
@@ -158,7 +158,7 @@ class LiveFollower:
             region, area_m2 = region_of_points(points), area_of_point(points)
             self._contacts = ContactIntervals(region, area_m2, self.run.config.contacts, parts)
         for _ in self._contacts.push(record.joints.frame, record.joints.time_s, record.near, record.gaps):
-            pass  # ended contacts are in the results
+            pass  # ended contacts need not be sent; they are in the results
         self._touched = None if record.near is None else self._contacts.touched_now(by_equipment=False)
         self._holding = None if record.gaps is None else self._contacts.touched_now(by_equipment=True)
 

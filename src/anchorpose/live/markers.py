@@ -27,16 +27,16 @@ HEAD: Final = "onset\tduration\ttrial_type"
 
 BEGIN, END, RATING = "begin", "end", "rating"
 LONGEST_TEXT: Final = 200
-SHORTEST_S: Final = 0.001  # shortest trial: two markers sent at once make none
+SHORTEST_S: Final = 0.001  # s, shortest trial: two markers sent at once do not make a trial
 
 FIND_S: Final = 5.0
-"""Seconds for which a stream is searched on the network."""
+"""Time in s for which a stream is searched on the network."""
 
 WAIT_S: Final = 0.2
 
 
 TakeMarker = Callable[[str, float], object]
-"""Function that receives the text of a marker and when it was sent, by ``time.monotonic``."""
+"""A function that receives the text of a marker and the time, by ``time.monotonic``, at which it was sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ class MarkerInlet:
         """Raise MissingPackage without pylsl, AnchorposeError where no stream has this name within ``FIND_S``."""
         try:
             import pylsl
-        except (ImportError, RuntimeError):  # RuntimeError: its library does not load on this system
+        except (ImportError, RuntimeError):  # RuntimeError: the library of pylsl does not load on this system
             raise MissingPackage("--markers", "pylsl", "sync") from None
         if "'" in name:
             raise AnchorposeError(f"--markers is {name[:40]!r}; give the name of a stream without quotes.")
@@ -125,7 +125,7 @@ class MarkerInlet:
         self._thread: Thread | None = None
 
     def start(self, take: TakeMarker) -> None:
-        """From now on, pass each marker to the function ``take``."""
+        """Pass each marker from now on to the function ``take``."""
         self._inlet.open_stream(timeout=FIND_S)
         self._thread = Thread(target=self._run, args=(take,), daemon=True)
         self._thread.start()

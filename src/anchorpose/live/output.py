@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pythonosc.osc_bundle_builder import OscBundleBuilder
 
 
-TOP: Final = 0.98  # quantile of the heights of a person's skin, so that a flying pixel is not taken for the head
+TOP: Final = 0.98  # quantile of the skin's heights that gives the top of the head; the highest may be a flying pixel
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class PersonInView:
 
 
 def people_in(memory: BystanderMemory) -> tuple[PersonInView, ...]:
-    """Return the people in the memory's newest frame, without the patient."""
+    """Return the people in the newest frame of the bystander memory, without the patient."""
     return tuple(
         PersonInView(label - PixelLabel.PATIENT, (float(x), float(z)), float(np.quantile(points_m[:, 1], TOP)))
         for label, points_m in memory.seen_last.items()
@@ -60,7 +60,7 @@ class LiveFrame:
     ``JointState``. why_lost: why all joints are lost, else empty. touched: parts of the patient (``REGIONS``) that
     other people touched in the previous frame, and whether the contact was seen; None where unknown. dropped: number of
     images that were not tracked since live tracking began. people: all other people in view; patient: number of the
-    patient, 1 at first, and one more whenever another person becomes the patient. holding: parts of the patient that
+    patient, first 1, and increased by 1 whenever another person becomes the patient. holding: parts of the patient that
     touch the equipment, in the form of ``touched``.
     """
 
@@ -130,7 +130,7 @@ def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
 
 
 class Outputs:
-    """All receivers of frames. A receiver that fails is left out from then on, and the user gets a sentence."""
+    """All receivers of frames. A receiver that fails gets no more frames, and the user gets a sentence."""
 
     def __init__(self, outputs: Sequence[Output]) -> None:
         self._outputs = list(outputs)

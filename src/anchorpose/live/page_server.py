@@ -1,7 +1,7 @@
 """Serve the newest frames to browsers: a page, and the events that the page reads.
 
-Each client has its own thread, which takes the newest frame when the one before has been sent: a slow client misses
-frames, and a client that never reads is dropped after some seconds. The tracker only deposits frames.
+Each client is served by a thread, which takes the newest frame when the previous frame has been sent: a slow client
+misses frames, and a client that never reads is dropped after some seconds. The tracker never waits for clients.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Standing:
     """The state of the patient's standing. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN`` in this frame;
     upright_s: total time upright so far. load_left: the left foot's share of the load, 0 to 1, with load_sigma; both
     are None where the patient is not upright or ``feet_load`` is unknown. inferred, load_inferred: whether a joint on
-    which they depend was not seen.
+    which upright, or the load, depends was not seen.
     """
 
     upright: int
@@ -47,10 +47,10 @@ class Standing:
 
 
 class UprightClock:
-    """A clock of upright time that takes frames in order; it measures as ``anchorpose measure``, but only from the
-    past.
+    """A clock of upright time that takes frames in order. It uses the definition of ``anchorpose measure``, but no
+    later frames.
 
-    The leg's length is that of the learnt body in each frame. Time counts between two upright frames that are no
+    The length of the leg is taken from the joints of each frame. Time counts between two upright frames that are no
     farther apart than half a second.
     """
 
@@ -89,9 +89,9 @@ EVENTS: Final = "events"
 STREAM: Final = "text/event-stream"
 SIGN_OF_LIFE_S: Final = 1.0  # s; something is sent at least this often, to show the page that the program still runs
 CLIENT_PATIENCE_S: Final = 5.0  # s; a client that reads nothing for this long is dropped
-# size of the socket's buffer, some frames: in a larger buffer they would be seconds old on arrival
+# bytes of the socket's buffer, some frames: in a larger buffer, frames would be seconds old on arrival
 BUFFER_BYTES: Final = 32 * 1024
-EXACT: Final = 4  # decimal places of metres: a tenth of a millimetre
+EXACT: Final = 4  # decimal places of positions in metres: a tenth of a millimetre
 
 
 class PageOutput:
@@ -126,8 +126,8 @@ class PageOutput:
         self._newest.put_sentence(sentence)
 
     def asked(self) -> int | None:
-        """Return the number (``PersonInView``) of the person whom the user chose as the new patient; it is returned
-        once, and None otherwise.
+        """Return the number (``PersonInView``) of the person whom the user chose as the new patient; the number is
+        returned once, then None.
         """
         return self._newest.take_asked()
 
@@ -201,7 +201,7 @@ class _Newest:
         self._frame: tuple[int, LiveFrame, Standing] | None = None
         self._sentence = (0, "")
         self._count = 0
-        self._people = frozenset[int]()  # people who may be chosen
+        self._people = frozenset[int]()  # numbers of the people who may be chosen
         self._asked: int | None = None
 
     def put_frame(self, frame: LiveFrame, standing: Standing) -> None:
@@ -227,7 +227,7 @@ class _Newest:
             self._asked = number
 
     def take_asked(self) -> int | None:
-        """Return the person whom a client chose; from then until the next frame nobody can be chosen."""
+        """Return the number of the person whom a client chose. Nobody can be chosen again before the next frame."""
         with self._changed:
             asked, self._asked = self._asked, None
             if asked is not None:
@@ -306,9 +306,9 @@ class _Handler(GuardedHandler):
         self.connection.settimeout(CLIENT_PATIENCE_S)
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.close_connection = True  # the end of the stream is the end of the connection
+        self.close_connection = True  # end the connection with the stream
         newest = self.server.newest
-        seen, events = newest.begin()  # before the answer begins, so that all later events go to the client
+        seen, events = newest.begin()  # before the answer begins, so that the client gets all later events
         self.send_head(HTTPStatus.OK, STREAM, {})
         try:
             self.wfile.write(events)

@@ -32,9 +32,9 @@ UNFINISHED_FILE: Final = "recording.unfinished.json"
 
 EMPTY_ROOM_FILE: Final = "background.png"
 IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
-SYNC_S: Final = 1.0  # s of data that a power cut may cost
-ROOM_EVERY: Final = 100  # images between two checks of the free space
-LEAST_FREE_BYTES: Final = 500_000_000  # the system and the results need some space, too
+SYNC_S: Final = 1.0  # s, duration of the data that a power cut may cost
+ROOM_EVERY: Final = 100  # number of images between two checks of the free space
+LEAST_FREE_BYTES: Final = 500_000_000  # the system and the results also need space
 
 
 class Recorder:
@@ -54,9 +54,9 @@ class Recorder:
         self._waiting: list[tuple[str, float]] = []  # markers that came before the first image
         self._marking = Lock()
         self._write_document()
-        self.images, self.finished = 0, False  # number of images written so far
+        self.images, self.finished = 0, False  # images: number of images written so far
         self._unsynced: list[Path] = []
-        # an image comes from its camera's thread while another thread may end the recording
+        # the threads of the cameras write images while another thread may end the recording
         self._writing = [Lock() for _ in cameras]
         self._done = Event()
         self._syncing = Thread(target=self._sync_often, daemon=True)
@@ -79,7 +79,7 @@ class Recorder:
             self._require_free()
 
     def mark(self, text: str, at_s: float) -> None:
-        """Write a marker, sent at ``at_s`` by ``time.monotonic``; it is on disk at once."""
+        """Write a marker, sent at ``at_s`` by ``time.monotonic``; it is written to the disk at once."""
         with naming_place(self.folder), self._marking:
             self._waiting.append((plain_text(text), at_s))
             self._write_markers()
@@ -120,7 +120,7 @@ class Recorder:
         return self.folder
 
     def abandon(self) -> None:
-        """Stop writing after the images under way; the folder stays unfinished."""
+        """Stop writing after the images that are being written; the folder stays unfinished."""
         self._done.set()
         self._syncing.join()
         for camera in self._writing:
@@ -137,7 +137,7 @@ class Recorder:
 
     def _sync_often(self) -> None:
         while not self._done.wait(SYNC_S):
-            with suppress(OSError):  # retried next time, or at the end
+            with suppress(OSError):  # tried again next time, or at the end
                 self._sync()
 
     def _sync(self) -> None:
@@ -145,7 +145,7 @@ class Recorder:
         for path in (*self._unsynced[:count], *(writer.folder / "timestamps.csv" for writer in self._writers)):
             with open_regular(path) as file:
                 os.fsync(file.fileno())
-        del self._unsynced[:count]  # images that came meanwhile stay
+        del self._unsynced[:count]  # keep images that came meanwhile
 
 
 def start_of(taken_s: float) -> dict[str, Any]:
@@ -164,8 +164,8 @@ def start_of(taken_s: float) -> dict[str, Any]:
 
 
 def finish_recording(folder: Path) -> Path:
-    """Turn a folder that ``Recorder`` has written into a recording; if the recorder was cut off, with all complete
-    images.
+    """Turn a folder that ``Recorder`` has written into a recording; if the recorder was cut off, the recording has all
+    complete images.
 
     Raises InputError where it is not such a folder, or where no camera has an image.
     """
@@ -219,7 +219,9 @@ def copy_equipment(file: Path, about: Path, folder: Path) -> None:
 
 
 def _remove_without_row(folder: Path) -> None:
-    """Remove images that were cut off before their row was written; files with other names are the user's."""
+    """Remove images whose row in timestamps.csv was not written before the recorder was cut off. Files with other names
+    belong to the user and stay.
+    """
     lines = read_text(folder / "timestamps.csv").split()[1:]
     known = {f"{int(line.partition(',')[0]):06d}.png" for line in lines}
     for file in (folder / "depth").iterdir():
@@ -227,7 +229,7 @@ def _remove_without_row(folder: Path) -> None:
             file.unlink()
 
 
-ROOM_IMAGES: Final = 60  # images per camera; the median of more images is not better
+ROOM_IMAGES: Final = 60  # number of images per camera; the median of more is not better
 REPORT_S: Final = 10.0
 
 
@@ -242,7 +244,7 @@ def record_live(
 ) -> Path:
     """Record all sources into ``out`` until they end, ``stop`` is set or ``seconds`` have passed.
 
-    empty_room_s: duration for which the empty room is recorded before; 0: it is not recorded. markers: the stream whose
+    empty_room_s: seconds for which the empty room is recorded first; 0: it is not recorded. markers: the stream whose
     markers are kept. Raises AnchorposeError where no camera gives an image, or where the stream does not exist.
     """
     about = about_folder(sources)
@@ -293,7 +295,7 @@ def _record_empty_room(
         if len(seen[image.camera]) < ROOM_IMAGES:
             seen[image.camera].append(image.grey)
 
-    say(f"Leave the room: it is looked at for {seconds:.0f} s.")
+    say(f"Leave the room: it is recorded for {seconds:.0f} s.")
     intake.add(keep)
     end_s = time.monotonic() + seconds
     while intake.running and time.monotonic() < end_s and not stop.wait(0.05):
@@ -309,7 +311,7 @@ def median_reading(grey: np.ndarray) -> np.ndarray:
     """Return the median (height, width) uint16 of the readings of images (n, height, width) uint16; 0 where less than
     half of the images have a reading.
     """
-    ordered = np.sort(grey, axis=0)  # missing readings are 0 and come first
+    ordered = np.sort(grey, axis=0)  # a missing reading is 0, so it comes first
     empty = (grey == 0).sum(axis=0)
     middle = np.minimum((empty + len(grey)) // 2, len(grey) - 1)
     found = np.take_along_axis(ordered, middle[None], axis=0)[0]

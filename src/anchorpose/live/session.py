@@ -1,9 +1,9 @@
 """Track live cameras: analyse the first seconds, learn the body, catch up, follow every newest frame, write results.
 
-The first seconds are recorded, and everything that tracking needs beforehand is found in them as in any recording.
-Images that arrive during this analysis are then tracked at a few frames per second, so that the patient is never out of
-sight. From then on every newest frame is tracked, and images that arrive during its processing are dropped. If another
-person becomes the patient, all of this begins again for that person, in the known room.
+The first seconds are recorded and analysed like any recording. Images that arrive during the analysis are then tracked
+at a few frames per second, so that the patient is followed without a break. From then on every newest frame is tracked,
+and images that arrive during its processing are dropped. If another person becomes the patient, all of this begins
+again for that person, in the known room.
 """
 
 from __future__ import annotations
@@ -91,13 +91,13 @@ def _stop(inlet: MarkerInlet | None) -> None:
 
 
 def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
-    """Return the finished recording; None without a recording, or if it cannot be finished, which the session notes
-    with the reason.
+    """Return the finished recording; None without a recording, or if it cannot be finished; then the session notes the
+    reason.
     """
     try:
         return None if recorder is None else recorder.finish()
     except (AnchorposeError, OSError) as error:
-        remedy = "'anchorpose record --finish' makes it whole"
+        remedy = "'anchorpose record --finish' completes it"
         intake.failures.append(f"the recording of the depth images is not finished ({error}): {remedy}")
         return None
 
@@ -192,7 +192,7 @@ class _Session:
         prepared = self._learn(recording, now, places[number])
         if prepared is None:
             self.user.say(
-                "That person cannot be told from the patient, or no body fits them; the patient is as before."
+                "That person cannot be distinguished from the patient, or no body fits them; the patient is as before."
             )
             _take_recorded(before, in_room(recording.folder, now.patient.prepared.run.room), 0)
             self._catch_up(before, backlog)
@@ -203,7 +203,7 @@ class _Session:
         return new
 
     def _learn(self, recording: Recording, now: Followed, place_xz_m: tuple[float, float]) -> Prepared | None:
-        """Learn the person at a place; return None also where an error occurs, so that the session continues."""
+        """Learn the person at a place; None if nobody can be learnt, or if an error occurs: the session continues."""
         room, before_xz_m = now.patient.prepared.run.room, now.follower.patient_xz_m
         try:
             return self.first_seconds.learn_named(recording, room, place_xz_m, before_xz_m)

@@ -67,7 +67,7 @@ def write_patients(results: Path, patients: Sequence[LivePatient], recorded: Pat
         _write(results / folder, one, recorded, [f"from frame {frame} on, another person was the patient", *notes])
         changes.append(f"until frame {frame}, another person was the patient: the results are in {folder}")
     if earlier:
-        changes.append("who is the patient now was chosen on the page; nothing was stated of this person")
+        changes.append("the present patient was chosen on the page; nothing was stated about this person")
     _write(results, last, recorded, [*changes, *notes])
 
 
@@ -84,8 +84,8 @@ LEARNT: Final = "learnt"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredPatient:
-    """A patient as stored. first_seconds: name of the folder with their recording; place_xz_m: the patient's given
-    place.
+    """A patient as stored in ``session.json``. first_seconds: name of the folder with the recording of their first
+    seconds; place_xz_m: x and z at which this person stood when chosen as the patient.
     """
 
     first_seconds: str
@@ -94,7 +94,9 @@ class StoredPatient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredSession:
-    """The document ``session.json``. ended: why the session ended early, if it could still be written."""
+    """The document ``session.json``. ended: why the session ended early. The default is valid if the program could not
+    write a reason.
+    """
 
     options: LiveOptions
     patients: tuple[StoredPatient, ...] = ()
@@ -154,8 +156,8 @@ def read_session(results: Path) -> StoredSession:
 
 
 def read_patients(results: Path, session: StoredSession) -> Iterator[LivePatient]:
-    """Yield the patients of a stored session: rooms are found again in their first seconds, bodies and frames are as
-    stored.
+    """Yield the patients of a stored session. Each room is found again in the patient's first seconds; bodies and
+    frames are read as stored.
     """
     journal = _journal(results / JOURNAL)
     journal.require_whole((BEGUN_FILE, SESSION_FILE, FIRST_SECONDS))

@@ -1,4 +1,4 @@
-"""Provide the common parts of all pictures over a depth image: colours, grey shading, projection to pixels, names
+"""Provide the parts that all pictures over a depth image share: colours, grey shading, projection to pixels, names
 beside dots, PNG.
 
 The colours are Okabe and Ito's, which colour-blind readers can distinguish, as blue, green, red in OpenCV's order.
@@ -56,7 +56,7 @@ def as_hex(colour: Sequence[float]) -> str:
 
 
 def scale_of(camera: Camera) -> int:
-    """Return how many pixels of a drawn picture a depth pixel is wide."""
+    """Return the width of a depth pixel in pixels of the drawn picture."""
     return max(1, round(PICTURE_WIDTH / camera.width))
 
 
@@ -85,7 +85,7 @@ def projector(camera: Camera, scale: int) -> Callable[[np.ndarray], np.ndarray]:
 
     def to_pixel(points_m: np.ndarray) -> np.ndarray:
         pixels = camera.project(transform_points(T_camera_world, np.asarray(points_m, dtype=np.float64)))
-        # far outside counts as absent, which keeps OpenCV's fixed-point coordinates from overflowing
+        # a point far outside counts as absent: OpenCV's fixed-point coordinates would overflow
         pixels[(np.abs(pixels) > 10 * max(camera.width, camera.height)).any(axis=1)] = np.nan
         return (pixels + 0.5) * scale - 0.5
 
@@ -146,6 +146,6 @@ def draw_dots(
 
 def as_png(picture: np.ndarray) -> bytes:
     """Return the picture as a PNG; the same picture gives the same bytes."""
-    # level 9 saves 3 % more in eight times the time
+    # level 9 would save 3 % of the size in eight times the time
     _, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 6])
     return bytes(encoded)

@@ -44,8 +44,8 @@ from anchorpose.surface.links import links
 from anchorpose.tracker.inspection import InspectedCamera
 from anchorpose.tracker.observation import Observation
 
-ISO_M: Final = 0.1  # m between two lines of equal distance
-MAGNIFIED: Final = 3.0  # factor on arrows: a hand moves 3 cm in a frame, nine pixels, too few for an arrow
+ISO_M: Final = 0.1  # m between two lines of equal distance along the skin
+MAGNIFIED: Final = 3.0  # factor on arrows: a hand moves 3 cm in a frame, nine pixels, too few to see a direction
 LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # direction towards the light, camera frame: from above on the left
 SEEN_ONCE: Final = (235.0, 235.0, 235.0)
 SEEN_TWICE: Final = (255.0, 200.0, 130.0)
@@ -96,7 +96,9 @@ def draw_people(one: InspectedCamera) -> np.ndarray:
 
 
 def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray | None]:
-    """Wrap a drawing of the surface's nodes that one camera saw (``own``: which these are); None where it saw none."""
+    """Turn a drawing of surface nodes into a drawing of one camera, which gets the nodes that the camera saw (``own``);
+    it returns None if the camera saw none.
+    """
 
     @wraps(draw)
     def drawn(one: InspectedCamera) -> np.ndarray | None:
@@ -146,7 +148,9 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
 
 @_of_surface
 def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """Draw all extrema, the names of extrema that were identified as head, hands and feet, and the missed anchors."""
+    """Draw all extrema, the names of extrema that were identified as head, hands and feet, and a note on the missed
+    anchors.
+    """
     picture, to_pixel = _canvas(one)
     extrema = geodesic_extrema(
         seen.whole, center_field(seen.whole).distance_m, one.config.anchors.radius * one.inspection.height_m
@@ -165,7 +169,9 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
 
 @_of_surface
 def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw under how many subsets of the anchors each node has a match in the next frame; None without a next frame."""
+    """Draw for each node the number of subsets of the anchors by which it has a match in the next frame; None without a
+    next frame.
+    """
     if (following := one.inspection.next) is None:
         return None
     picture, _ = _canvas(one)

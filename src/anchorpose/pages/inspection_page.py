@@ -25,7 +25,7 @@ from anchorpose.tracker.inspection import InspectedCamera, Inspection, inspect_f
 
 PAGE_FILE: Final = "index.html"
 FACTS_FILE: Final = "inspect.json"
-"""File with the same content in numbers."""
+"""Name of the file with the content of the page in numbers."""
 
 INSPECTION: Final = FolderKind("an inspection", (FACTS_FILE, PAGE_FILE), (FACTS_FILE, PAGE_FILE, "*/*.png"))
 
@@ -74,8 +74,8 @@ def write_inspection(
 class Stage:
     """The description of a stage: ``draw`` makes one camera's picture, None where there is nothing to draw.
 
-    caption: with ``{next_frame}`` and ``{rooms}`` to fill in. legend: (colour, meaning). missing: the reason if no
-    camera has a picture.
+    caption: may contain ``{next_frame}`` and ``{rooms}``, which are filled in. legend: (colour, meaning). missing: the
+    reason if no camera has a picture.
     """
 
     key: str

@@ -1,6 +1,6 @@
 """Draw tracking results over a depth image (mesh, anchors, body outline, joints), and choose the report's pictures.
 
-The report shows some frames spread over the recording, the most and the least certain ones, and transitions.
+The report shows some frames spread over the recording, the most and the least certain frame, and transitions.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from anchorpose.tracker.room import Room
 _LABEL_TINT: Final = {
     PixelLabel.EQUIPMENT: Ink.EQUIPMENT,
     PixelLabel.PATIENT: Ink.PATIENT,
-    PixelLabel.OTHER_PERSON: Ink.PURPLE,  # and all higher labels
+    PixelLabel.OTHER_PERSON: Ink.PURPLE,  # also all higher labels
 }
 
 
@@ -58,8 +58,9 @@ _LABEL_TINT: Final = {
 class OverlayScene:
     """One camera's image and the things to draw over it; all points in the camera's world frame.
 
-    depth_m (height, width), 0 = no reading; labels (height, width) of ``PixelLabel``; mesh_m (n, 3) and mesh_edges
-    (m, 2); anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN where lost, sigma_m (21,) of them; body_m (v, 3).
+    depth_m (height, width), 0 = no reading; labels (height, width) of ``PixelLabel``; mesh_m (n, 3) and mesh_edges (m,
+    2); anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN where lost, with sigma_m (21,); body_m (v, 3): skin of
+    the posed body.
     """
 
     camera: Camera  # camera with the pose that was used
@@ -161,7 +162,7 @@ class FramePicture:
     camera: str
     png_bytes: bytes
     caption: str
-    why: str = ""  # why the frame was chosen, for people; empty for frames spread over the recording
+    why: str = ""  # the reason in words why the frame was chosen; empty for frames spread over the recording
 
 
 def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[PictureRecord, ...]:
@@ -175,15 +176,15 @@ def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[Pictu
     return tuple(records)
 
 
-SPREAD: Final = 4  # frames, evenly over the recording
-TRANSITIONS: Final = 4  # largest number of transitions; the first ones are shown
+SPREAD: Final = 4  # number of frames spread evenly over the recording
+TRANSITIONS: Final = 4  # largest number of transitions that are shown; the first are chosen
 
 _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenFrame:
-    """A chosen frame. row: row of the joints' table; why: the reason, for people; empty for frames spread over the
+    """A chosen frame. row: row of the joints' table; why: the reason in words, empty for frames spread over the
     recording.
     """
 
@@ -210,13 +211,13 @@ def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np
 
 
 def _uncertainty(joints: JointTable, row: int) -> tuple[int, int, float]:
-    """Return the number of lost joints, then of unseen joints, then sigma."""
+    """Return a sort key of uncertainty: the number of lost joints, the number of unseen joints, the sigma."""
     state_code, sigma = joints.state_code[row], joints.sigma_m[row]
     return int((state_code == LOST).sum()), int((state_code > 0).sum()), float(np.nanmedian(sigma))
 
 
 def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: SurfaceConfig) -> Iterator[FramePicture]:
-    """Yield a picture from each camera of each frame of ``choose_frames``; none without a body or without person
+    """Yield a picture from each camera of each frame of ``choose_frames``; no pictures without a body or without person
     labels.
 
     results: a folder with all tables; sheet: how a camera's mesh is made.
@@ -225,7 +226,7 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
         return
     joints, anchors = read_joints(results / JOINTS_FILE), read_anchors(results / ANCHORS_FILE)
     poses = read_poses(results / POSES_FILE)
-    recorded = np.isin(joints.frame, room.recording.streams[0].frame)  # a live run may have recorded its start only
+    recorded = np.isin(joints.frame, room.recording.streams[0].frame)  # a live session may have recorded only its start
     segmented = recorded & np.isin(joints.frame, frames_of_people(results / PEOPLE_FILE))
     chosen = choose_frames(joints, read_episodes(results / EPISODES_FILE), segmented)
     chosen = [frame for frame in chosen if recorded[frame.row]]

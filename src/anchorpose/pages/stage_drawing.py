@@ -15,9 +15,9 @@ from anchorpose.pages.canvas import Colour, Ink, draw_contour, enlarge, projecto
 from anchorpose.recording.equipment import EquipmentModel, EquipmentPart
 
 COLOUR_STRENGTH: Final = 0.7
-"""Share of the colour in a tinted pixel; the rest is grey, so that shape stays visible."""
+"""Share of the colour in a tinted pixel; the rest is the grey of the depth image, so that shape stays visible."""
 
-HATCH_PX: Final = 14  # px from stripe to stripe
+HATCH_PX: Final = 14  # px between two stripes
 ARROW_TIP: Final = 0.35
 
 
@@ -43,7 +43,7 @@ def draw_depth(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def draw_layers(depth_m: np.ndarray, camera: Camera, layers: Sequence[Layer]) -> np.ndarray:
-    """Draw masks over the grey depth image, later ones on top; pixels without reading are coloured too."""
+    """Draw masks over the grey depth image, later masks on top; pixels without reading are coloured too."""
     scale = scale_of(camera)
     picture = enlarge(shade(depth_m), scale)
     for layer in layers:
@@ -70,8 +70,8 @@ def name_masks(picture: np.ndarray, camera: Camera, masks: Sequence[np.ndarray],
 def draw_values(
     picture: np.ndarray, camera: Camera, pixel: np.ndarray, values: np.ndarray, highest: float, iso: float | None
 ) -> None:
-    """Draw nodes coloured by value, dark 0 to light ``highest``, grey where not finite; lines at multiples of
-    ``iso``.
+    """Draw nodes coloured by value, from dark at 0 to light at ``highest``, grey where not finite. iso: step of the
+    value between two lines; None for no lines.
     """
     finite = np.isfinite(values)
     level = np.where(finite, np.clip(values / max(highest, 1e-9), 0.0, 1.0), 0.0)
@@ -111,7 +111,7 @@ def draw_bar(picture: np.ndarray, low: str, high: str, reverse: bool = False) ->
 
 
 def fill_blocks(picture: np.ndarray, camera: Camera, pixel: np.ndarray, colour: np.ndarray) -> None:
-    """Draw nodes as blocks of the mesh's step: pixel (n, 2) row and column, colour (n, 3) uint8."""
+    """Draw nodes as square blocks as wide as their spacing. pixel (n, 2): row and column; colour (n, 3) uint8."""
     large = _blocks(picture, camera, pixel, np.insert(colour, 3, 1, axis=1), np.zeros(4, np.uint8))
     filled = large[..., 3] > 0
     picture[filled] = large[filled][:, :3]
@@ -132,7 +132,7 @@ def _blocks(
 ) -> np.ndarray:
     """Return (height, width, ...) the image with each node's value in its block, ``empty`` elsewhere.
 
-    The spacing of the nodes is the greatest number of which all rows and columns are multiples.
+    The spacing of the nodes is the greatest common divisor of all their rows and columns.
     """
     step = max(1, int(np.gcd.reduce(pixel.ravel().astype(np.int64)))) if len(pixel) else 1
     small = np.full((-(-camera.height // step), -(-camera.width // step), *empty.shape), empty)
@@ -145,9 +145,10 @@ PART_COLOURS: Final = (Ink.ORANGE, Ink.SKY, Ink.YELLOW, Ink.PURPLE, Ink.GREEN, I
 
 
 def draw_model(camera: Camera, depth_m: np.ndarray, model: EquipmentModel | None, axes: bool = False) -> np.ndarray:
-    """Draw each part's outline and name over the depth image (height, width); other parts may hide a part's outline.
+    """Draw the outline and name of each part of the equipment over the depth image (height, width); outlines are hidden
+    where another part is in front.
 
-    axes: whether to draw the world's axes, 0.3 m each from its origin.
+    axes: whether to draw the axes of the world, each 0.3 m long from the origin.
     """
     picture = enlarge(shade(depth_m), scale_of(camera))
     to_pixel = projector(camera, scale_of(camera))

@@ -1,8 +1,8 @@
 """Read depth images, 16-bit grey PNG files, and check first every byte of the file and then the content of the image.
 
-A sensor that is blinded, covered or broken still delivers complete files, but their content cannot be a scene: there
-are no readings, or all have the same value, or neighbouring pixels are unrelated. Such an image is left out as if it
-were missing. The check uses no prediction, so it holds for every room and every pose.
+A sensor that is blinded, covered or broken still delivers complete files, but their content cannot be a scene: they
+have no readings, or the same value everywhere, or unrelated values in neighbouring pixels. Such an image is left out as
+if it were missing. The check needs no prediction, so it is valid for every room and every pose.
 
 ``RecordedFrames`` gives the images of several cameras one by one, each on its own clock, before frames are paired.
 """
@@ -22,22 +22,22 @@ from anchorpose.recording.recording import Recording
 from anchorpose.recording.regular_file import Stamp, Unreadable, read_bounded
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
-_HEADER_BYTES: Final = 33  # signature and the IHDR chunk
-_GREY: Final = 0  # PNG's code of the colour type
+_HEADER_BYTES: Final = 33  # length of the signature and the IHDR chunk of a PNG file
+_GREY: Final = 0  # code of the colour type grey in a PNG file
 _DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # the only chunks that a grey image needs
 _OTHER_BYTES: Final = 1 << 20  # bytes allowed for chunks of notes and for the overhead of failed compression
 
 FARTHEST_M: Final = 20.0
-"""No indoor depth camera measures farther: such a value is an error code, or light from outside."""
+"""Distance in m that no indoor depth camera exceeds: a larger value is an error code, or light from outside."""
 
 SATURATED: Final = np.iinfo(np.uint16).max  # the largest value of the file is a code, not a distance
-ROWS: Final = 128  # rows that are examined, evenly spaced: surfaces are many rows high
-LEAST_READ: Final = 0.001  # share of the pixels; a distant person alone fills 0.03 of them
-ENOUGH: Final = 4000  # readings; with fewer, chance may fail an image, and a drawing looks like a clipped image
-MOST_ALIKE: Final = 0.98  # share of the readings with one value; a whole body on a coarse scale has 0.3
-LEAST_BESIDE: Final = 0.5  # share of the readings with a neighbour in the row; real images have 0.93 and more
-JUMP: Final = 0.1  # share of the distance: more than any surface not seen edge-on changes between pixels
-MOST_JUMPS: Final = 0.25  # share of neighbouring readings; at most 0.03 in real images of cluttered rooms
+ROWS: Final = 128  # number of rows that are examined, evenly spaced: surfaces are many rows high
+LEAST_READ: Final = 0.001  # least share of pixels with a reading; a distant person alone fills 0.03
+ENOUGH: Final = 4000  # least number of readings for the other checks; with fewer, a sound image may fail by chance
+MOST_ALIKE: Final = 0.98  # largest share of the readings with one value; a whole body on a coarse scale has 0.3
+LEAST_BESIDE: Final = 0.5  # least share of the readings with a neighbour in their row; real images have at least 0.93
+JUMP: Final = 0.1  # step between neighbours as a share of the distance; only surfaces seen edge-on have more
+MOST_JUMPS: Final = 0.25  # largest share of neighbours with such a jump; real images of cluttered rooms have up to 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +75,7 @@ def image_of_grey(grey: np.ndarray, camera: Camera, judged: bool = True) -> Dept
     """Convert grey values (height, width) uint16 to a depth image. Readings beyond the lens's valid radius and values
     that are not measurements (``measured_m``) become 0.
 
-    judged: whether an image whose content is not a measurement (``content_problem``) becomes a ``problem``.
+    judged: whether the content is checked (``content_problem``); an image that fails has a ``problem``.
     """
     depth_m = measured_m(grey, camera.depth_scale)
     depth_m[~camera.valid_pixels()] = 0.0
@@ -194,14 +194,14 @@ def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
 
 
 def _three_in_a_row(read: np.ndarray) -> bool:
-    """Return whether three neighbouring pixels have a reading anywhere: otherwise there is no surface."""
+    """Return whether any three neighbouring pixels of a row have readings: otherwise the image shows no surface."""
     return bool((read[:, :-2] & read[:, 1:-1] & read[:, 2:]).any())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedFrames:
-    """The depth images of a recording folder. A duplicate becomes None: it shows another moment than its time
-    states.
+    """The depth images of a recording folder. A duplicate of the previous image becomes None, since it shows an earlier
+    moment than its time states.
     """
 
     recording: Recording

@@ -37,29 +37,32 @@ its size.
 """
 
 DEEPEST: Final = 64
-"""Limit of nested objects and lists; no format of ours or of a recorder has more than ten."""
+"""Limit of nested objects and lists; no format of this project or of a recorder has more than ten levels."""
 
 LARGEST_INTEGER: Final = 2**64
 """Limit of integers, beyond every counter and time stamp; arrays and floats cannot hold arbitrarily large integers."""
 
 ROTATION_TOLERANCE: Final = 5e-4
-"""Largest entry of R^T R - I that rounding to four decimals explains; a larger one is a scale, a shear or a mistake."""
+"""Largest entry of R^T R - I for a rotation R. Rounding to four decimals explains it; a larger entry is a scale, a
+shear or a mistake.
+"""
 
 LONGEST_NAME: Final = 200
 """Limit of a file name in bytes: file systems allow 255 or fewer."""
 
 LARGEST_WITH_HASHES: Final = 128 * 2**20
-"""Bytes of a document that has the hash of each depth image, about 100 bytes: 32 MB in an hour of three cameras."""
+"""Limit in bytes of a document with one hash of about 100 bytes per depth image: an hour of three cameras has 32 MB."""
 
 FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
-"""First characters that make a spreadsheet take a cell for a formula."""
+"""Characters with which a cell begins that a spreadsheet would run as a formula."""
 
 
 def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
     """Parse a JSON text in which every key of an object occurs once; the caller refuses NaN and infinities.
 
     Bytes are text in UTF-8, UTF-16 or UTF-32. Raises Unfit, a ValueError, where the text is not JSON, is larger than
-    ``largest_bytes`` or is not plain (``require_plain``). The time for that grows no faster than the size of the text.
+    ``largest_bytes`` or is not plain (``require_plain``). Checking takes a time at most proportional to the size of the
+    text.
     """
     if len(text) > largest_bytes:
         raise Unfit(f"is larger than {largest_bytes / 2**20:g} MB", "give the right file: this one describes no more")
@@ -126,7 +129,7 @@ class Entry(BaseModel):
 
 def numbers(*shape: int, meaning: str) -> PlainValidator:
     """Return a validator that turns nested lists of finite numbers into a float64 array of exactly ``shape``. meaning:
-    the words of its error that explain what to write.
+    the words of the error message that state what to write.
     """
 
     def check(value: Any) -> np.ndarray:
@@ -146,8 +149,8 @@ def is_rotation(matrix: np.ndarray) -> bool:
 
 
 def require_rigid(pose: np.ndarray, instead: str = "") -> np.ndarray:
-    """Return the pose (4, 4); raises Unfit unless it is a rigid motion, since lengths in a scaled or mirrored world
-    mean nothing.
+    """Return the pose (4, 4); raises Unfit unless it is a rigid motion, since lengths in a scaled or mirrored world are
+    meaningless.
     """
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9 or not is_rotation(pose[:3, :3]):
         remedy = f"write a rotation and a translation in metres with the last row 0 0 0 1{instead}"
@@ -192,7 +195,7 @@ def read_document(path: Path, kind: type[Document]) -> Document:
 
 
 def validate(path: Path, kind: type[Document], values: Any) -> Document:
-    """Check the ``values`` of the file ``path`` against ``kind``, without rounding or converting from text; raises
+    """Check the ``values`` of the file ``path`` against ``kind``, without rounding numbers or converting texts; raises
     InputError.
     """
     try:
@@ -255,8 +258,9 @@ def require_distinct(path: Path, columns: Sequence[str]) -> None:
 
 
 def cell_text(cell: object) -> str:
-    """Return a cell as text: empty for None, all digits of a float, and an apostrophe before a text that a spreadsheet
-    would run as a formula."""
+    """Return a cell as text: empty for None, all digits for a float. A text that a spreadsheet would run as a formula
+    gets an apostrophe in front.
+    """
     if cell is None:
         return ""
     text = repr(float(cell)) if isinstance(cell, float) else str(cell)

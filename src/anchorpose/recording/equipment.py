@@ -24,12 +24,12 @@ from anchorpose.recording.writable import whole_file
 from anchorpose.settings import Unfit
 
 CYLINDER_SIDES: Final = 32
-"""Number of sides of the prism that represents a cylinder: within half a per cent of its radius, less than a depth
-camera resolves.
+"""Number of sides of the prism that represents a cylinder: it differs from the cylinder by half a per cent of the
+radius, less than a depth camera resolves.
 """
 
 _BOX_CORNERS: Final = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-_FACES: Final = "013 032 467 475 045 051 237 276 026 064 157 173"  # corners of each triangle
+_FACES: Final = "013 032 467 475 045 051 237 276 026 064 157 173"  # indices of the corners of each triangle of a box
 _BOX_FACES: Final = np.array([[*map(int, face)] for face in _FACES.split()], dtype=np.int32)
 
 
@@ -186,12 +186,16 @@ def _to_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> 
     return np.sqrt(np.sum((ap - v * ab - w * ac) ** 2))
 
 
-SMALLEST_M, LARGEST_M = 1e-4, 20.0  # thickness of sheet metal, and size of a room
-"""Limits of lengths in metres. Equipment fits into a room; a larger value was written in millimetres."""
+SMALLEST_M, LARGEST_M = 1e-4, 20.0
+"""Limits of lengths in m: the thickness of sheet metal, and the size of a room, into which equipment fits. A larger
+value was probably written in millimetres.
+"""
 
 MOST_PARTS: Final = 1000
 MOST_PLY_BYTES, MOST_ELEMENTS = 64 << 20, 500_000
-"""Limits of a mesh: a scan with millimetre detail has as much; tracking needs a hundredth of it."""
+"""Limits of a mesh, bytes and vertices or faces: a scan with millimetre detail reaches them; tracking needs a
+hundredth.
+"""
 
 
 def _require_rotation(matrix: np.ndarray) -> np.ndarray:
@@ -270,9 +274,7 @@ def equipment_files(path: Path) -> tuple[Path, ...]:
 
 
 def write_equipment(path: Path, equipment: EquipmentModel) -> None:
-    """Write boxes and cylinders as an equipment.json; raises TypeError for a mesh, which would need a file of its
-    own.
-    """
+    """Write boxes and cylinders as an equipment.json; raises TypeError for a mesh, which would need another file."""
     document = {"format": "equipment-model", "version": 1, "parts": [_part_entry(part) for part in equipment.parts]}
     with whole_file(path) as partial:
         partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
@@ -310,7 +312,7 @@ _ORDERS: Final = {"ascii": "", "binary_little_endian": "<", "binary_big_endian":
 _REMEDY: Final = "export the mesh again as PLY with vertices x y z in metres and triangular faces"
 
 
-_Property = tuple[str, str, str | None]  # name, type, and the type of the count of a list
+_Property = tuple[str, str, str | None]  # name, type of the values, type of the count of a list (None if not a list)
 _Element = tuple[str, int, list[_Property]]  # name, count, properties
 
 
@@ -372,8 +374,8 @@ def _parse(data: bytes) -> tuple[np.ndarray, list[list[int]]]:
 
 
 def _value_reader(body: bytes, order: str) -> Callable[[str, int], list[float]]:
-    """Return a function that reads the next values of a type, from words of text where ``order`` is empty, else from
-    binary data.
+    """Return a function that reads the next values of a type: from binary data in this byte order, or from words of
+    text if ``order`` is empty.
     """
     words, place = [] if order else body.split(), 0
 

@@ -1,8 +1,8 @@
 """Read events.tsv, the trials of a recording and their conditions; events.json gives the units of its columns.
 
 The format is that of BIDS: onset and duration in seconds, trial_type, then the user's own columns. Onset 0 is the first
-frame of the first camera that measured anything. Neither the time on its clock nor whether that frame is tracked
-matters. A trial is one row, numbered from 1 in the order of the file.
+frame of the first camera that measured anything. It is this frame whatever the clock shows, and even if tracking begins
+later. A trial is one row, numbered from 1 in the order of the file.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LONGEST_TEXT: Final = 200
 """Limit in characters of a name or of a cell."""
 
 ROUNDING_S: Final = 0.001
-"""Seconds by which trials may overlap: onsets and durations are often rounded to the millisecond."""
+"""Time in s by which trials may overlap: onsets and durations are often rounded to the millisecond."""
 
 BLOCK_COLUMN: Final = "block"
 """The column that names the blocks within which the order of the conditions was drawn."""
@@ -47,7 +47,9 @@ UNITS: Final = (
     *("s", "ms", "us", "min", "Hz", "kHz", "mA", "uA", "A", "V", "mV", "uC", "W"),
     *("deg", "mm", "cm", "m", "m/s", "kg", "N", "Nm", "%", "bpm", "mmHg", "degC", "count", "score", "1", "arbitrary"),
 )
-"""Units that a numeric column may have. A dimensionless number has 1, a device's own scale has arbitrary."""
+"""Units that a numeric column may have. Write 1 for a dimensionless number, and arbitrary for a scale of the device
+itself.
+"""
 
 _SPELLINGS: Final = {"µs": "us", "μs": "us", "µA": "uA", "μA": "uA", "µC": "uC", "μC": "uC", "°": "deg", "°C": "degC"}
 
@@ -57,12 +59,12 @@ RESERVED: Final = frozenset(
         *("value", "unit", "sigma", "frames", "inferred_share", "why", "state"),
     )
 )
-"""Names that the user's own columns may not have, since results and exports have them."""
+"""Names that the user's columns may not have, since results and exports use them."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrialColumn:
-    """One of the user's own columns. unit: one of ``UNITS``; None for a column of texts."""
+    """A column that the user added. unit: one of ``UNITS``; None for a column of texts."""
 
     name: str
     unit: str | None
@@ -186,7 +188,7 @@ def _require_head(path: Path, head: Sequence[str]) -> None:
         if not name or not name.isprintable() or len(name) > LONGEST_TEXT:
             raise InputError(path, f"line 1 has a column named '{name[:40]!r}'"[:80], "give each column a short name")
         if name.casefold() in RESERVED:
-            raise InputError(path, f"line 1 has a column '{name}', a name of the results' own", "rename it")
+            raise InputError(path, f"line 1 has a column '{name}', a name that the results use", "rename it")
 
 
 def _require_rows(path: Path, head: Sequence[str], rows: Sequence[tuple[int, list[str]]]) -> None:
@@ -266,7 +268,7 @@ class ColumnEntry(Entry, extra="ignore"):
 
 
 def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
-    """Read the entries of the user's own columns from the file of units; empty where there is no such file."""
+    """Read the entries of the user's columns from the file of units; empty where there is no such file."""
     if not is_there(path):
         return {}
     document = read_json(path, LARGEST_EVENTS)
@@ -285,7 +287,7 @@ def _column(path: Path, name: str, texts: Sequence[str], entry: ColumnEntry | No
     if entry is not None and entry.units is not None:
         return TrialColumn(name, entry.units, description)
     if known and all(_is_number(text) for text in known):
-        remedy = f'write {{"{name}": {{"Units": "mA"}}}} with the right unit there, or "1" for a number without any'
+        remedy = f'write {{"{name}": {{"Units": "mA"}}}} with the right unit there, or "1" for a number without unit'
         raise InputError(path, f"has numbers in the column '{name}' without a unit in {sidecar_of(path).name}", remedy)
     return TrialColumn(name, None, description)
 

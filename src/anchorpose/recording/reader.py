@@ -21,7 +21,7 @@ from anchorpose.recording.recording import UNKNOWN, DepthStream, FolderFiles, Fr
 from anchorpose.recording.recording_file import SHORTEST_STEP_S, RecordingDocument, find_duplicates, read_timestamps
 from anchorpose.recording.regular_file import STAMP, is_there, list_file, reason
 
-LOOKED_AT: Final = 40  # depth images checked per camera, evenly spread: about as many as the empty room is learnt from
+LOOKED_AT: Final = 40  # number of depth images checked per camera, spread evenly over the recording
 
 
 def open_recording(folder: Path) -> Recording:
@@ -29,8 +29,8 @@ def open_recording(folder: Path) -> Recording:
     left out, with a note.
 
     Times come from timestamps.csv; where that is absent, from ``fps`` and the numbers of the depth images. Raises
-    InputError naming the file and the remedy. A damaged depth image is not an error here if the camera has usable ones:
-    ``read_frames`` reports it.
+    InputError naming the file and the remedy. A damaged depth image is not an error here if the camera has usable
+    images: ``read_frames`` reports it.
     """
     if not folder.exists():
         raise InputError(folder, "there is no such folder", "check the path of the recording")
@@ -59,7 +59,7 @@ def open_recording(folder: Path) -> Recording:
 
 
 def _without_dead_cameras(recording: Recording) -> Recording:
-    """Return the recording without the cameras that never measured anything, with a note on each.
+    """Return the recording without the cameras that never measured anything; the recording gets a note on each of them.
 
     Such a camera was blinded, covered or broken: its files are complete but hold no measurement (``content_problem``).
     Raises InputError where no camera is left.
@@ -157,7 +157,7 @@ def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStrea
         later = np.append(True, np.diff(time_s) > SHORTEST_STEP_S)
         repeated, numbers, time_s = int((~later).sum()), numbers[later], time_s[later]
     elif fps is not None:
-        time_s = numbers / fps  # a missing number is a dropped frame
+        time_s = numbers / fps  # a number that is missing in between is a dropped frame
     else:
         raise InputError(path, "there is no such file", 'add it, or write the camera\'s "fps" into recording.json')
     kept = FolderFiles(folder / "depth", tuple(files[number] for number in numbers.tolist()))
@@ -184,7 +184,7 @@ def _number_files(folder: Path) -> dict[int, str]:
         raise InputError(folder, f"cannot be read ({reason(error)})", "check its permissions") from None
     for name in names:
         stem, dot, ending = name.rpartition(".")
-        if ending != "png" or not dot or name.startswith("."):  # such files are left behind by file browsers
+        if ending != "png" or not dot or name.startswith("."):  # file browsers leave such files behind
             continue
         if not re.fullmatch(r"[0-9]{1,9}", stem):
             remedy = "name the depth images 000000.png, 000001.png and so on"

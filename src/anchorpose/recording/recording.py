@@ -36,7 +36,9 @@ MissingPart = Literal[
     "foot_left",
     "foot_right",
 ]
-"""A part that a body may lack, with everything beyond it: a missing arm is missing from the shoulder on."""
+"""A part of the body that may be missing, together with everything beyond it: without an arm, the body ends at that
+shoulder.
+"""
 
 CoveredPart = Literal[
     "head",
@@ -66,7 +68,7 @@ Age = Annotated[float, Field(ge=0, le=OLDEST_YEARS, description="the patient's a
 BirthYear = Annotated[Whole, Field(ge=1900, le=2100, description="the year the patient was born in")]
 
 GROWN_YEARS: Final = 16.0  # age from which bodies count as adult
-FIRST_RECORDED: Final = 2010  # year in which consumer depth cameras appeared
+FIRST_RECORDED: Final = 2010  # year in which the first consumer depth cameras appeared
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,8 +92,8 @@ class Subject:
     def grown(self) -> bool | None:
         """Return whether the patient is an adult; None where unknown.
 
-        A birth year alone decides only for people who were adults when the first depth cameras appeared, since the year
-        of the recording is unknown, and results must not depend on today's date.
+        Without an age, the birth year decides only for people who were adults when the first depth cameras appeared:
+        the year of the recording is unknown, and results must not depend on today's date.
         """
         if self.age_years is not None:
             return self.age_years >= GROWN_YEARS
@@ -105,7 +107,7 @@ UNKNOWN: Final = Subject()
 
 @dataclass(frozen=True, slots=True)
 class FolderFiles(Sequence[Path]):
-    """Files of one folder, kept as names: an hour has 324,000 files, whose paths would take 0.2 GB."""
+    """Files of one folder, stored by their names: the paths of the 324,000 files of an hour would take 0.2 GB."""
 
     folder: Path
     names: tuple[str, ...]
@@ -130,10 +132,10 @@ class DepthStream:
     """The depth images of one camera, in the order of time."""
 
     files: Sequence[Path]
-    time_s: np.ndarray  # (n,) float64, increasing; on the camera's clock, after alignment on the reference clock
+    time_s: np.ndarray  # (n,) float64, increasing; on the camera's clock, after ``align_clocks`` on the reference clock
     frame: np.ndarray  # (n,) int64, the number in the file's name
-    duplicate: np.ndarray | None = None  # (n,) bool, equal to the image before; None where not checked
-    repeated: int = 0  # files left out because their time equals that of the file before
+    duplicate: np.ndarray | None = None  # (n,) bool, True: equal to the previous image; None where not checked
+    repeated: int = 0  # number of files left out because their time equals that of the previous file
     fps: float | None = None  # frames per second as stated in recording.json
     listed: np.ndarray | None = None  # (n,) ``STAMP`` of each file when listed; None where not kept
 
@@ -152,12 +154,12 @@ class Recording:
 
     @property
     def part_names(self) -> tuple[str, ...]:
-        """Return the names of the equipment's parts; none where its model is unknown."""
+        """Return the names of the equipment's parts; empty where its model is unknown."""
         return () if self.equipment is None else tuple(part.name for part in self.equipment.parts)
 
     @property
     def rate_hz(self) -> float:
-        """Return the frames per second of the reference camera, without dropped frames; 30 for a single frame."""
+        """Return the frame rate of the reference camera as if no frame were dropped; 30 for a single frame."""
         time_s = self.streams[0].time_s
         return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 30.0
 
@@ -184,7 +186,7 @@ class Clock:
 
     ahead_s: float = 0.0
     drift: float = 0.0  # seconds per second
-    at_s: float = 0.0  # the reference time at which ahead_s holds
+    at_s: float = 0.0  # the reference time to which ahead_s refers
 
     def reference_s(self, own_s: np.ndarray) -> np.ndarray:
         """Return the reference times at which this clock showed ``own_s``, (n,) float64."""
@@ -205,10 +207,10 @@ def align_clocks(recording: Recording, clocks: Sequence[Clock]) -> Recording:
 
 
 USUAL_PERIOD_S: Final = 1.0 / 30.0
-"""Seconds between frames of a usual depth camera: assumed where the first camera has a single frame."""
+"""Usual time in s between frames of a depth camera: assumed if the first camera has a single frame."""
 
 
-@lru_cache(maxsize=8)  # frames are read one by one, and each needs it
+@lru_cache(maxsize=8)  # called for every frame
 def pair_frames(recording: Recording) -> np.ndarray:
     """Return, for each frame of the first camera, the index of the paired frame of each camera, (n, cameras) int64,
     read only; -1 = none.
@@ -258,7 +260,7 @@ def nearest_within(time_s: np.ndarray, other_s: np.ndarray, within_s: float | np
     """
     there, back = _nearest(time_s, other_s), _nearest(other_s, time_s)
     mutual = back[there] == np.arange(len(time_s))
-    # a nanosecond of tolerance: times with six decimals must not fall out of an exact half period
+    # plus 1 ns: times with six decimals must not be excluded by rounding at exactly half a period
     close = np.abs(other_s[there] - time_s) <= within_s + 1e-9
     return np.where(mutual & close, there, -1)
 
@@ -278,19 +280,19 @@ def _span(time_s: np.ndarray) -> str:
 USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
 """Usual frame rates of depth cameras."""
 
-# share of the steps: if every third frame is lost, half of the steps are one period and half two
+# quantile of the steps that is several periods long if frames are lost: already if every third one is lost
 LONGER_SHARE: Final = 0.6
-# share of the step at LONGER_SHARE; a period is at most 0.5 of it, and 25 and 30 Hz differ by 0.83
+# largest candidate for the period, as a share of that step: the period is at most 0.5 of it; 30 Hz is 0.83 of 25 Hz
 SHORTER: Final = 0.75
-LEAST_SHORT: Final = 0.1  # share of the steps that must be one period; fewer are time stamps that come too early
-OFF_BEAT: Final = 0.25  # share of a period, between a step and the nearest whole number of periods
-LEAST_ON_BEAT: Final = 0.8  # share of the steps that must be whole numbers of periods
+LEAST_SHORT: Final = 0.1  # least share of the steps that must be one period; fewer are time stamps that come too early
+OFF_BEAT: Final = 0.25  # periods; a step farther from a whole number of periods is off the beat
+LEAST_ON_BEAT: Final = 0.8  # least share of the steps that must be whole numbers of periods
 
 
 def nominal_period_s(stream: DepthStream) -> float:
-    """Return the time between frames when none is lost: as stated in recording.json, else the median step or, if some
-    steps are one period of a usual rate and the others several, that period; 0 for a single frame without a stated
-    rate.
+    """Return the time between frames when none is lost, as stated in recording.json. Otherwise it is the median step;
+    but if some steps are one period of a usual rate and the others several, it is that period. 0 for a single frame
+    without a stated rate.
 
     Frames lost in a regular pattern change the median. A recording that lost every second frame has even steps: only
     recording.json can distinguish it from half the rate.
@@ -309,7 +311,7 @@ def nominal_period_s(stream: DepthStream) -> float:
 
 
 def off_beat(steps_s: np.ndarray, period_s: float) -> np.ndarray:
-    """Return (n,) how far each step is from a whole number of periods, in periods."""
+    """Return (n,): the distance of each step from the nearest whole number of periods, in periods."""
     beats = steps_s / period_s
     return np.asarray(np.abs(beats - np.maximum(np.rint(beats), 1.0)))
 
@@ -323,10 +325,10 @@ class CameraGaps:
     """The gaps of one camera's stream, on the reference clock.
 
     usable: number of depth images; period_s: ``nominal_period_s``; dropped: number of images missing between its first
-    and last, by this period, pauses not counted; duplicates, repeated: numbers of files left out because their image or
-    their time equals that of the file before; late_s, early_s: how much later than the first camera it starts and how
-    much earlier it ends (0 if it does not); pauses: (from, to) without depth images; paired_share: share of the first
-    camera's frames that have a depth image of this camera.
+    and last, by this period and without pauses; duplicates, repeated: numbers of files left out because their image or
+    their time equals that of the previous file; late_s, early_s: by how much it starts later, or ends earlier, than the
+    first camera, else 0; pauses: (from, to) without depth images; paired_share: share of the first camera's frames that
+    have a depth image of this camera.
     """
 
     camera: str
@@ -347,9 +349,9 @@ class CameraGaps:
         if self.dropped:
             parts.append(f"{self.dropped} of {self.usable + self.dropped} depth images are missing")
         if self.duplicates:
-            parts.append(f"{self.duplicates} equal the depth image before and were left out")
+            parts.append(f"{self.duplicates} equal the previous depth image and were left out")
         if self.repeated:
-            parts.append(f"{self.repeated} have the time of the one before and were left out")
+            parts.append(f"{self.repeated} have the time of the previous one and were left out")
         if self.late_s:
             parts.append(f"it starts {self.late_s:.1f} s late")
         if self.early_s:

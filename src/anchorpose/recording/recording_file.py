@@ -1,5 +1,5 @@
-"""Read recording.json (format ``rgbd-recording``), calibration.json and a height, which replace parts of it, and
-timestamps.csv.
+"""Read recording.json (format ``rgbd-recording``) and timestamps.csv, and what may replace parts of them:
+calibration.json and a given height.
 
 Some recorders write an image twice under two times: the second copy shows an earlier moment than its time states.
 """
@@ -39,18 +39,16 @@ from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.settings import LARGEST, Unfit, shown
 
 MOST_REPEATED: Final = 0.1
-"""Share of a camera's times that may equal the one before; with more, its clock is too coarse."""
+"""Largest share of a camera's times that may equal the previous time; with more, its clock is too coarse."""
 
 SHORTEST_STEP_S: Final = 1e-4
-"""Seconds; no camera takes two depth images so soon after each other: times that differ by less are one time,
-rounded.
-"""
+"""Time in s within which no camera takes two depth images: times that differ by less are the same time, rounded."""
 
 LONGEST_STEP_S: Final = 5.0
-"""Seconds, limit of the median step: nobody can be followed over more, and the unit of the times is probably wrong."""
+"""Longest median step in s: nobody can be followed over more, so the unit of the times is probably wrong."""
 
 FARTHEST_TIME_S: Final = 1e11
-"""Seconds; times since any epoch are a fifth of that at most."""
+"""Largest time in s; seconds since any epoch in use are at most a fifth of it."""
 
 Seconds = Annotated[float, Field(ge=-FARTHEST_TIME_S, le=FARTHEST_TIME_S, description="a time in seconds")]
 
@@ -60,8 +58,8 @@ _UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 def read_timestamps(path: Path) -> dict[int, float]:
     """Read frame numbers and their times in seconds, in the order of the file.
 
-    Recorders sometimes give a frame the time of the frame before; such a time is kept, and the caller leaves its depth
-    image out. Raises InputError where frame numbers do not increase, where times decrease, or where so many times
+    Recorders sometimes give a frame the time of the previous frame; such a time is kept, and the caller leaves its
+    depth image out. Raises InputError where frame numbers do not increase, where times decrease, or where so many times
     repeat that the clock is too coarse.
     """
     times: dict[int, float] = {}
@@ -121,11 +119,14 @@ def _parse_row(path: Path, line: int, cells: list[str]) -> tuple[int, float]:
 
 
 MOST_DUPLICATES: Final = 0.5
-"""Share of images that may equal the one before; with more, the images have no noise and equality means nothing."""
+"""Largest share of images that may equal the previous image; with more, the images have no noise and equality means
+nothing.
+"""
 
 
 def find_duplicates(files: Sequence[Path], sizes: Sequence[int], most_bytes: int) -> np.ndarray:
-    """Return (n,) bool: files (regular, with these sizes) that are byte for byte equal to the file before.
+    """Return (n,) bool: files that are byte for byte equal to the previous file. files: regular files with these
+    ``sizes``.
 
     Two images of the same scene differ by the sensor's noise, so equal files are copies of the same image. Files of
     different sizes are not opened, nor are files above ``most_bytes``, larger than any depth image. The result is all
@@ -145,16 +146,16 @@ def _same(one: Path, other: Path, size: int) -> bool:
 
 
 FARTHEST_CAMERA_M: Final = FARTHEST_M
-"""Limit in metres for places of cameras and joints, which are in the room; a larger value was written in
-millimetres.
+"""Limit in m of each coordinate of cameras and joints, which are in the room; a larger value was probably written in
+mm.
 """
 
 COARSEST_DEPTH_SCALE_M: Final = 0.1
-"""Metres per grey value; a step of 10 cm resolves no limb, so a larger scale means a wrong unit."""
+"""Largest accepted metres per grey value. A step of 10 cm resolves no limb, so a larger scale means a wrong unit."""
 
 FOCAL_PX: Final = (1.0, 1e5)
-"""Limits of focal lengths in pixels: with 1 pixel a lens would see everything in one pixel, with a hundred thousand a
-coin at 20 m.
+"""Least and largest focal length in pixels. With 1 pixel, the whole field of view would fall into one pixel; with a
+hundred thousand, the image would show a coin at 20 m.
 """
 
 FARTHEST_PRINCIPAL_PX: Final = 1e5
@@ -165,11 +166,11 @@ MOST_PIXELS: Final = 1 << 23
 
 LARGEST_SIDE_PX: Final = 16384
 MOST_CAMERAS: Final = 16
-NARROWEST_LENS: Final = 0.01  # radius of rays, in units of z: half a degree from the axis
-FINEST_DEPTH_SCALE_M: Final = 1e-6  # m per grey value; the largest 16-bit value is then 6 cm
+NARROWEST_LENS: Final = 0.01  # least valid radius of rays, in units of z: half a degree from the axis
+FINEST_DEPTH_SCALE_M: Final = 1e-6  # least m per grey value; the largest 16-bit value is then 6 cm
 SLOWEST_HZ: Final = 0.1  # lowest frame rate in Hz; nobody can be followed with fewer images
 
-SAME_HEIGHT_M: Final = 0.03  # m, explained by shoes and the time of day; a larger one is another person or a mistake
+SAME_HEIGHT_M: Final = 0.03  # m, largest difference of two stated heights that shoes and the time of day explain
 
 
 def _require_in_room(pose: np.ndarray) -> np.ndarray:
@@ -192,7 +193,7 @@ Principal = Annotated[
 Coefficient = Annotated[float, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
 Distortion = Annotated[tuple[Coefficient, ...], Field(description="the coefficients of the lens, in OpenCV's order")]
 Radius = Annotated[
-    float, Field(ge=NARROWEST_LENS, le=LARGEST, description="how far from the axis the lens is valid, in units of z")
+    float, Field(ge=NARROWEST_LENS, le=LARGEST, description="the radius within which the lens is valid, in units of z")
 ]
 Size = Annotated[Whole, Field(gt=0, le=LARGEST_SIDE_PX, description="the size of the depth images in pixels")]
 Rate = Annotated[float, Field(ge=SLOWEST_HZ, le=1000, description="depth images per second")]

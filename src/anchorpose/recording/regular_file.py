@@ -30,16 +30,16 @@ NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 LARGEST_TABLE: Final = 512 * 2**20
 """Limit in bytes of a table as text, or of a C3D. An hour of 40 points at 100 Hz has 350 MB; its values take ten times
-that.
+as much memory.
 """
 
 LARGEST_IMAGE: Final = 256 * 2**20
 """Limit in bytes of an image file of any kind: 8192 x 8192 incompressible colour pixels."""
 
 LARGEST_ARRAYS: Final = 4 * 2**30
-"""Limit in bytes of arrays in memory, or of a stored state of a run: an hour of true joints at 30 Hz has 54 MB."""
+"""Limit in bytes of arrays in memory, or of the stored state of a run: an hour of true joints at 30 Hz has 54 MB."""
 
-AS_STORED: Final = -1  # cv2.IMREAD_UNCHANGED
+AS_STORED: Final = -1  # value of cv2.IMREAD_UNCHANGED
 
 PUT_FILE: Final = "put the file itself there, or remove it"
 
@@ -52,11 +52,11 @@ _REDIRECTED: Final = Lock()
 
 
 class Unreadable(Exception):
-    """The reason why a file is not read, in words that continue a sentence beginning with its name."""
+    """The reason why a file cannot be read, as the end of a sentence that begins with its name."""
 
 
 STAMP: Final = np.dtype([("size", np.int64), ("changed_ns", np.int64), ("inode", np.uint64)])
-"""The result of ``list_file`` as an array's type: an hour has 324,000 files."""
+"""Type of an array of stamps, as ``list_file`` returns them: an hour has 324,000 files."""
 
 
 def list_file(path: Path) -> Stamp:
@@ -103,7 +103,7 @@ def _open(path: Path) -> BufferedReader:
 
 
 class _Ended(FileIO):
-    """A file that ends where it has no more content; some files, such as the system's log, would wait for more."""
+    """A file that raises an error where reading would wait for content, as with the system's log."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
         self._path = path
@@ -131,8 +131,8 @@ def is_there(path: Path) -> bool:
 def read_bounded(path: Path, most_bytes: int, listed: Stamp | None = None) -> bytes:
     """Read a regular file of at most ``most_bytes``; raises Unreadable with the reason.
 
-    listed: its stamp when the run began. Raises InputError where the file was replaced since: the run would mix two
-    recordings.
+    listed: the file's stamp when the run began. Raises InputError if the file was replaced since then, since the run
+    would mix two recordings.
     """
     try:
         with _open(path) as file:
@@ -142,7 +142,7 @@ def read_bounded(path: Path, most_bytes: int, listed: Stamp | None = None) -> by
             if found.st_size > most_bytes:
                 raise Unreadable(_too_large(found.st_size, most_bytes))
             content = file.read(found.st_size + 1)
-            if len(content) > found.st_size:  # the file grows, or its file system states a size of 0
+            if len(content) > found.st_size:  # the file is growing, or its file system states a size of 0
                 content += file.read(most_bytes + 1 - len(content))
     except (OSError, ValueError) as error:
         raise Unreadable(f"cannot be read ({reason(error)})") from None
@@ -208,7 +208,7 @@ def read_image(path: Path, flags: int = AS_STORED) -> np.ndarray | None:
         data = read_bounded(path, LARGEST_IMAGE)
         with _silent_decoders():
             return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except (Unreadable, cv2.error):  # cv2.error: no bytes, or more pixels than it decodes
+    except (Unreadable, cv2.error):  # raised for an empty file, and for more pixels than OpenCV decodes
         return None
 
 

@@ -16,11 +16,11 @@ from typing import Final
 from anchorpose.errors import InputError
 from anchorpose.recording.regular_file import open_regular
 
-ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)  # a single letter is a Windows drive
+ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)  # "C:/" is a Windows drive, so two letters at least
 
 RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")
 
-BEGINNING: Final = 4096  # bytes of a file in which its mark is searched
+BEGINNING: Final = 4096  # number of bytes at the beginning of a file in which its mark is searched
 
 
 def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) -> None:
@@ -72,7 +72,7 @@ def _begins_with(path: Path, mark: str) -> bool:
 
 @contextmanager
 def new_folder(folder: Path, path: Path) -> Iterator[None]:
-    """Make a folder and its missing parents; those that are empty are removed again if the block raises.
+    """Make a folder and its missing parents; if the block raises, those of them that are still empty are removed.
 
     Raises InputError about ``path``, which the user named, where a folder cannot be made.
     """
@@ -82,7 +82,7 @@ def new_folder(folder: Path, path: Path) -> Iterator[None]:
         yield
     except BaseException:
         for each in made:
-            with suppress(OSError):  # keep a folder into which something else was put
+            with suppress(OSError):  # keep a folder that is not empty
                 each.rmdir()
         raise
 

@@ -21,7 +21,7 @@ MOST_BINS: Final = 600
 """Largest number of groups of frames: about one and a half pixels each on a page, a third of a millimetre on paper."""
 
 PAUSE: Final = 3.0
-"""Usual intervals between frames; a longer gap is a pause, across which no line is drawn."""
+"""A gap of more than this many usual intervals between frames is a pause, across which no line is drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +69,7 @@ class Bins:
 class Envelope:
     """The lowest and highest known value of each group, (b,) each, NaN where no frame of it has one.
 
-    rising (b,) bool: the lowest comes first.
+    rising (b,) bool: the lowest value is earlier than the highest.
     """
 
     low: np.ndarray
@@ -137,7 +137,7 @@ class Axis:
 def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
     """Make an axis that holds all values.
 
-    It holds the bands as well, as far as the values keep at least half of the height. values, bands: (lowest, highest)
+    It includes the bands as far as the values still fill at least half of the height. values, bands: (lowest, highest)
     pairs of arrays, NaN where unknown. least_span: least range, so that noise is not magnified.
     """
     low, high = _extremes(values)
@@ -219,8 +219,8 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """The values of a series that the slider shows: the columns with its text, or with its lowest, highest, sigma and
-    state.
+    """The numbers of a series that the slider shows: a column of text, or columns with the lowest and highest value,
+    sigma and state.
     """
 
     label: str

@@ -1,5 +1,4 @@
-"""Decide which sessions may be compared, and what a reader must know where they were recorded or computed
-differently.
+"""Decide which sessions may be compared, and list differences between sessions that a reader must know.
 
 Some measures grow when more was recorded, or when more of the recording is known: time upright, how often the patient
 stood up, the longest bout, the path of the sway. Between sessions of different lengths a change of such a measure has
@@ -27,7 +26,7 @@ ALIKE: Final = 0.05
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
 
-_LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures that are the best of all tries
+_LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures whose value is the best of all tries
 
 _AVERAGED: Final = ("hands_on_at_once_mean",)  # the only count that is a mean, so it does not grow with time
 
@@ -55,11 +54,11 @@ def grows_with_time(measure: Measure) -> bool:
 
 
 def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> str | None:
-    """Return why a change of this measure between two sessions has no meaning for the patient; None where it may
-    have.
+    """Return why a change of this measure between two sessions has no meaning for the patient; None if it may have a
+    meaning.
 
-    first, later: all measures of the two sessions. Such a measure is not tested where the length of a session is
-    unknown.
+    first, later: all measures of the two sessions. A measure that grows with time is not tested if the length of a
+    session is unknown.
     """
     if not grows_with_time(measure):
         return None

@@ -3,8 +3,8 @@ measurement.
 
 A change exceeds the errors where |b - a| > 1.96 sqrt(sigma_a^2 + sigma_b^2), the smallest detectable change (Weir 2005,
 doi:10.1519/15184.1). Errors of measurement alone, normal and independent between the sessions, exceed it only 5 times
-in 100. It does not cover how a patient varies from day to day, so even a larger change may mean nothing. The thresholds
-in a table of ``anchorpose reliability`` do cover that variation.
+in 100. This change does not cover how a patient varies from day to day, so even a larger change may mean nothing. The
+thresholds in a table of ``anchorpose reliability`` do cover that variation.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class Change:
 
     @property
     def exceeds(self) -> bool | None:
-        """Return whether the change is more than the errors; None where no error is stated."""
+        """Return whether the change is larger than the errors explain; None where no error is stated."""
         return None if self.detectable is None else abs(self.difference) > self.detectable
 
 
@@ -224,7 +224,9 @@ def _signed(change: Change, measure: Measure) -> str:
 
 
 def angle_rows(sessions: Sequence[Session]) -> list[tuple[str, list[Markup]]]:
-    """Return (name, a cell per session): the range of each angle that all sessions have, and its inferred share."""
+    """Return rows (name, one cell per session) with the range of each angle that all sessions have, and its inferred
+    share.
+    """
     names = [name for name in sessions[0].angles.names if all(name in each.angles.names for each in sessions)]
     return [(named_part(name), [_range(session, name) for session in sessions]) for name in names]
 

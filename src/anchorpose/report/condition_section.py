@@ -28,7 +28,7 @@ from anchorpose.results.trial_table import TRIALS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEFT_OUT: Final = ("recorded_time", "found_time", "unknown_time", "sway_time")
-"""Times that say how much was recorded, not what the patient did."""
+"""Times that measure how much was recorded, not what the patient did."""
 
 CURVES: Final = (
     "upright_share",
@@ -138,7 +138,9 @@ def _effects(rows: Sequence[Measure], trials: Trials, detectable: Detectable) ->
 
 
 def _unlike_times(rows: Sequence[Measure], trials: Trials) -> str | None:
-    """Return why a measure that grows with time is not tested: the trials that have a value differ in duration."""
+    """Return why a measure that grows with time is not tested: the trials that have a value differ in duration. None if
+    it is tested.
+    """
     known = {row.trial for row in rows if row.value is not None}
     lasting = [trial.duration_s for trial in trials.rows if trial.number in known]
     if not lasting or not grows_with_time(rows[0]) or max(lasting) - min(lasting) <= ALIKE * max(lasting):

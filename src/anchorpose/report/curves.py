@@ -1,9 +1,10 @@
 """Draw curves of a quantity over time, left and right in one picture, as SVG paths in whole units.
 
-A thick line means seen, a thin line inferred. Left is solid, right is dashed, and each curve is named at its end. The
-band contains the true value 95 times in 100. Where a group of frames is drawn as one point, the line runs midway
-between its lowest and highest value, and a darker band spans both. Below, each curve has a row with columns of half
-height where it was inferred and of full height where it is lost. No information depends on colour alone.
+A thick line means seen, a thin line inferred. The left side is solid, the right side dashed, and each curve is named at
+its end. The band contains the true value 95 times in 100. Where a group of frames is drawn as one point, the line runs
+midway between its lowest and highest value, and a darker band spans both. Below the picture, each curve has a row of
+columns: half as high as the row where the curve was inferred, as high as the row where it is lost. No information
+depends on colour alone.
 """
 
 from __future__ import annotations
@@ -135,8 +136,8 @@ Points = list[tuple[int, int]]
 
 
 def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tuple[str, str]:
-    """Return two SVG paths: the links of which both ends are ``seen`` (b,), and all other links. Nothing is drawn
-    across a gap.
+    """Return two SVG paths: the links between two groups that are both ``seen`` (b,), and all other links. Nothing is
+    drawn across a gap.
     """
     finite, across = np.isfinite(curve.low), _across(bins.place)
     low, high = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (curve.low, curve.high))
@@ -191,8 +192,8 @@ def _runs(known: np.ndarray, bins: Bins) -> list[slice]:
 
 
 def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
-    """Split a run into pieces of links that are all seen or all unseen; neighbouring pieces share a group. A link is
-    seen where both of its ends are.
+    """Split a run into pieces in which all links between groups are seen, or all are unseen; neighbouring pieces share
+    a group. A link is seen where both of its ends are.
     """
     if run.stop - run.start == 1:
         return [(run, bool(seen[run.start]))]

@@ -16,7 +16,9 @@ from anchorpose.recording.regular_file import read_image
 from anchorpose.report.session import Session
 
 WEBP_QUALITY: Final = 80
-"""Lines and names stay sharp at a quarter of the bytes of PNG; the PNG pictures are in the results folder."""
+"""Quality of WebP at which lines and names stay sharp, at a quarter of the size of the PNG pictures in the results
+folder.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,7 +25,7 @@ from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import RUN_FILE
 
 MOST_LINES: Final = 60
-"""More are counted and left to run.json: a page full of them is of no use to a reader."""
+"""Largest number of problems listed on the page; the others are counted and left to run.json."""
 
 
 # px over which neighbouring readings share their error; below this, each reading's error is almost independent
@@ -33,9 +33,7 @@ ALIKE_PX: Final = 1.5
 
 
 def problems(session: Session) -> list[str]:
-    """Return a sentence on each run of frames with the same problem, in which the patient is lost, or depth is too
-    poor.
-    """
+    """Return one sentence per run of frames with the same problem: the patient is lost, or depth is too poor."""
     sentences = [_stretch(drops) for drops in _stretches(session.run.get("dropped", []))]
     sentences += [f"{_frames(entry)}: the patient is lost: {entry['why']}" for entry in session.run.get("lost", [])]
     sentences += [f"{_frames(entry)}: {entry['why']}" for entry in session.run.get("poor_depth", [])]

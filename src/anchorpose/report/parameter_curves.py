@@ -34,9 +34,9 @@ class Level(NamedTuple):
 def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray) -> list[Level]:
     """Return, for each distinct value of the parameter in ascending order, the mean of the trials with this value.
 
-    at, value, sigma (n,); sigma NaN where unknown. The interval covers the scatter of the trials, which counts as at
-    least their random errors; for a single trial it covers only the random error. The systematic error, which would
-    shift all levels alike, is left out.
+    at, value, sigma (n,); sigma NaN where unknown. The interval covers the scatter of the trials, which is never taken
+    to be smaller than their random errors; for a single trial it covers only the random error. The systematic error,
+    which would shift all levels alike, is left out.
     """
     return [_level(float(place), value[at == place], sigma[at == place]) for place in np.unique(at)]
 

@@ -58,10 +58,10 @@ class Session:
     name: name of the session, where a page shows several. run: the content of run.json without the hashes of the
     inputs. inputs: these hashes, as (file, (hash,)), with one hash for all images of a camera. definition: how the
     measures were computed, None where their file does not state it. posture_seen (n,) bool: whether all joints that
-    determine posture were seen (the state in posture.parquet is about the centre of mass). contacts: None where the
-    folder has no table of contacts, so that touch is unknown. explained: how well each pose explains its frame, None
-    without that table. bins: how frames are grouped in all charts. trials: None where there are no trials.
-    trial_measures: measures of all trials, then of all conditions.
+    determine posture were seen. It differs from the state in posture.parquet, which is that of the centre of mass.
+    contacts: None where the folder has no table of contacts, so that touch is unknown. explained: how well each pose
+    explains its frame, None without that table. bins: how frames are grouped in all charts. trials: None where there
+    are no trials. trial_measures: measures of all trials, then of all conditions.
     """
 
     folder: Path

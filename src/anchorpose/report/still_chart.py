@@ -1,6 +1,6 @@
 """Build a static chart: measured points with their errors, and a line with its band, over any horizontal axis.
 
-As in the curves over time, left is solid and right dashed. Points of the left are round, of the right square. Colour
+As in the curves over time, left is solid and right dashed. Points are round for the left, square for the right. Colour
 adds no information. Every number of a chart is in the table below it.
 """
 
@@ -20,12 +20,14 @@ MARGIN: Final = 0.06
 """Share of the width left free at either end, so that no point lies on the border."""
 
 APART: Final = 6
-"""Units between the left and the right side's points at one place, so that both are seen."""
+"""Distance in units between the left and the right point of the same x, so that both are visible."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Points:
-    """Measured values of one side ("left", "right" or ""): x (n,), y (n,), reach (n,) of each error bar or NaN."""
+    """Measured values of one side ("left", "right" or ""): x (n,), y (n,), reach (n,): half length of each error bar,
+    or NaN.
+    """
 
     side: str
     x: np.ndarray

@@ -32,12 +32,13 @@ from anchorpose.results.records import (
 from anchorpose.results.uncertainty import NORMAL_95
 
 SELDOM_SEEN, USUALLY_SEEN = 0.5, 0.9
-"""Shares of the frames in which a joint is seen. Below the first its curve is more inference than measurement, and is
-named.
+"""Shares of the frames in which a joint is seen. Below the first, its curve is more inference than measurement, so the
+joint is named. Above the second (mean of all joints), the patient was in plain view.
 """
 
 MUCH_LOST, MOSTLY_LOST = 0.1, 0.5
-"""Shares of lost joint positions; above the first it is the first information for a reader."""
+"""Shares of lost joint positions. Above the first, the summary begins with the loss; above the second, most are lost.
+"""
 
 
 def summary(session: Session) -> list[Markup]:
@@ -186,9 +187,7 @@ def _lost_verdict(lost: float) -> str:
 
 
 def _seen_verdict(seen: float, whole: bool) -> str:
-    """Return a verdict on the seen joints. whole: whether so little is lost that the known part represents the
-    session.
-    """
+    """Return a verdict on the seen joints. whole: True if so little is lost that the rest represents the session."""
     if seen < SELDOM_SEEN:
         return "Most of what follows is inferred, not seen: do not rely on it without looking at the pictures."
     if seen < USUALLY_SEEN:

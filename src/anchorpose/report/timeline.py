@@ -119,7 +119,7 @@ def condition_rows(session: Session) -> list[Row]:
 
 
 def trial_readings(session: Session) -> list[Reading]:
-    """Return the trials of each group of frames; nothing without trials."""
+    """Return the trials of each group of frames; an empty list without trials."""
     if session.trials is None:
         return []
     texts: list[list[str]] = [[] for _ in range(session.bins.count)]
@@ -141,7 +141,9 @@ def _event_files(session: Session) -> tuple[str, ...]:
 
 
 def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n,) 1.96 sigma of the median and of the worst joint that is not lost, NaN in frames without any."""
+    """Return (n,) 1.96 sigma of the median joint, and (n,) of the worst joint, in mm. Lost joints are left out; NaN
+    where all are lost.
+    """
     reach_mm = 1000.0 * NORMAL_95 * session.joints.sigma_m
     known = np.isfinite(reach_mm).any(axis=1)
     median, highest = np.full((2, len(reach_mm)), np.nan)
@@ -376,13 +378,13 @@ def touch_reading(session: Session) -> Reading:
 
 
 def _lost(session: Session) -> np.ndarray:
-    """Return (b,) 1.0 for groups of frames in one of which no joint was found."""
+    """Return (b,) 1.0 for groups with a frame in which all joints are lost, else 0."""
     return worst(session.joints.lost.all(axis=1).astype(float), session.bins)
 
 
 def _held_and_seen(contacts: Sequence[Contact], bins: Bins) -> tuple[np.ndarray, np.ndarray]:
-    """Return (b,) 1.0 for groups of frames in which any of the contacts lasts, and (b,) the least seen share of these
-    contacts.
+    """Return (b,) 1.0 where any of the contacts lasts during a group of frames, else 0; and (b,) the smallest seen
+    share of these contacts, 0 without contact.
     """
     held, seen = np.zeros(bins.count), np.ones(bins.count)
     for contact in contacts:

@@ -60,19 +60,23 @@ def arcsin(sine: np.ndarray) -> np.ndarray:
 
 
 LEAST_LEVER: Final = 0.2588
-"""Sine of 15 degrees. An angle about an axis follows from a vector's part across that axis. Where that part is shorter
-than this share of the vector, the axes of the angle nearly coincide (gimbal lock), a joint's error is enlarged four
-times and more, and no value is given."""
+"""Sine of 15 degrees. An angle about an axis is computed from the part of a vector that is perpendicular to the axis.
+If that part is shorter than this share of the vector, the axes of the angle nearly coincide (gimbal lock) and a joint's
+error is enlarged at least four times, so no value is given.
+"""
 
 PLANE_UNKNOWN_RAD: Final = np.radians(15.0)
 PLANE_KNOWN_RAD: Final = np.radians(30.0)
-"""A limb's plane of bending is mostly noise and bowed limbs below the first bend, and reliable above the second."""
+"""Bends of a limb between which its plane of bending becomes known: below the first the plane is mostly noise and the
+bow of the limb, above the second it is reliable.
+"""
 
 Points = Mapping[str, np.ndarray]
 """Joint centres by name, (3, n) each, metres, world."""
 
 Reading = tuple[np.ndarray, "np.ndarray | float"]
-"""An angle (n,) in radians, and its lever (n,), at best 1; below ``LEAST_LEVER`` there is no value."""
+"""An angle (n,) in radians, and its lever (n,): the share of the vector from which it is computed, see ``LEAST_LEVER``.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +93,11 @@ class AngleGroup:
 
 
 def hinge_sigma(points: Points, limb: tuple[str, str, str], aside_rad: float) -> np.ndarray:
-    """Return (n,) radians: standard deviation of the angle between the plane of a bent limb and that of its hinge.
+    """Return (n,) radians: the standard deviation of the angle between the plane of a bent limb and the plane in which
+    its hinge bends it.
 
-    limb: the joints at its root, hinge and end. aside_rad: standard deviation of how far limbs are bowed sideways. The
-    less the limb is bent, the more a sideways bow rotates its plane.
+    limb: the joints at its root, hinge and end. aside_rad: standard deviation, between people, of the angle by which
+    limbs are bowed sideways. The less the limb is bent, the more a sideways bow rotates its plane.
     """
     root, hinge, end = (points[name] for name in limb)
     bent = np.sin(between(hinge - root, end - hinge))

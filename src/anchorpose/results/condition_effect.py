@@ -29,8 +29,8 @@ from anchorpose.results.uncertainty import NORMAL_95, SYSTEMATIC_SHARE
 CONFIDENCE: Final = 0.95
 
 PAIRS, BLOCKS, FREE = "pairs", "blocks", "free"
-"""How the order of conditions may have been drawn: within pairs of neighbouring trials, within named blocks, or over
-all trials.
+"""Ways in which the order of conditions may have been drawn: within pairs of neighbouring trials, within named blocks,
+or over all trials.
 """
 
 
@@ -39,11 +39,11 @@ class Effect:
     """The difference of a condition to the reference.
 
     reference, condition: their names; counts: how many trials of each were compared. difference: condition minus
-    reference; low, high: its 95 % interval, None where there are too few trials. p: of the permutation test, adjusted
-    for the other conditions; exact: whether p comes from all assignments and not from a sample of them. detectable: the
-    least difference that the errors of measurement alone exceed 5 times in 100, None where no error is stated.
-    repeated: whether detectable is an MDC95 from repeated sessions. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: why
-    the difference is not tested; then p is None.
+    reference; low, high: its 95 % interval, None where there are too few trials. p: p value of the permutation test,
+    adjusted for the number of conditions; exact: whether all assignments of conditions to trials were examined, not
+    only a sample. detectable: the difference that errors of measurement alone exceed only 5 times in 100, None where no
+    error is stated. repeated: whether detectable is an MDC95 from repeated sessions. design: ``PAIRS``, ``BLOCKS`` or
+    ``FREE``. why: why the difference is not tested; then p is None.
     """
 
     reference: str
@@ -73,7 +73,7 @@ def effects(
     """Return the effect of every condition but the reference on one measure.
 
     rows: the measure of each trial, in the order of the file. The reference is the first of ``trials.conditions``.
-    repeated: the measure's MDC95 where it is known. why: why the measure is not tested at all, None where it is.
+    repeated: the measure's MDC95 where it is known. why: why the measure is not tested at all; None if it is tested.
     """
     by_number = {row.trial: row for row in rows}
     reference, *others = trials.conditions
@@ -119,7 +119,7 @@ def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np
     """Return how the order was drawn, the indices of the trials of two conditions in the order of time, and their
     blocks.
 
-    A trial without the name of a block is a block of its own, so it is compared with nothing.
+    A trial without a named block forms a block by itself, so it is not compared.
     """
     order = np.array(sorted(range(len(trials.rows)), key=lambda place: trials.rows[place].onset_s))
     order = np.array([place for place in order.tolist() if trials.rows[place].condition in names])
@@ -133,7 +133,7 @@ def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np
 
 
 def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
-    """Return why there are too few trials for any test to show a difference, and how many it would need."""
+    """Return a sentence for too few trials: it states how many are needed for a test that can show a difference."""
     reference, treated = int((~blocks.treated).sum()), int(blocks.treated.sum())
     several = "" if comparisons == 1 else f" of {comparisons} comparisons"
     if design == PAIRS:
@@ -162,8 +162,8 @@ class Spread:
 def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
     """Return the uncertainty of a weighted difference of values (n,) that have errors sigma (n,), NaN where unknown.
 
-    The scatter of the trials includes their random errors, so it counts at least as much as these. All trials of a
-    session share their systematic error; only the part by which it differs between the conditions is added.
+    The scatter of the trials includes their random errors, so it is never taken to be smaller. All trials of a session
+    share their systematic error; only the part by which it differs between the conditions is added.
     """
     weights = blocks.weights
     random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum((weights * sigma) ** 2))
@@ -178,12 +178,12 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
 
 
 def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:
-    """Return the variance of the weighted difference as the trials scatter, and its degrees of freedom; NaN for too few
-    trials.
+    """Return the variance of the weighted difference, estimated from the scatter of the trials, and its degrees of
+    freedom; NaN for too few trials.
 
-    In one block, this is by Welch 1947 (doi:10.1093/biomet/34.1-2.28), who lets the conditions scatter differently. In
-    several blocks, it is from the scatter within conditions if every block repeats them, else from the scatter of the
-    blocks' differences.
+    With one block, the formula of Welch 1947 (doi:10.1093/biomet/34.1-2.28) is used, in which the conditions may
+    scatter differently. With several blocks, the scatter within conditions is used if every block repeats each
+    condition, else the scatter of the blocks' differences.
     """
     cells = [(value[p][~blocks.treated[p]], value[p][blocks.treated[p]]) for p in blocks.members]
     if len(cells) == 1:

@@ -20,28 +20,31 @@ FREE_SHARE: Final = 0.5
 """Share of the last touched skin that must be seen without contact for the contact to have ended."""
 
 HIDDEN_M: Final = 0.08
-"""Distance in m of a person's skin from skin that they touched before it went out of sight, for them to touch it still:
-a palm's length, since a hand that holds on shows its back or its wrist. Who let go and stays is farther away."""
+"""Distance in m between a person's skin and the skin last touched, up to which an unseen contact continues. It is a
+palm's length, since a hand that holds on may show only its back or wrist; a person who let go is farther away.
+"""
 
 SHOWN_SHARE: Final = 0.2
-"""Share of the skin beside a part of the equipment that must be seen for the contact to be seen; as for a joint."""
+"""Share of the skin beside a part of the equipment that must be seen for the contact to be seen; the same as for a
+joint.
+"""
 
 
 @settings
 class ContactConfig:
     """When skin counts as touched, when touched skin becomes a contact, and when the contact ends."""
 
-    # Metres between the skins of two people: 3 cm, plus the thickness of a holding hand whose back the cameras see (2
-    # cm at the fingers), plus half the spacing of other people's points.
+    # m between the skins of two people: 3 cm, plus 2 cm for the fingers of a holding hand of which the cameras see only
+    # the back, plus half the spacing of the points on other people.
     reach_m: Positive = 0.06
     begin_m2: Positive = 0.0025  # m2 touched to begin a contact: a few finger tips; less may be noise
     keep_m2: Positive = 0.0007  # m2 touched to continue a contact: one skin point
     begin_s: NotNegative = 0.1  # s, shortest contact; a sleeve that brushes past touches for less
     release_s: NotNegative = 0.3  # s, longest gap that is bridged; isolation may lose a hand for a few frames
-    # Metres from skin to the surface of equipment: its model is known to a centimetre, and clothes fold by as much.
+    # m from the skin to the surface of equipment: the model is accurate to 1 cm, and folds of clothes are as large.
     equipment_touch_m: Positive = 0.01
-    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # probability of touching above which contact continues
-    equipment_sigma_m: Positive = 0.03  # m, of the gap: half a fist, to distinguish a hand on a rail from one beside it
+    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # least probability of touching to continue a contact
+    equipment_sigma_m: Positive = 0.03  # m, sigma up to which an unseen gap begins one: half a fist
 
     def __post_init__(self) -> None:
         if self.keep_m2 > self.begin_m2:
@@ -57,8 +60,8 @@ class _Key(NamedTuple):
 
 
 class _Touch(NamedTuple):
-    """Evidence of one frame for a contact: the touched skin points (none for equipment), whether they suffice to begin
-    a contact, the touched area, the seen share of this area, and the gap.
+    """Evidence of one frame for a contact: indices of the touched skin points (empty for equipment), whether they
+    suffice to begin a contact, the touched area, the share of this area that is seen, and the gap.
     """
 
     skin: np.ndarray
@@ -72,9 +75,9 @@ class _Touch(NamedTuple):
 class _Open:
     """A contact that has not ended, or a touch that is still too small for a contact (not ``begun``).
 
-    first, last: frame number and time. skin: points that were touched last. frames, area_m2, seen_frames: sums over
-    frames with skin in reach. hidden: number of frames in which it continued unseen, up to ``last``. seen: whether it
-    was seen in the last frame.
+    first, last: frame number and time. skin: skin points touched in the last frame with a touch. frames, area_m2,
+    seen_frames: sums over frames with skin in reach. hidden: number of frames up to ``last`` in which the contact
+    continued unseen. seen: whether it was seen in the last frame.
     """
 
     first: tuple[int, float]
@@ -120,8 +123,8 @@ class ContactIntervals:
     ) -> Iterator[Contact]:
         """Add one more frame; yield the contacts that ended before it.
 
-        near: None where the patient is lost; all people get new names after that, since nobody was followed in between.
-        gaps: None also where the equipment is unknown.
+        near: None if the patient is lost; then nobody is followed, so all people get new names afterwards. gaps: None
+        if the patient is lost or the equipment unknown.
         """
         if near is None:
             yield from self.finish()
@@ -139,8 +142,8 @@ class ContactIntervals:
         yield from self._close(list(self._open))
 
     def touched_now(self, by_equipment: bool) -> dict[str, bool]:
-        """Return the parts of the patient (``REGIONS``) that people, or equipment, touch in the last frame, and whether
-        each touch is seen.
+        """Return the parts of the patient (``REGIONS``) that are touched in the last frame, by equipment if
+        ``by_equipment``, else by people, and whether each touch is seen.
         """
         parts: dict[str, bool] = {}
         for key, kept in self._open.items():

@@ -25,14 +25,14 @@ from anchorpose.results.truth import TrueTouch, read_true_support, read_true_tou
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactScore:
-    """The scores of how well contacts were found; a share is None where it has no base.
+    """Scores of how well contacts were found; a share is None if there is nothing to divide by.
 
     precision: share of the reported pairs of part and frame in which a bone of the part is truly touched. recall: share
     of the truly touched pairs of part and frame in which the part, or a part that shares a bone with it, is reported.
     The truth names bones, so a knee held from both sides counts as a touched thigh and a touched shank.
     """
 
-    reported: int  # parts times frames
+    reported: int  # number of pairs of part and frame
     touched: int
     precision: float | None
     recall: float | None
@@ -40,8 +40,8 @@ class ContactScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactEvaluation:
-    """Scores of all parts together, of each part that was touched or reported, and of all parts by the contacts of each
-    state alone.
+    """Scores of all parts together, of each part that was touched or reported, and of all parts when only seen or only
+    inferred contacts count.
     """
 
     overall: ContactScore

@@ -2,8 +2,8 @@
 
 corrections.json, the format ``anchorpose-corrections``, is read by ``track --corrections`` and written by the viewer.
 Frames and times are those of the results' tables, positions are in their world frame. No entry is ever deleted: a
-correction that a reviewer takes back or replaces moves to ``withdrawn``. It returns from there when the correction that
-replaced it is taken back.
+correction that a reviewer takes back or replaces moves to ``withdrawn``. If a reviewer takes back a correction that had
+replaced an earlier one, the earlier one is valid again.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
 LATEST_FRAME: Final = 2**31 - 1
 SUREST_M: Final = 1e-4
-"""Least sigma of a corrected joint: nobody places a joint within a tenth of a millimetre, and smaller values would
-overflow.
+"""Least sigma of a corrected joint, m: nobody places a joint within a tenth of a millimetre, and squares of smaller
+values overflow when inverted.
 """
 
 
@@ -69,7 +69,7 @@ Position = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnusableInterval:
-    """Frames first_frame to last_frame, both included, that no measure may use."""
+    """The frames from first_frame to last_frame, both included, which no measure may use."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     first_frame: Frame
@@ -89,7 +89,9 @@ class UnusableInterval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCorrection:
-    """The corrected place of a joint in one frame, world frame, and the reviewer's uncertainty (one sigma per axis)."""
+    """The corrected position of a joint in one frame, in the world, and the reviewer's uncertainty (one sigma per
+    axis).
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     frame: Frame
@@ -124,8 +126,8 @@ Correction = UnusableInterval | JointCorrection | NamedPatient
 
 
 def _subject(entry: Correction) -> tuple[int, str] | str | None:
-    """Return what an entry is about: a joint in a frame, or the patient. Only one entry about the same subject is
-    valid. It is None for an interval, of which any number is valid.
+    """Return what an entry is about: a joint in a frame, or the patient. At most one entry per subject is valid. None
+    for an interval: several intervals may be valid.
     """
     if isinstance(entry, JointCorrection):
         return entry.frame, entry.joint
@@ -171,8 +173,8 @@ EachJointOnce = Annotated[tuple[JointCorrection, ...], AfterValidator(_require_e
 
 @dataclass(frozen=True, slots=True)
 class CorrectionsRecord:
-    """The corrections as recorded in run.json: name, hash and entries of their file, and a sentence for each entry that
-    could not be followed.
+    """The corrections as recorded in run.json: name, hash and entries of their file, and a sentence for each corrected
+    joint that the results do not follow.
     """
 
     file: str
@@ -185,7 +187,7 @@ class CorrectionsRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """The valid corrections, and those taken back or replaced. patient: None where no patient was named."""
+    """The valid and the withdrawn corrections (taken back or replaced). patient: None if nobody was named."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     recording: ReviewedRecording
@@ -216,7 +218,7 @@ class Corrections:
         if entry not in self.valid:
             raise ValueError("this correction does not exist, or was withdrawn")
         about = _subject(entry)
-        replaced = [  # the withdrawal that ``added`` made for the entry, if any, has the same author and time
+        replaced = [  # an entry that ``added`` withdrew for this entry has its author and time
             old
             for old in self.withdrawn
             if about is not None and (_subject(old.entry), old.who, old.when) == (about, entry.who, entry.when)

@@ -1,5 +1,5 @@
-"""Compare a result with the truth: errors, calibration of the uncertainties, contacts, and errors that the
-uncertainties do not show.
+"""Compare a result with the truth: errors, how well the stated uncertainties fit them, contacts, and large errors with
+a small stated uncertainty.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 
 FAR_M: Final = 0.10
-"""A joint farther off than this is on another part of the body, or on nothing."""
+"""Error in m; a joint farther off is on another part of the body, or on nothing."""
 
 CONFIDENT_SIGMAS: Final = 4.0
-"""An error beyond this many of a joint's own sigmas: of calibrated axes one in 16 000 is."""
+"""Error of a joint along an axis, in its stated sigmas. If the sigmas are right, one error in 16 000 is larger."""
 
 PLAIN_VIEW: Final = 0.5
 """Least share of a limb's skin that one camera must see for the limb to be in plain view."""
@@ -47,11 +47,11 @@ LIMBS_JUDGED: Final[Mapping[str, np.ndarray]] = {
     name: np.array([JOINT_INDEX[joint] for joint in joints])
     for name, joints in {**_FREE, "trunk_and_head": _TRUNK}.items()
 }
-"""The joints (k,) of each limb; shoulders and hips belong to the trunk."""
+"""Joints (k,) by limb, whose errors count as errors of that limb; shoulders and hips belong to the trunk."""
 
 
 SEEN_SHARE: Final = 0.25
-"""Share of the skin around a joint that one camera must see for the joint to count as seen by the truth."""
+"""Share of the skin around a joint that one camera must see for the joint to count as truly seen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +71,8 @@ def distance_m(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
 
 
 def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
-    """Return (n, 21) bool: joints over ``FAR_M`` off and outside ``CONFIDENT_SIGMAS`` of their own sigma on some axis.
+    """Return (n, 21) bool: joints that are more than ``FAR_M`` off, and on some axis by more than ``CONFIDENT_SIGMAS``
+    times their stated sigma.
 
     truth_m (n, 21, 3) metres, NaN where unknown. A lost joint, and a joint without a known truth, is False.
     """
@@ -103,8 +104,8 @@ def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
 def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInView], ...]:
     """Return, per limb, the longest time in which one of its joints was over ``WRONG_M`` off in plain view.
 
-    joints, truth: frames matched row by row. A lost joint does not count as wrong. Each frame counts as one period of
-    the recording.
+    joints, truth: frames matched row by row. A lost joint does not count as wrong. Each frame counts as one usual step
+    between frames.
     """
     off = distance_m(joints, truth.position_m) > WRONG_M
     visible = in_plain_view(truth)
@@ -125,8 +126,9 @@ def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, fl
 
 
 LEAST_SHARE: Final = 0.1
-"""Share of the frames, of results or truth, that must have a partner. Fewer match by chance, for example if times are
-in another unit; a truth of every thirtieth frame matches completely."""
+"""Share of the frames of the results, or of the truth, that must have a partner in the other. Fewer match by chance,
+for example if times are in another unit. A truth for every thirtieth frame is accepted, since all of its frames match.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,7 +143,7 @@ class LongestError:
 def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
     """Return the longest error of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
 
-    A frame in which the joint is lost ends the error. Each frame counts as one period of the recording.
+    A frame in which the joint is lost ends the error. Each frame counts as one usual step between frames.
     """
     off = distance_m(joints, truth_m) > WRONG_M  # False where either is NaN
     longest = LongestError(joint=None, start_s=None, seconds=0.0)
@@ -159,7 +161,7 @@ class AngleError:
     frames: int
     mean_abs_deg: float | None
     p95_deg: float | None
-    coverage_95: float | None  # share of frames in which the truth lies within 1.96 sigma; calibrated is 0.95
+    coverage_95: float | None  # share of frames in which the truth lies within 1.96 sigma; ideally 0.95
 
 
 def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
@@ -210,12 +212,12 @@ HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.
 class ErrorSummary:
     """Errors of some joints in some frames; each is None where there are no such joints."""
 
-    joint_frames: int  # joints times frames with a known truth
+    joint_frames: int  # number of joint positions whose truth is known
     lost_share: float | None  # share of ``joint_frames`` that are lost
     mean_mm: float | None  # mean error; lost joints are left out of all errors
     median_mm: float | None
     p95_mm: float | None
-    coverage_95: float | None  # share of axes on which the truth lies within 1.96 sigma; calibrated is 0.95
+    coverage_95: float | None  # share of axes on which the truth lies within 1.96 sigma; ideally 0.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -233,18 +235,18 @@ class Evaluation:
     hidden: ErrorSummary  # joints that the result calls hidden, for any reason
     truly_seen: ErrorSummary | None  # joints that some camera truly sees; None where the truth does not state it
     truly_hidden: ErrorSummary | None
-    confident_errors: float | None  # share of overall.joint_frames that are far off although their sigma is small
+    confident_errors: float | None  # share of overall.joint_frames with large error but small sigma
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
-    wrong_in_view: tuple[tuple[str, WrongInView], ...]  # each limb
-    # whether views are known by joint and camera; if not, a limb counts as in plain view unless called occluded
+    wrong_in_view: tuple[tuple[str, WrongInView], ...]  # by limb
+    # whether the truth states what each camera saw; if not, limbs are in plain view except in occluded frames
     view_known: bool
-    longest_off: LongestError  # such a joint was on another limb, on another person, or in empty space
+    longest_off: LongestError  # longest time in which one joint was far off
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error of the second half of the frames over that of the first
     contacts: ContactEvaluation | None = None  # contacts with people; None where the truth or the result has none
-    # contacts with equipment; None also where such contacts were not searched
+    # contacts with equipment; None also where the result was made without searching such contacts
     supports: ContactEvaluation | None = None
     session: SessionEvaluation | None = None  # None where the truth is not that of a simulated session
 
@@ -277,7 +279,9 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
 
 
 CLOSER: Final = 10.0
-"""Truth frames that are so many times closer, over so many times less, are in another unit: minutes make 60."""
+"""Times of the truth are taken to be in another unit if its frames are this many times closer together and its whole
+span this many times shorter than those of the results: minutes for seconds make both 60.
+"""
 
 
 def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:

@@ -22,9 +22,9 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # area of a hand; clothes and grips leave up to half of it uncovered
-SEEN_PAST: Final = 0.3  # share of a part's skin; a limb in its true place has less, at its edges and in loose clothes
-APART_S: Final = 0.5  # two moments closer than this show the same situation
+UNCOVERED_CM2: Final = 80.0  # cm2, area of a hand; clothes and grips leave up to half of it uncovered
+SEEN_PAST: Final = 0.3  # share of a part's skin that a camera sees past; a limb in its true place has less
+APART_S: Final = 0.5  # s, least time between two moments: closer moments show the same situation
 MOST_MOMENTS: Final = 5
 
 
@@ -46,7 +46,7 @@ class ExplainedFrame:
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedTable:
     """The measures of all frames: frame (n,) int32, time_s (n,) float64, uncovered_cm2 (n,) and seen_past (n, 5)
-    float32, each as in ``ExplainedFrame``.
+    float32, as in ``ExplainedFrame``.
     """
 
     frame: np.ndarray
@@ -80,8 +80,8 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
-    """Return (n,) the uncovered area, or the largest share seen past of a part, divided by its limit, whichever ratio
-    is larger. From 1 on a limb is probably elsewhere. It is NaN where neither is known.
+    """Return (n,) the uncovered area or the largest share of a part that is seen past, each divided by its limit,
+    whichever is larger. From 1 on, a limb is probably not where it is reported. NaN where neither is known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)

@@ -30,8 +30,8 @@ from anchorpose.recording.writable import check_place, new_folder, whole_file
 class FolderKind:
     """A kind of folder that a command writes: how it is recognised, and which files in it the command may replace.
 
-    name: for messages. marks: files that identify the folder, so that it may be replaced; own: patterns, as for
-    ``fnmatch``, of the paths of the command's own files. All other files are the user's and are kept when the folder is
+    name: for messages. marks: files by which the folder is recognised as replaceable; own: patterns for ``fnmatch`` of
+    the paths of the files that the command writes. All other files are the user's and are kept when the folder is
     replaced.
     """
 
@@ -44,7 +44,7 @@ class FolderKind:
         return all((folder / mark).is_file() for mark in self.marks)
 
     def owns(self, file: str) -> bool:
-        """Return whether a file, given by its path in the folder, is one of the command's own."""
+        """Return whether the command writes this file, given by its path in the folder."""
         return _is_own_file(file, self.own)
 
 
@@ -109,7 +109,7 @@ def naming_place(place: Path) -> Iterator[None]:
 
 
 def publish(made: Path, path: Path, own: Sequence[str] = ()) -> None:
-    """Put the finished folder ``made`` in place of ``path``, whose own files are replaced.
+    """Put the finished folder ``made`` in place of ``path``, whose files from an earlier run are replaced.
 
     own: patterns, as for ``fnmatch``, of the files that may be deleted; without patterns only an empty folder is
     replaced. Files of ``path`` that match no pattern are kept in a folder ``NAME.kept`` beside it. Raises InputError
@@ -198,10 +198,10 @@ EARLIER: Final = "earlier"
 """The journal of the run that is being overwritten: it is restored unless the new run stores something."""
 
 LIVE: Final = "live session"
-"""Prefix of a live session's identity: it cannot be tracked again, only finished."""
+"""Prefix of the identity of a live session, which cannot be tracked again, only finished."""
 
 FIRST_SECONDS: Final = "first-seconds"
-"""The folder in a journal with the first seconds of a live session; alone, they are not worth keeping."""
+"""Folder in a journal with the first seconds of a live session; a journal with nothing else is not worth keeping."""
 
 BEGUN_FILE: Final = "begun.json"
 LOCK_FILE: Final = ".lock"
@@ -331,7 +331,7 @@ def _keep_one_journal(work: Path) -> bool:
 
 
 def _has_stored(journal: Path) -> bool:
-    """Return whether the journal has more than its beginning, readable or not: unreadable content is kept, too."""
+    """Return whether the journal has more than its beginning. Unreadable content counts too, so that it is kept."""
     if not journal.is_dir():
         return os.path.lexists(journal)
     names = {entry.name for entry in journal.iterdir() if ".partial" not in entry.name}

@@ -103,11 +103,11 @@ Column = Numbers | Codes | Flags
 class FrameTable(Generic[Frames]):
     """A table with the same rows in every frame.
 
-    arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and the arrays of
-    ``columns`` by their names, (n, ...) or (n, things, ...). thing: the column that names the subject of a row, such as
-    "joint"; None where there is one row per frame. names: the subjects in their order; None where each file has its
-    own, which are then in the field ``names``. text: a field stored in the file's metadata, and its key there. agree:
-    function that tests whether numbers and texts of the table are consistent.
+    arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and one array per
+    entry of ``columns``, (n, ...) or (n, subjects, ...). thing: the column that names the subject of a row, such as
+    "joint"; None where there is one row per frame. names: the subjects in their order; None if they differ from file to
+    file, and are then in the field ``names`` of ``arrays``. text: a field stored in the file's metadata, and its key
+    there. agree: function that tests whether numbers and texts of the table are consistent.
     """
 
     file: str

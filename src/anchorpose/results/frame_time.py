@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 LONGEST_STEP: Final = 1.5
-"""Longest step, in usual steps between frames. In a longer step at least one frame is missing."""
+"""Longest normal step, in usual steps between frames: in a longer step at least one frame is missing."""
 
 LONGEST_GAP_S: Final = 0.5
-"""Seconds within which a patient neither sits down nor stands up, so that a posture before and after a shorter gap
-continued in it. Events in a longer gap are unknown.
+"""Gap in s that is too short for sitting down or standing up: if the patient has the same posture before and after it,
+the posture continued. Events in a longer gap are unknown.
 """
 
 
@@ -35,13 +35,15 @@ def usual_step_s(time_s: np.ndarray) -> float:
 
 
 def longest_even_step_s(time_s: np.ndarray) -> float:
-    """Return the step above which a frame is missing, which matters to filters; NaN for fewer than two frames."""
+    """Return the step in s above which a frame is missing, so that filters must not pass it; NaN for fewer than two
+    frames.
+    """
     return LONGEST_STEP * usual_step_s(time_s)
 
 
 def longest_known_gap_s(time_s: np.ndarray) -> float:
     """Return the step between frames above which events are unknown. For slow cameras it is ``LONGEST_STEP`` of their
-    own steps.
+    usual steps.
     """
     return max(LONGEST_GAP_S, longest_even_step_s(time_s))
 
@@ -98,8 +100,8 @@ def runs_of(chosen: np.ndarray, joined: np.ndarray | None = None) -> list[slice]
 
 
 def worst_rows(badness: np.ndarray, time_s: np.ndarray, apart_s: float, most: int) -> list[int]:
-    """Return at most ``most`` rows in the order of decreasing badness (n,). A row within ``apart_s`` of a worse row is
-    left out, and so is NaN.
+    """Return at most ``most`` rows in the order of decreasing badness (n,). Rows within ``apart_s`` of a worse row are
+    left out, and so are rows with NaN.
     """
     chosen: list[int] = []
     for row in np.argsort(-badness, kind="stable"):

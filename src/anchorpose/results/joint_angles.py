@@ -1,8 +1,8 @@
 """Compute the body's angles from joint centres, for all frames, with state and uncertainty.
 
-The pelvis is rotated, then raised on one side, then tilted (Baker 2001, doi:10.1016/S0966-6362(00)00083-7). This order
-is the reverse of that for joints. It makes each of the three angles agree with its clinical name even if the patient
-has turned.
+The angles of the pelvis are computed in the order rotation, obliquity, tilt (Baker 2001,
+doi:10.1016/S0966-6362(00)00083-7), the reverse of the order for joints. So each angle agrees with its clinical name
+even if the patient has turned.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ its standard deviation between people, 1.6 degrees, is not included in sigma.
 
 
 VARUS_VALGUS_RAD: Final = np.radians(3.0)
-"""Standard deviation of how far knees are bowed in or out; assumed, not measured here."""
+"""Standard deviation, between people, of the angle by which knees are bowed in or out; assumed, not measured here."""
 
 
 def hip_to_trunk(points: Points, side: str) -> tuple[Reading, ...]:
@@ -129,12 +129,12 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     straight back from the knee, perpendicular to the hip joints; positive = inwards, the foot to the outside.
 
     It is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. There is no value for a leg
-    that is bent by less than ``PLANE_KNOWN_RAD``, whose plane is undetermined, or that is bent backwards, whose normal
-    is reversed.
+    that is bent by less than ``PLANE_KNOWN_RAD``, since its plane is undetermined, and for a leg that is bent
+    backwards, since the normal of its plane is reversed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
-    normal = cross(unit(ankle - knee), y)  # as long as the sine of the bend
+    normal = cross(unit(ankle - knee), y)  # its length is the sine of the bend
     bent, z = length(normal), unit(-normal)
     aside, along = dot(across, cross(y, z)), dot(across, z)
     inwards = -1.0 if side == "Left" else 1.0
@@ -145,11 +145,11 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
 def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
     """Return how far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
 
-    The plane in which a nearly straight leg bends is determined by noise and bow legs. Below ``PLANE_UNKNOWN_RAD`` only
-    the rotation about the line of the hips counts, with its sign, so that noise about a straight knee has the mean
+    The plane in which a nearly straight leg bends is mostly noise and the bow of the leg. Below ``PLANE_UNKNOWN_RAD``
+    only the rotation about the line of the hips counts, with its sign, so that noise about a straight knee has the mean
     zero. A clearly bent leg is bent in the plane of its hinge: above ``PLANE_KNOWN_RAD`` the whole angle between thigh
-    and shank counts. Between the two limits, the first angle passes into the second. No knee bends backwards beyond
-    ``PLANE_KNOWN_RAD``, so there the angle is positive and does not need the line of the hips.
+    and shank counts. Between the two limits, the angle changes gradually from the first to the second. No knee bends
+    backwards beyond ``PLANE_KNOWN_RAD``, so there the angle is positive and does not need the line of the hips.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     thigh, shank = unit(knee - hip), unit(ankle - knee)
@@ -201,13 +201,14 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     """Return the rotation of the upper arm about its long axis, by the plane in which the arm is bent: 0 = the forearm
     of the hanging arm points forward; positive = inwards, the hand towards the other side.
 
-    It is what remains of the arm's rotation relative to the trunk after taking away the shortest swing from hanging.
-    ISB's third angle is not used, since it is undetermined for a hanging arm, the usual posture of patients. An arm
-    that is bent by less than ``PLANE_KNOWN_RAD`` has no such plane, and so no value.
+    It is computed from the arm's rotation relative to the trunk: the shortest swing from the hanging arm is removed,
+    and the rest is the rotation about the long axis. ISB's third angle is not used, since it is undetermined for a
+    hanging arm, the usual posture of patients. An arm that is bent by less than ``PLANE_KNOWN_RAD`` has no such plane,
+    and so no value.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)
-    normal = cross(unit(wrist - elbow), y)  # as long as the sine of the bend
+    normal = cross(unit(wrist - elbow), y)  # its length is the sine of the bend
     bent, z = length(normal), unit(normal)
     x = cross(y, z)
     inwards = 1.0 if side == "Right" else -1.0
@@ -227,12 +228,14 @@ _HINGES: Final = {
     hip_rotation: ("Hip* Knee* Ankle*", VARUS_VALGUS_RAD),
     shoulder_rotation: ("Shoulder* Elbow* Wrist*", CARRYING_RAD),
 }
-"""Angles that depend on a limb's plane of bending: the limb's joints, and how far it is bowed sideways."""
+"""By angle that depends on a limb's plane of bending: the joints of the limb, and the standard deviation in rad of how
+far it is bowed sideways.
+"""
 
 
 def _sided(*rows: tuple[str, str, Callable[..., tuple[Reading, ...]]]) -> tuple[AngleGroup, ...]:
-    """Return the angle groups of the left side, then of the right side, from rows of names, joints (with ``*`` for the
-    side) and formula.
+    """Return the angle groups of the left side, then of the right side. Each row holds the names of angles and of
+    joints (with ``*`` for the side), and the formula.
     """
     return tuple(
         AngleGroup(
@@ -298,7 +301,7 @@ def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.nda
         points = {name: position_m[JOINT_INDEX[name]][:, rows] for name in group.joints}
         angle[:, rows], sigma[:, rows] = _angles_of_some(group, points, sigma_m[:, rows])
     lost = np.isnan(position_m[[JOINT_INDEX[name] for name in group.joints]]).any(axis=(0, 1))
-    angle[:, lost] = sigma[:, lost] = np.nan  # also if the formula works without it: sigma is unknown
+    angle[:, lost] = sigma[:, lost] = np.nan  # also where the formula needs no lost joint: sigma is unknown
     return angle, sigma
 
 
@@ -329,7 +332,7 @@ def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points
 
 
 def _shorter_way(angle: np.ndarray) -> np.ndarray:
-    """Shift an angle by whole turns to between minus pi and pi."""
+    """Shift an angle by whole turns into the range from minus pi to pi."""
     turn: np.ndarray = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
     return turn
 

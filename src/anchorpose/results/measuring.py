@@ -138,8 +138,8 @@ def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, p
 
 
 def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measure]:
-    """Return the shares of the upright time with and without hands on the patient, and how many contacts there were at
-    once.
+    """Return the measures while upright: the time and shares with and without hands on the patient, and the mean and
+    the largest number of simultaneous contacts.
     """
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
@@ -150,7 +150,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = inferred_touch_share(helped)
-    of_help = (shared, None, None, shared, shared)  # time without any contact depends on no inferred contact
+    of_help = (shared, None, None, shared, shared)  # the time without contacts depends on no inferred contact
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)
@@ -184,7 +184,7 @@ def measure_session(
     """Return the session with its posture and episodes, and every measure of docs/measures.md.
 
     contacts: with people and equipment; None where unknown, which is not the same as no contact. equipment: the parts
-    with which contacts were searched; without any part it is unknown whether the patient held on. With trials, the
+    with which contacts were searched; if empty, it is unknown whether the patient held on to anything. With trials, the
     measures of the whole recording are followed by the measures of every trial and of every condition.
     """
     body = centre_of_mass(joints)
@@ -222,8 +222,8 @@ def measure_session(
 
 
 def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> list[Event]:
-    """Return the events in which something went wrong, of a session whose transitions and steps are known, in the order
-    of kinds and time.
+    """Return buckling knees, failed stands and recovery steps of a session whose transitions and steps are known, in
+    the order of kinds, then of time.
     """
     return [
         *find_buckles(session, config.events),
@@ -262,7 +262,7 @@ WRITTEN: Final = (
     TRIALS_FILE,
     INTERVALS_FILE,
 )
-"""What ``write_measured`` writes, or removes."""
+"""Files that ``write_measured`` writes, or removes if there is nothing to write."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -281,10 +281,10 @@ def write_measured(
 ) -> MeasureResult:
     """Write angles, axes, posture, episodes and measures of a results folder, and the processed angles if any.
 
-    trials: replace the folder's trials; None keeps them. Angles and measures always come from the joints as
+    trials: replace the trials in the folder; None keeps them. Angles and measures always come from the joints as
     tracked: ``processing`` makes angles_processed.parquet and nothing else, and without processing that file is
-    removed. All files are written before the first is replaced.
-    Raises InputError where joints or contacts cannot be used, AnchorposeError where the filter does not fit.
+    removed. All files are written before the first is replaced. Raises InputError where joints or contacts cannot be
+    used, AnchorposeError where the filter does not fit.
     """
     require_own(results, (JOINTS_FILE, CONTACTS_FILE, *((TRIALS_FILE,) if trials is None else ())))
     if trials is None and (results / TRIALS_FILE).exists():

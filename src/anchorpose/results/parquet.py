@@ -59,7 +59,7 @@ def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping
     """Read a table with exactly the columns of ``schema``, without forbidden nulls; raises InputError otherwise.
 
     rows: a pyarrow expression that selects the rows to read; None for all. later: columns that files of older versions
-    lack, and their values then.
+    lack, and the values to use instead.
     """
     table = _with_columns(read_any_parquet(path, rows), schema, later or {})
     require_columns(path, table.schema, schema)
@@ -99,8 +99,8 @@ def read_parquet_schema(path: Path) -> pa.Schema:
 
 
 def _require_names(schema: pa.Schema) -> list[str]:
-    """Return the names of the columns, which pyarrow decodes only here; raises UnicodeDecodeError where they are
-    damaged.
+    """Return the names of the columns. pyarrow decodes them only on this access; raises UnicodeDecodeError where they
+    are damaged.
     """
     return list(schema.names)
 
@@ -185,7 +185,7 @@ class RecordTable(Generic[Row]):
     record: the dataclass of a row, whose attributes have the names of the columns. known: the allowed texts of a
     column. limits: the least and the greatest allowed number of a column. rows_per_group: fixed, since row groups
     decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows. later: columns
-    that files of older versions lack, and their values then.
+    that files of older versions lack, and the values to use instead.
     """
 
     file: str

@@ -23,11 +23,12 @@ import numpy as np
 ALPHA: Final = 0.05
 
 MOST_EXACT: Final = 200_000
-"""Largest number of assignments that are all examined, in a fraction of a second; of more a sample is drawn."""
+"""Largest number of assignments that are all examined, which takes a fraction of a second; of more, a sample is drawn.
+"""
 
 SAMPLED: Final = 9_999
 SEED: Final = 20_240_611
-"""Fixed seed, so that the same trials give the same p; with the observed assignment a sample has 10,000."""
+"""Fixed seed, so that the same trials give the same p. A sample has 10,000 assignments, including the observed one."""
 
 TIE: Final = 1e-9
 """Relative tolerance of ties: sums in another order may differ by less."""
@@ -37,9 +38,10 @@ TIE: Final = 1e-9
 class Blocks:
     """Trials of a reference (False) and of another condition (True), and the blocks within which the order was drawn.
 
-    treated (n,) bool; block (n,) int: the same number for the trials of a block. Every block has trials of both
-    conditions. weights (n,): the difference is the sum of weights times values; they are positive for the condition,
-    negative for the reference. A block counts n_t n_r / (n_t + n_r), which is best where all trials scatter alike.
+    treated (n,) bool; block (n,) int: number of each trial's block. Every block has trials of both conditions. weights
+    (n,): the difference is the sum of weights times values; weights are positive for the condition, negative for the
+    reference. A block with n_t and n_r trials of the two conditions counts n_t n_r / (n_t + n_r), the best weight if
+    all trials scatter alike.
     """
 
     treated: np.ndarray
@@ -68,8 +70,8 @@ class Blocks:
 
     @property
     def smallest_p(self) -> float:
-        """Return the smallest two-sided p that any values can give: 2 of all assignments where each has a mirror
-        image.
+        """Return the smallest two-sided p that any values can give: two divided by the number of assignments if each
+        has a mirror image.
         """
         mirrored = all(2 * int(self.treated[places].sum()) == len(places) for places in self.members)
         return min(1.0, (2.0 if mirrored else 1.0) / self.assignments)
@@ -86,7 +88,7 @@ def neighbours(treated: np.ndarray) -> np.ndarray | None:
     else None.
 
     In ABAB or ABBA the pairs are the first two and the last two trials. In ABABA the last trial has no partner, and is
-    a block of its own.
+    a separate block.
     """
     pairs = len(treated) // 2
     firsts, seconds = treated[0 : 2 * pairs : 2], treated[1 : 2 * pairs : 2]

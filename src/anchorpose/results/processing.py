@@ -22,7 +22,7 @@ from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.results.uncertainty import random_sigma, systematic_sigma
 from anchorpose.settings import Positive, settings
 
-FIRST_SPEED_M_S: Final = 1.0  # standard deviations of speed and acceleration before the first frame
+FIRST_SPEED_M_S: Final = 1.0  # m/s (and m/s2), standard deviation of speed (and acceleration) at the first frame
 FIRST_ACCELERATION_M_S2: Final = 10.0
 
 
@@ -50,7 +50,7 @@ def _smoothed_backwards(
     """
     count = len(position_m)
     mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # after each frame
-    ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # as predicted from the frame before
+    ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # as predicted from the previous frame
     mean[0, 0] = position_m[0]
     spread[0, 0, 0] = variance[0]
     spread[0, 1, 1], spread[0, 2, 2] = FIRST_SPEED_M_S**2, FIRST_ACCELERATION_M_S2**2
@@ -107,8 +107,9 @@ def _inverse(a: np.ndarray) -> np.ndarray:
 
 _ORDER: Final = 2  # order of one pass; the forward and backward passes together have order four
 _TWICE: Final = (np.sqrt(2.0) - 1.0) ** 0.25
-"""Share of the cutoff of one pass at which both passes together are 3 dB down, both as tangents, which is how digital
-filters see frequencies (Winter, Biomechanics and Motor Control of Human Movement, on digital filtering).
+"""Cutoff of both passes together over the cutoff of one pass, as tangents of half the digital frequency: two passes are
+3 dB down at a lower frequency than one (Winter, Biomechanics and Motor Control of Human Movement, on digital
+filtering).
 """
 
 
@@ -118,9 +119,7 @@ def highest_cutoff_hz(rate_hz: float) -> float:
 
 
 def shortest_frames(rate_hz: float, cutoff_hz: float) -> int:
-    """Return the least length of a stretch in frames: two periods of the cutoff, and more than the filter's own
-    padding.
-    """
+    """Return the least length of a stretch in frames: two periods of the cutoff, and more than the filter's padding."""
     return max(3 * (2 * _ORDER + 1) + 1, int(np.ceil(2.0 * rate_hz / cutoff_hz)))
 
 
@@ -141,8 +140,8 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
 
 
 MOST_UNEVEN: Final = 0.25
-"""Largest deviation in usual steps. The filter needs even steps; time stamps that jitter more are refused, not
-resampled.
+"""Largest deviation of a step between frames, in usual steps. The filter needs even steps, so time stamps that jitter
+more are refused, not resampled.
 """
 
 
@@ -158,8 +157,8 @@ def filter_stretch(
     """Return filtered position (n, 3) and sigma (n,) of one joint that is known in all frames; None for a stretch that
     is too short.
 
-    Sigma stays as it was, or becomes the root mean square of its neighbours within half a period of the cutoff if that
-    is larger: filtering does not remove systematic errors, and a poorly known frame moves its neighbours.
+    Sigma becomes the root mean square of the sigmas within half a period of the cutoff if this is larger, since a
+    poorly known frame moves its neighbours. It is never reduced, since filtering does not remove systematic errors.
     """
     rate_hz = 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if not rate_hz or len(time_s) < shortest_frames(rate_hz, cutoff_hz):
@@ -173,7 +172,8 @@ def filter_stretch(
 Filling = Literal["none", "linear", "spline"]
 
 LEAST_TRIALS: Final = 20
-"""Places of the recording in which the same gap is cut and filled, to measure the error of a filling."""
+"""Least number of places at which the same gap is cut into known positions and filled, to measure the error of filling.
+"""
 
 
 class Filled(NamedTuple):
@@ -226,7 +226,7 @@ def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -
 
 
 def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
-    """Return the weights (m, 2 or 4) of the known positions in each of m missing positions.
+    """Return the weights (m, 2 or 4) by which the known positions around a gap give each of its m missing positions.
 
     Two known positions give the straight line between them. Four give a cubic (Hermite) through the inner two, with the
     speed from each outer to its inner position.
@@ -276,7 +276,7 @@ class ProcessingConfig:
     """Settings of how joints are smoothed and which gaps are filled; by default nothing is done.
 
     smooth: "butterworth" (zero lag, effective order four, ``cutoff_hz``) or "kalman" (Rauch, Tung and Striebel with the
-    joints' sigma; ``jerk`` says how freely the acceleration changes). fill: "linear" or "spline" for gaps up to
+    joints' sigma; ``jerk`` states how freely the acceleration changes). fill: "linear" or "spline" for gaps up to
     ``longest_gap_s``; longer gaps stay.
     """
 
@@ -368,7 +368,7 @@ def _smooth(
     """Return position (n, 3) and sigma (n,) of an unbroken stretch; None where it stays as measured."""
     if config.smooth == "butterworth":
         if len(time_s) > 1 and len(time_s) >= shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
-            _require_cutoff(time_s, config.cutoff_hz)  # the stretch's own rate may be lower
+            _require_cutoff(time_s, config.cutoff_hz)  # the stretch may have a lower frame rate than the recording
         return filter_stretch(time_s, position_m, sigma_m, config.cutoff_hz)
     if config.smooth == "kalman" and len(time_s) > 1:
         return smooth_stretch(time_s, position_m, sigma_m, config.jerk)

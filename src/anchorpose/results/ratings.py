@@ -1,7 +1,7 @@
 """Store the scores of blinded raters: beside the results, one table per rater, with a row per trial in the order in
 which trials are shown.
 
-The table, with its order, is written before the first score: a rater who stops, or whose computer fails, continues in
+The table with the order of trials is written before the first score, so that a rater who was interrupted continues in
 the same order. The table does not name the conditions, so a rater who opens it stays blinded.
 """
 
@@ -39,8 +39,8 @@ REMEDY: Final = "give the file that 'anchorpose view --rate' wrote, as it was"
 
 @dataclass(frozen=True, slots=True)
 class Rating:
-    """The score of a trial. shown: the trial's place in the order, from 1. score: 0 to 10; time: when it was given, in
-    UTC. Both are None where the trial has no score yet.
+    """The score of a trial. shown: place of the trial in the order of showing, from 1. score: 0 to 10; time: when the
+    score was given, in UTC. Both are None where the trial has no score yet.
     """
 
     shown: int
@@ -143,7 +143,7 @@ def _rating(path: Path, line: int, cells: Sequence[str]) -> Rating:
     try:
         parse_initials(rater)
     except ValueError as error:
-        raise InputError(path, f"line {line} has a rater with initials that cannot be ({error})", REMEDY) from None
+        raise InputError(path, f"line {line} has a rater with invalid initials ({error})", REMEDY) from None
     return Rating(int(shown), int(trial), *((None, None) if score == MISSING else (int(score), time)))
 
 
@@ -167,8 +167,8 @@ def read_ratings_beside(results: Path, session: str) -> list[Ratings]:
 def rating_measures(results: Path, run: dict[str, Any], trials: Trials) -> list[Measure]:
     """Return the scores as measures of the trials, then of the conditions; no measures where nobody has rated.
 
-    Each rater has a row, with the rater as ``person``. A row without a person is the mean of all raters, known where
-    every rater has given a score.
+    Each rater has a row, with the rater as ``person``. A row without a person is the mean of all raters, which needs a
+    score of every rater.
     """
     raters = read_ratings_beside(results, rated_session(run, trials))
     rows = [row for each in raters for row in _of_rater(each.rater, each.scores, trials)]

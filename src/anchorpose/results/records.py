@@ -46,11 +46,10 @@ class Contact:
 
     part: one of ``REGIONS``. ``with_``: ``PERSON``, or the name of a part in the equipment's model. person: a name that
     stays the same as long as this person is followed; None for equipment. first_frame, last_frame and start_s, end_s:
-    both included. seen_share: share of the touching skin that some camera saw at the time; all other touching skin was
-    seen shortly before. For equipment, it is the share of the frames in which some camera saw the skin beside it.
-    area_cm2: the patient's skin within reach, mean over the frames. gap_mm: least measured distance between the two
-    surfaces, measured to the outer surface of skin or clothes; negative where the skin was measured inside the
-    equipment.
+    both included. seen_share: share of the touching skin that some camera saw at that moment; the rest of it was seen
+    shortly before. For equipment: share of the frames in which some camera saw the skin beside the part. area_cm2: the
+    patient's skin within reach, mean over the frames. gap_mm: least measured distance between the two surfaces,
+    measured to the outer surface of skin or clothes; negative where the skin was measured inside the equipment.
     """
 
     part: str
@@ -86,7 +85,7 @@ def with_equipment(contacts: Iterable[Contact]) -> tuple[Contact, ...]:
 
 
 LARGEST_VALUE: Final = 1e12
-"""Upper limit of a measure, far above any in its unit, and of its sigma."""
+"""Largest absolute value of a measure and of its sigma that is accepted; no real value in any unit comes near it."""
 
 _SPAN_LIMITS: Final = {
     **dict.fromkeys(("first_frame", "last_frame"), (0, LATEST_FRAME)),
@@ -118,8 +117,9 @@ def write_contacts(path: Path, equipment: Sequence[str] = ()) -> AbstractContext
 def read_equipment_names(path: Path) -> tuple[str, ...]:
     """Read the equipment's parts with which contacts were searched.
 
-    The result is empty where the recording had no model of the equipment, and for files of versions that did not search
-    such contacts. It is then unknown whether the patient held on. Raises InputError where the record cannot be read.
+    The result is empty where the recording had no model of the equipment, and where the file is from a version that did
+    not search such contacts. Then it is unknown whether the patient held on to the equipment. Raises InputError where
+    the record cannot be read.
     """
     text = (read_parquet_schema(path).metadata or {}).get(EQUIPMENT_KEY.encode(), b"[]")
     try:
@@ -142,7 +142,7 @@ FAILED_STAND: Final = "failed_stand"
 RECOVERY_LEFT, RECOVERY_RIGHT = "recovery_step_left", "recovery_step_right"
 
 EVENT_KINDS: Final = (BUCKLE_LEFT, BUCKLE_RIGHT, FAILED_STAND, RECOVERY_LEFT, RECOVERY_RIGHT)
-"""Episodes with a depth: events in which something went wrong."""
+"""Kinds of episodes with a depth: events in which something went wrong."""
 
 EPISODE_KINDS: Final = (UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT, STEP_LEFT, STEP_RIGHT, *EVENT_KINDS)
 
@@ -274,8 +274,8 @@ DEFINITION_KEY: Final = "measure_definition"
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """The definition by which measures were computed; by another definition a measure of the same name may be another
-    quantity.
+    """The definition by which measures were computed. With another definition, a measure of the same name may be
+    another quantity.
 
     anchorpose: the version of the program. config: the thresholds, as nested dicts of JSON values.
     """

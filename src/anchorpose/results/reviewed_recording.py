@@ -17,7 +17,7 @@ from anchorpose.recording.recording_file import FARTHEST_CAMERA_M, FARTHEST_TIME
 from anchorpose.settings import STRICT, Unfit
 
 LARGEST_DRIFT: Final = 0.1
-"""Seconds per second: the clocks of cameras differ by a thousandth at most."""
+"""Largest drift of a camera's clock, seconds per second; real clocks differ by a thousandth at most."""
 
 
 def _require_clock(clock: Clock) -> Clock:
@@ -46,10 +46,10 @@ class ReviewedCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedRecording:
-    """The subject of corrections: a recording, by its name (for people) and a hash of its depth images and times, and a
-    world, by its cameras.
+    """The recording and the world that corrections are about. The recording is identified by a hash of its depth images
+    and times (its name is for people), the world by the camera poses.
 
-    Clocks and the height of the floor are those used in tracking, so that they need not be found again; None where
+    Clocks and the height of the floor are kept as used in tracking, so that they need not be found again; None where
     unknown.
     """
 
@@ -109,7 +109,7 @@ def poses_of(cameras: Iterable[Camera]) -> dict[str, np.ndarray | None]:
 
 
 def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None]) -> bool:
-    """Return whether two sets of camera poses, (4, 4) by name, are the same but for rounding."""
+    """Return whether two sets of camera poses, (4, 4) by name, are the same except for rounding."""
     nowhere = np.full((4, 4), np.nan)
     first, second = ([nowhere if pose is None else pose for _, pose in sorted(poses.items())] for poses in (a, b))
     pairs = zip(first, second, strict=False)
@@ -118,6 +118,6 @@ def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None])
 
 
 SAME_WORLD_M: Final = 0.001
-"""Difference of camera poses, in every number of the matrix, below which worlds are the same: a metre from the camera a
-joint then moves by one or two millimetres, less than anybody can place it by hand.
+"""Two worlds are the same if no number of any camera's pose matrix differs by more. At 1 m from the camera, such a
+difference moves a joint by one or two millimetres, less than the error of placing a joint by hand.
 """

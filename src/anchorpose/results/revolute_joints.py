@@ -1,8 +1,9 @@
 """Compute axes.parquet: each knee and elbow as a point and the axis about which it is bent (paper, Section III).
 
-The axis is the normal of the plane in which both bones lie. The hinge of the body's skeleton, carried by the upper
-bone, would also be there in a straight limb, but depth hardly shows how far a bone is turned about itself: on the four
-simulated clinics for tuning the knees' hinge is some 7 degrees off, root mean square, and that plane 2.
+The axis is the normal of the plane in which both bones lie. A straight limb has no such plane. The skeleton's hinge,
+fixed to the upper bone, would give an axis there too, but depth hardly shows how far a bone is rotated about its long
+axis: on the four simulated clinics for tuning, the root-mean-square error at the knees is some 7 degrees for the hinge
+and 2 for the plane.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class AxisTable:
     """Knees and elbows of all frames, in the order of ``REVOLUTE_JOINTS``.
 
     frame (n,) int32, time_s (n,) float64; position_m (n, 4, 3): the joint; axis (n, 4, 3): unit vector in the world,
-    such that a right-handed rotation of the lower bone about it bends the limb further; sigma_deg (n, 4) one standard
+    the sense in which a right-handed rotation of the lower bone bends the limb further; sigma_deg (n, 4) one standard
     deviation of the axis in the direction in which it is least certain. All float64 and NaN where missing.
     """
 
@@ -75,11 +76,11 @@ AXES_FILE, read_axes, write_axes = AXES.file, AXES.read, AXES.write
 
 
 def revolute_axes(joints: JointTable) -> AxisTable:
-    """Return the axes of all frames, missing where one of the three joints is lost or the limb is bent by less than
-    ``PLANE_UNKNOWN_RAD``: noise would determine the plane.
+    """Return the axes of all frames, NaN where one of the three joints is lost or the limb is bent by less than
+    ``PLANE_UNKNOWN_RAD``, since noise then determines the plane.
 
     A joint that moves by d out of the plane of the three joints turns the normal by -d g, where g is the gradient of
-    its share in the plane's coordinates. The joints' errors out of the plane are assumed independent.
+    the joint's barycentric coordinate in the plane. The joints' errors out of the plane are assumed independent.
     """
     place, sigma_m = joints.position_m[:, LIMBS], joints.sigma_m[:, LIMBS]
     upper, lower = place[:, :, 1] - place[:, :, 0], place[:, :, 2] - place[:, :, 1]

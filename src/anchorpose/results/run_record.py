@@ -39,7 +39,7 @@ PICTURES: Final = "pictures"
 
 NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 Share = Annotated[float, Field(ge=0, le=1)]
-NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # depths for which noise is stated
+NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # m, range of depths for which noise is stated
 _is_sha256: Final = re.compile("[0-9a-f]{64}").fullmatch
 
 
@@ -66,9 +66,9 @@ class BodyRecord:
     learnt_from_s: float
     height_m: NotNegative  # standing, without clothes and shoes
     height_sigma_m: NotNegative
-    clothes_m: dict[str, float]  # thickness of each piece
+    clothes_m: dict[str, float]  # m, thickness by piece of clothing
     bones: tuple[BoneRecord, ...]
-    coefficients: tuple[float, ...]  # coefficients of the body asset's shape space
+    coefficients: tuple[float, ...]  # of the body asset's shape space
 
 
 def _require_noise(noise: DepthNoise) -> DepthNoise:
@@ -125,8 +125,8 @@ class StageTiming:
 class MatchedShares:
     """The share of the followed points that association found again, per frame.
 
-    All other points stay at their prediction. The share is None where there was nothing to match: in the first frame of
-    a track, and in frames that do not show the patient.
+    Points that were not found stay at their predicted position. The share is None where there was nothing to match: in
+    the first frame of a track, and in frames that do not show the patient.
     """
 
     matched_share: tuple[Share | None, ...] = ()
@@ -140,9 +140,7 @@ class MatchedShares:
         without = sum(share == 0 for share in known)
         sentence = f"{100 * sum(known) / len(known):.0f} % of the followed points were found again in the next frame"
         if without:
-            sentence += (
-                f"; in {without} of {len(known)} frames none was, and only the prediction and the surface count there"
-            )
+            sentence += f"; in {without} of {len(known)} frames no point was, so joints rest on prediction and surface"
         return [sentence]
 
 
@@ -168,7 +166,8 @@ class LostInterval:
 
 @dataclass(frozen=True, slots=True)
 class PoorInterval:
-    """Successive frames, both ends included, in which one camera's depth is too poor for joints, for the same reason.
+    """Successive frames, both ends included, in which the depth of one camera is too poor for joints for one and the
+    same reason.
 
     worst: largest ``PoorDepth.amount`` of these frames; why: a sentence without its full stop.
     """
@@ -185,8 +184,8 @@ class PoorInterval:
 
 @dataclass(frozen=True, slots=True)
 class PatientRecord:
-    """The chosen patient: the place (x, z, metres) in the initial frame, and the reason, as the end of a sentence that
-    begins with "who"; rival_xz_m: another person who may be the patient.
+    """The person taken to be the patient: their place (x, z) in metres in the initial frame, and the reason for the
+    choice, as a clause to be put after "who"; rival_xz_m: place of another person who may be the patient.
     """
 
     frame: Frame
@@ -226,7 +225,7 @@ class RunRecord:
     code: str = ""  # hash of the package's code
     identity: str = ""  # SHA-256 of inputs, settings, code and libraries: equal identities mean equal joints
     recording: Text  # name of the recording folder, not its path, since results may be moved
-    recorded: RecordedSpan | None = None  # span of all frames; None where all were tracked, and in older results
+    recorded: RecordedSpan | None = None  # span of the recording; None if all was tracked, and in older results
     frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
     floor_height_m: float | None = None  # Y of the floor in the world, None where no camera sees it
@@ -341,8 +340,8 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
-    """Return the content without the valid hashes: checking the 324,000 hashes of an hour's inputs would take longer
-    than everything else.
+    """Return the content without the hashes that have a valid form. An hour's inputs have 324,000 hashes, whose check
+    as part of the record would take longer than everything else.
     """
     hashes = run.get("inputs_sha256")
     if not isinstance(hashes, dict):

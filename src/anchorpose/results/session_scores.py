@@ -21,16 +21,17 @@ from anchorpose.results.true_session import TrueEvent, read_true_contacts, read_
 from anchorpose.results.uncertainty import NORMAL_95
 
 NEAR_S: Final = 0.5
-"""Between the onsets of a found and a true event that are the same; a knee needs longer to give way twice."""
+"""Largest time in s between a found and a true onset of the same event; a knee needs longer to give way twice."""
 
 IN_TIME_S: Final = 0.1
-"""Of an onset that counts as found in time: three frames of a camera."""
+"""Largest time in s between found and true onset at which an event counts as found in time: three frames of a camera.
+"""
 
 EXACT_M: Final = 1e-6
-"""Sigma of true joints: next to none."""
+"""Sigma in m that is assigned to true joints: practically zero."""
 
 INDEPENDENCE: Final = ("_extended_", "hands_free_upright_", "_hands_time", "_hand_time")
-"""Parts of the names of the measures of independence."""
+"""Parts of names: a measure whose name contains one of them is a time of independence."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,10 +50,11 @@ class EventScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeScore:
-    """Scores of the times of independence of the whole recording and of every trial, without times that are 0 in result
-    and truth.
+    """Scores of the times of independence in the whole recording and in every trial. Times that are 0 in both result
+    and truth are left out.
 
-    within: number of times within 1.96 sigma of the truth; refused: number that have a value in only one of the two.
+    within: number of times within 1.96 sigma of the truth; refused: number of times with a value in only one of the
+    two.
     """
 
     compared: int
@@ -62,8 +64,8 @@ class TimeScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionEvaluation:
-    """Scores of a session. events: one per kind that occurs in the truth or the result, within the recorded seconds; no
-    entries where frames are too far apart to find events.
+    """Scores of a session. events: one score per kind of event that occurs in the truth within the recorded time, or in
+    the result; empty if frames are too far apart to find events.
     """
 
     seconds: float
@@ -109,7 +111,7 @@ def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
 def score_events(session: Session, true_events: Sequence[TrueEvent]) -> tuple[tuple[str, EventScore], ...]:
     """Return the score of each kind of event that occurs in the truth within the recorded time, or in the result.
 
-    There are none where the frames are too far apart to search events.
+    The result is empty if the frames are too far apart to find events.
     """
     if not fast_enough(session.joints.time_s):
         return ()
@@ -139,7 +141,7 @@ def _of_kind(episodes: Sequence[Episode], true_events: Sequence[TrueEvent], kind
 
 
 def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
-    """Score the times of independence against the truth; rows about single persons and parts are not such times."""
+    """Score the times of independence against the truth; rows about single persons or parts are left out."""
     pairs = [(one, other) for one, other in _paired(found, true) if one.value or other.value]
     known = [(one, other) for one, other in pairs if one.value is not None and other.value is not None]
     within = sum(is_within(one, other) for one, other in known)
@@ -149,7 +151,7 @@ def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
 def _paired(found: Sequence[Measure], true: Sequence[Measure]) -> list[tuple[Measure, Measure]]:
     of_truth = {(row.key, row.condition, row.trial): row for row in true}
     asked = [row for row in found if row.unit == "s" and any(part in row.measure for part in INDEPENDENCE)]
-    whole = [row for row in asked if (row.condition is None) == (row.trial is None)]  # without means of conditions
+    whole = [row for row in asked if (row.condition is None) == (row.trial is None)]  # not the means of conditions
     return [(row, of_truth[row.key, row.condition, row.trial]) for row in whole]
 
 

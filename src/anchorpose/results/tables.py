@@ -20,7 +20,9 @@ _STATES: Final = tuple(str(state) for state in JointState)
 
 LARGEST_DEG: Final = 360.0
 LARGEST_SIGMA: Final = 1e6
-"""Limit of sigma in metres, degrees or radians: an angle that a pose hardly determines has a sigma of many turns."""
+"""Largest accepted sigma (m, degrees or radians): an angle that a pose hardly determines may have a sigma of many
+turns.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,8 +30,8 @@ class JointFrame:
     """The 21 joints at one time of the reference clock, order of ``JOINT_NAMES``, world frame.
 
     position_m (21, 3) float64, NaN where lost; sigma_m (21,) float64, one standard deviation along each axis, NaN where
-    lost. Raises ValueError where position, sigma and state disagree: a lost joint must have no numbers, any other joint
-    all of them.
+    lost. Raises ValueError where position, sigma and state disagree: a lost joint must have neither position nor sigma,
+    any other joint must have both.
     """
 
     frame: int
@@ -81,7 +83,7 @@ class JointTable:
 
 
 def _numbers_agree(joints: JointFrame | JointTable) -> np.ndarray:
-    """Return (..., 21) bool: whether lost joints have no numbers, and all other joints have all of them."""
+    """Return (..., 21) bool: whether position and sigma are missing for lost joints, and complete for all others."""
     known = np.isfinite(joints.position_m).all(axis=-1) & np.isfinite(joints.sigma_m) & (joints.sigma_m > 0)
     blank = np.isnan(joints.position_m).all(axis=-1) & np.isnan(joints.sigma_m)
     return np.where(joints.state_code == LOST, blank, known)
@@ -176,7 +178,9 @@ ANGLES_FILE, read_angles, write_angles = ANGLES.file, ANGLES.read, ANGLES.write
 
 
 PROCESSING: Final = ("measured", "smoothed", "filled")
-"""How an angle's joints were processed, the worst of them; the codes of ``ProcessedAngles.processing``."""
+"""How an angle's joints were processed; the most processed joint decides. The index is the code in
+``ProcessedAngles.processing``.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,11 +245,10 @@ POSTURE_FILE, read_posture, write_posture = POSTURE.file, POSTURE.read, POSTURE.
 class BodyPose:
     """The learnt body in one frame, bones in the order of ``MOVING_BONES``; all NaN where the patient is lost.
 
-    head_m (21, 3): the bone's head, world. quaternion (21, 4): w, x, y, z of the rotation from the rest pose, whose
-    axes are X forward, Y up and Z to the right, to the world; w is not negative. axial_sigma_rad (21,): one standard
-    deviation of the rotation about the bone's long axis relative to its parent, from the registration's posterior; NaN
-    where unknown. This sigma is not calibrated, and too small for thighs (simulations had errors of 12 degrees at a
-    sigma of 3).
+    head_m (21, 3): the bone's head, world. quaternion (21, 4): w, x, y, z of the rotation from the rest pose (X
+    forward, Y up, Z to the right) to the world; w is not negative. axial_sigma_rad (21,): standard deviation of the
+    rotation about the bone's long axis relative to its parent, from the registration's posterior; NaN where unknown. It
+    is not calibrated: for thighs, simulations had errors of 12 degrees at a sigma of 3.
     """
 
     frame: int

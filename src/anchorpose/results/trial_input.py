@@ -14,7 +14,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 
 def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]:
-    """Read the trials, and return them with the SHA-256, by name, of the events file and of its file of units.
+    """Read the trials. Return them, and by name the SHA-256 of the events file and of the file with its units.
 
     Raises InputError where a file cannot be used, or where it is unknown when the recording began.
     """

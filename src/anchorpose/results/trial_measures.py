@@ -1,8 +1,8 @@
 """Compute the measures of each trial and each condition: a session is cut into trials, and trials are averaged.
 
 Posture, transitions and steps are found in the whole recording first, so that a trial that begins while the patient
-stands begins upright. The inputs of the measures are then cut, so that a new measure needs no further code to be
-computed per trial.
+stands begins upright. Then the inputs of the measures are cut to each trial, so that every measure can be computed per
+trial without further code.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Table = TypeVar("Table")
 Found = TypeVar("Found")
 
 LEAST_FRAMES: Final = 2
-"""One frame alone has no duration."""
+"""Least number of frames in a trial, since a single frame has no duration."""
 
 TOO_FEW_FRAMES: Final = "fewer than two frames of this trial were tracked"
 
 MeasureRows = Callable[[Session, slice], Sequence[Measure]]
-"""Function that returns the measures of a session that was cut to these rows of the whole one."""
+"""A function of a whole session and some of its rows; it returns the measures of the session cut to these rows."""
 
 
 def measures_by_trial(
@@ -38,8 +38,8 @@ def measures_by_trial(
 ) -> list[Measure]:
     """Return the measures of every trial in the order of the file, then of every condition.
 
-    whole: the measures of the whole recording; a person or a part without a contact in a trial counts 0 s and 0
-    contacts there. settle_s: how long the patient's sway settles after standing up. measure: computes the measures of a
+    whole: the measures of the whole recording; a person or a part without contact in a trial gets 0 s and 0 contacts
+    there. settle_s: time after standing up in which the patient is not yet at rest. measure: computes the measures of a
     cut session.
     """
     rows = [_of_trial(session, trial, whole, settle_s, measure) for trial in trials.rows]
@@ -64,8 +64,8 @@ def _of_trial(
 
 
 def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
-    """Return a time or a count for a part or person that does not occur in a trial: 0, or unknown where contacts are
-    unknown.
+    """Return the measure of time or count for a part or person without contact in a trial: 0, or unknown where contacts
+    are unknown.
     """
     general = found.get((like.measure, None, None, None))
     if general is None or like.unit not in ("s", "count"):
@@ -77,8 +77,8 @@ def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
 def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
     """Cut a session to some frames.
 
-    Contacts are cut at the ends. Episodes that reach into these frames are kept whole, and so are episodes that ended
-    up to settle_s before, since the patient may still settle after standing up.
+    Contacts are cut to these frames. Episodes that reach into them stay whole, and so do episodes that ended up to
+    settle_s before them, since the patient may not be at rest yet after standing up.
     """
     joints = cut_rows(session.joints, rows)
     start_s, end_s = float(joints.time_s[0]), float(joints.time_s[-1])

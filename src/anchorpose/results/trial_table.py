@@ -21,7 +21,7 @@ from anchorpose.settings import LARGEST, Unfit
 
 TRIALS_FILE: Final = "trials.parquet"
 COLUMNS_KEY: Final = "trial_columns"
-"""Key in the schema's metadata: name, unit and description of each of the user's own columns, as JSON."""
+"""Key in the schema's metadata: name, unit and description of each column that the user added, as JSON."""
 
 TRIALS_REMEDY: Final = "run 'anchorpose measure' on its folder again, with --events"
 
@@ -32,11 +32,13 @@ FIXED: Final = pa.schema(
         *(pa.field(name, pa.float64(), nullable=False) for name in ("onset_s", "duration_s", "start_s", "end_s")),
     ]
 )
-"""The columns before the user's own."""
+"""The columns of the table that come before the user's columns."""
 
 
 def write_trials(path: Path, trials: Trials) -> None:
-    """Write trials.parquet: a row per trial in the order of the file, own columns as numbers or texts."""
+    """Write trials.parquet: one row per trial in the order of the events file; the user's columns are stored as numbers
+    or texts.
+    """
     own = [pa.field(column.name, _type_of(column)) for column in trials.columns]
     described = [{"name": c.name, "unit": c.unit, "description": c.description} for c in trials.columns]
     schema = pa.schema([*FIXED, *own], metadata={COLUMNS_KEY: json.dumps(described, sort_keys=True)})
@@ -87,7 +89,7 @@ def _columns(path: Path, metadata: dict[bytes, bytes]) -> tuple[TrialColumn, ...
         raise InputError(path, "does not describe its columns", TRIALS_REMEDY) from None
     texts = [text for each in found for text in (each.name, each.description)]
     if not all(isinstance(text, str) for text in texts) or any(c.unit not in (None, *UNITS) for c in found):
-        raise InputError(path, "describes its columns by something else than texts and units", TRIALS_REMEDY)
+        raise InputError(path, "does not describe its columns by texts and units", TRIALS_REMEDY)
     return found
 
 

@@ -53,7 +53,7 @@ def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
 
 @dataclass(frozen=True, slots=True)
 class TrueContacts:
-    """True contacts. contacts: with people by region, and with parts of the equipment; equipment: the names of all
+    """True contacts. contacts: each of a region with a person or with a part of the equipment; equipment: names of all
     parts of the equipment.
     """
 
@@ -88,8 +88,8 @@ def read_true_contacts(path: Path, rows: np.ndarray, frame: np.ndarray, time_s: 
 
 
 def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the regions that bones can distinguish, with their bones (k,); feet are left out, since they always stand
-    on something.
+    """Yield the regions that bones can distinguish, with their bones (k,); feet are left out, since they always touch
+    something.
     """
     for region, names in REGION_BONES.items():
         if not region.startswith("knee") and not set(names) & FOOT_BONES:

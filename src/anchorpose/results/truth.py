@@ -1,5 +1,5 @@
-"""Read the truth of a recording, truth.npz, and check whether joints from elsewhere are in the unit, axes and labels of
-the results.
+"""Read truth.npz, the true joints of a recording, and check that joints from other systems have the unit, axes and
+labels of the results.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _READ = ("joints", "names", "time", "occluded", "seen_share")
 class Truth:
     """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where unknown; occluded (t,) bool.
 
-    seen_share (t, 21, cameras), 0 to 1, of the file's type: share of the skin around the joint that nothing hides from
-    that camera; None where the file does not state it.
+    seen_share (t, 21, cameras), 0 to 1, with the number type of the file: share of the skin around the joint that the
+    camera sees; None where the file does not state it.
     """
 
     time_s: np.ndarray
@@ -154,17 +154,23 @@ def read_true_touch(path: Path) -> TrueTouch | None:
 
 
 WRONG_M: Final = 0.15
-"""Error in metres, half a forearm, beyond which a joint means nothing for the patient, and its limb is wrong."""
+"""Error in m, half a forearm. If a joint is farther off, its position is useless for the patient, and its limb counts
+as wrong.
+"""
 
 CLEARLY_BETTER: Final = 0.7
-"""Ratio of two misfits below which the smaller is right. In six simulated laboratories it was at most 0.1."""
+"""If the smaller misfit is below this share of the larger, it is the right one. In six simulated laboratories, the
+ratio of right to wrong was at most 0.1.
+"""
 
 LARGEST_DEFINITION_M: Final = 0.03
-"""Misfit in metres that needs no other explanation: joint centres of two systems differ by as much by definition."""
+"""Misfit in m up to which axes and labels are accepted: the joint centres of two systems differ by as much by
+definition.
+"""
 
 
 class Sides(NamedTuple):
-    """The axes and labels that may be the wrong way round."""
+    """Axes and labels that may be reversed: whether left and right are exchanged, and whether an axis is mirrored."""
 
     exchanged: bool
     mirrored: bool
@@ -190,9 +196,9 @@ WRONG: Final = {
 
 
 def require_as_is(path: Path, misfit: Mapping[Sides, float], is_length: bool) -> None:
-    """Raise InputError where the file fits much better with axes or labels the other way round.
+    """Raise InputError where the file fits much better with a mirrored axis or exchanged labels.
 
-    misfit: misfit by what is reversed, in metres where it is a length; it has no entry where nothing can be compared.
+    misfit: the misfit for each reversal that can be compared. is_length: whether misfits are lengths in metres.
     """
     best = min(misfit, key=lambda sides: misfit[sides], default=AS_IS)
     if best == AS_IS:
@@ -212,15 +218,18 @@ _EXCHANGED: Final = [
 
 
 MOST_SCALE: Final = 1.5
-"""Ratio of bone lengths between truth and results. A wrong body differs by tens of percent, feet instead of metres by
+"""Largest factor between bone lengths of truth and results. A wrong body differs by tens of percent, feet for metres by
 3.3.
 """
 
 UPRIGHT_DEG, LYING_DEG = 45.0, 60.0
-"""Tilt of the trunk up to which the results stand, and from which the truth lies or is upside down."""
+"""Tilt of the trunk in degrees: up to the first the results stand; from the second on the truth lies or is upside down.
+"""
 
 LEAST_FORWARD_M: Final = 0.05
-"""Toes before ankles and knees before the line of the leg, all four together: less shows no direction."""
+"""Sum in m over both legs of how far the toes are before the ankle and the knee before the line from hip to ankle. A
+smaller sum shows no direction.
+"""
 
 UNIT: Final = "write its joints in metres, in a right-handed world with Y up"
 
@@ -231,9 +240,8 @@ def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> N
     """Raise InputError where the truth (n, 21, 3) is in another unit or other axes than the results' joints (n, 21, 3)
     of the same frames.
 
-    As far as possible, only the truth is tested, for properties that every correct truth has. A patient who was tracked
-    back to front or elsewhere, or any other misfit over ``WRONG_M``, is an error of the results, which is to be
-    reported.
+    As far as possible, the truth alone is tested for properties that every correct truth has. If the patient was
+    tracked back to front or in another place, that is an error of the results, which is to be measured, not refused.
     """
     scale = _ratio(_bone_lengths(truth_m), _bone_lengths(ours_m))
     if not 1 / MOST_SCALE <= scale <= MOST_SCALE:
@@ -256,7 +264,7 @@ def _ratio(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def _bone_lengths(joints_m: np.ndarray) -> np.ndarray:
-    """Return (20,) the median over the frames, NaN where unknown; joints_m (n, 21, 3)."""
+    """Return (20,): the median length of each bone over the frames, NaN where unknown; joints_m (n, 21, 3)."""
     length = np.linalg.norm(joints_m[:, _BONES[:, 1]] - joints_m[:, _BONES[:, 0]], axis=2)
     return _median(length)
 
@@ -283,8 +291,8 @@ def _trunk_tilt_deg(joints_m: np.ndarray) -> float:
 
 
 def _handedness(joints_m: np.ndarray) -> float:
-    """Return whether up, right and forward are right-handed, -1 to 1: negative where toes and knees point backward
-    relative to left, right, head and pelvis. It is NaN where none of them shows a direction.
+    """Return 1 if toes and knees point forward, given up and the patient's right, -1 if they point backward (the joints
+    are mirrored or exchanged), NaN if no direction is seen.
     """
     joint = {name: _joint(joints_m, name) for name in JOINT_NAMES}
     right = joint["HipRight"] - joint["HipLeft"] + joint["ShoulderRight"] - joint["ShoulderLeft"]
@@ -306,8 +314,8 @@ MIRRORED: Final = Sides(exchanged=False, mirrored=True)
 
 
 def _misfit_by_sides(ours_m: np.ndarray, truth_m: np.ndarray) -> dict[Sides, float]:
-    """Return the median distance (m) after the best rotation about the vertical and translation, and the same with the
-    truth mirrored.
+    """Return the median distance (m) between joints after the best rotation about the vertical and translation, for the
+    truth as it is and for the mirrored truth.
 
     Left and right labels are kept or exchanged, whichever fits better, since a patient may have been tracked back to
     front.

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 NORMAL_95: Final = 1.96
-"""Standard deviations that contain 95 of 100 values of a normal distribution."""
+"""Half width, in standard deviations, of the interval that holds 95 of 100 values of a normal distribution."""
 
 SYSTEMATIC_SHARE: Final = 0.7
 """Share of an error's variance that stays the same through a recording: errors of the learnt body's lengths, of
@@ -19,15 +19,15 @@ clothes, and of the joints' places in it. On simulated recordings it is 0.6 for 
 """
 
 CORRELATION_S: Final = 1.5
-"""Correlation time of the random rest, in seconds, after which its correlation has fallen to about a third."""
+"""Time in s after which the correlation of the random part of an error has fallen to about a third."""
 
 
 def sigma_of_mean(sigma: np.ndarray, seconds: float) -> float:
     """Return sigma of the mean of values (k,) that are spread over ``seconds`` and have the standard deviations
     ``sigma``.
 
-    The systematic share is not reduced by averaging; the random share shrinks as if every two correlation times gave
-    one independent value.
+    Averaging does not reduce the systematic share of the variance; it reduces the random share as if every two
+    correlation times gave one independent value.
     """
     averaged = min(1.0, 2.0 * CORRELATION_S / seconds) if seconds > 0 else 1.0
     return float(np.sqrt(np.mean(sigma**2) * (SYSTEMATIC_SHARE + (1.0 - SYSTEMATIC_SHARE) * averaged)))
@@ -46,6 +46,6 @@ def random_sigma(sigma: np.ndarray) -> np.ndarray:
 def sigma_of_difference(first: float, second: float) -> float:
     """Return sigma of the difference between values at two times of one recording, from the sigma of each value.
 
-    The systematic share is common to both, and cancels as far as the two sigmas are alike.
+    The systematic errors are common to both values: they cancel completely if the two sigmas are equal, else in part.
     """
     return float(np.sqrt(first**2 + second**2 - 2.0 * SYSTEMATIC_SHARE * first * second))

@@ -1,9 +1,9 @@
-"""Check whether a results folder is as it was written, and whether it comes from the given recording.
+"""Check whether a results folder is unchanged since it was written, and whether it comes from the given recording.
 
-log.jsonl states what made the folder and what was done with it since then, one line each; lines are only ever added.
-Each line holds a hash of itself and of the line before, so a line that was changed, removed or inserted is detected.
-This is not a signature: someone can compute all hashes again, which only a copy of the last hash, kept elsewhere,
-reveals.
+log.jsonl has one line for the command that made the folder and one for everything done with it later; lines are only
+added. Each line holds a hash of itself and of the previous line, so a line that was changed, removed or inserted is
+detected. This is not a signature: whoever changes the log can compute all hashes again. Only a copy of the last hash,
+kept elsewhere, shows that.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ LARGEST_LOG: Final = 64 * 2**20
 
 
 class Event(Entry):
-    """One line of the log. files: SHA-256 of each file of the results as it was left, None where it was removed."""
+    """One line of the log. files: SHA-256 of each file after the command, None for a removed file."""
 
     at: Utc
     what: str
@@ -63,8 +63,8 @@ class Event(Entry):
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """The lines of a log in their order. broken: a sentence on each line whose hash does not follow from the line
-    before.
+    """The lines of a log in their order. broken: a sentence on each line whose hash does not follow from the previous
+    line.
     """
 
     events: tuple[Event, ...]
@@ -76,8 +76,8 @@ def add_event(
 ) -> None:
     """Add a line to the log of a results folder.
 
-    what: the command; files: files of the results that it wrote or removed; by: who did so, for people. Raises OSError
-    where the log cannot be written.
+    what: the command; files: files of the results that it wrote or removed; by: the person or program that did it, as
+    text for readers. Raises OSError where the log cannot be written.
     """
     names = sorted(files)
     hashes = dict(hash_files([results / name for name in names if (results / name).is_file()], results))
@@ -128,8 +128,8 @@ def _lines(path: Path) -> list[bytes]:
 
 
 def _hash_in(line: bytes) -> str:
-    """Return the hash that the last line states; empty where the line is damaged. Then the line that follows is
-    reported as not connected.
+    """Return the hash that a line states; empty if the line is damaged, so that the next line is reported as not
+    connected.
     """
     try:
         return str(parse_json(line)["sha256"])
@@ -151,8 +151,7 @@ MEASURED: Final = frozenset(
 def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | None = None) -> None:
     """Raise InputError where a file does not have the hash that the folder's log or run.json states.
 
-    run: the content of run.json, where it was read already. Files without a stated hash are accepted, as in older
-    results.
+    run: the content of run.json if it was already read. Files without a stated hash, as in older results, are accepted.
     """
     known = _known(results, run)
     there = [results / name for name in files if name in known and (results / name).is_file()]
@@ -184,7 +183,7 @@ def _last_written(written: Mapping[str, str], log: Log) -> dict[str, str]:
 
 
 class Fits(StrEnum):
-    """The state of a file or a fact since the run."""
+    """The state of a file, or of another input of the run, compared with its state at the run."""
 
     SAME = "as it was written"
     MEASURED = "written again, as 'anchorpose measure' does"
@@ -201,8 +200,8 @@ class Fits(StrEnum):
 @dataclass(frozen=True, slots=True)
 class Verified:
     """The outcome of the check. results, recording: the state of each file; recording is None where none is given.
-    program: sentences on a version, code or libraries that differ from today's. corrected: sentences on who corrected
-    what. log: what was done with the results. broken: sentences on faults of the log.
+    program: sentences on the version, code and libraries of the run that differ from the present ones. corrected:
+    sentences on each correction and its author. log: its entries. broken: sentences on faults of the log.
     """
 
     results: Mapping[str, Fits]
@@ -250,8 +249,8 @@ def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fi
 
 
 def _hashes(results: Path, wanted: Iterable[str]) -> dict[str, str]:
-    """Return the hashes of all tables and pictures, and of the wanted files inside the folder: a log may name files
-    anywhere.
+    """Return the hashes of all tables and pictures, and of the wanted files inside the folder; other files that a log
+    names are left out.
     """
     inside = [results / name for name in wanted if (results / name).resolve().is_relative_to(results.resolve())]
     files = {*output_files(results), *(path for path in inside if path.is_file())}
@@ -265,8 +264,8 @@ def _compare(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, Fit
 
 
 def _inputs(run: Mapping[str, Any], recording: Path | None) -> dict[str, Fits] | None:
-    """Return the states of the recording's files. Reference movements and events from elsewhere, which run.json lists
-    with them, are not looked for.
+    """Return the states of the recording's files. Reference movements and events from outside the recording are left
+    out, although run.json lists them too.
     """
     if recording is None:
         return None

@@ -2,10 +2,11 @@
 
 The layout is that of the published Azure Kinect Sensor SDK (github.com/microsoft/Azure-Kinect-Sensor-SDK, MIT,
 ``src/record``): a Matroska file with the track DEPTH, uncompressed, big-endian, millimetres; the lens in the attachment
-``calibration.json``; the device's information in tags. Tracks of colour and infrared are never decoded. The lens
-follows ``src/calibration/calibration.c`` (the document), ``src/transformation/mode_specific_calibration.c`` (crops,
-binning and the half pixel) and ``src/transformation/intrinsic_transformation.c`` (order and meaning of the parameters);
-Orbbec's wrapper (github.com/orbbec/OrbbecSDK-K4A-Wrapper) has the same three, unchanged.
+``calibration.json``; the device's information in tags. Tracks of colour and infrared are never decoded. How the lens is
+read follows three files: ``src/calibration/calibration.c`` (the document),
+``src/transformation/mode_specific_calibration.c`` (crops, binning and the half pixel) and
+``src/transformation/intrinsic_transformation.c`` (order and meaning of the parameters). Orbbec's wrapper
+(github.com/orbbec/OrbbecSDK-K4A-Wrapper) has them unchanged.
 """
 
 from __future__ import annotations
@@ -32,20 +33,22 @@ if TYPE_CHECKING:
 
 DEPTH_CAMERA: Final = "CALIBRATION_CameraLocationD0"
 MODEL: Final = "CALIBRATION_LensDistortionModelBrownConrady"
-"""The only model that is read; by its formula it is OpenCV's rational model. The SDK's other models were on early
-internal devices.
+"""The only lens model that is read; its formula is that of OpenCV's rational model. Only early internal devices had
+others.
 """
 SENSOR_PX: Final = 1024
-"""Width and height of the sensor; the SDK refuses the calibration of another one."""
+"""Width and height of the sensor; the SDK also refuses the calibration of a sensor of another size."""
 FOCAL: Final = (0.25, 1.0)
-"""Limits of the focal length over the sensor's width, beyond which it is damaged: 127 and 53 degrees of view without
-distortion, where the maker states 120 with it; a real file has 0.493.
+"""Limits of the focal length, divided by the sensor's width; beyond them it is damaged. They correspond to 127 and 53
+degrees of view without distortion; the maker states 120 with distortion. A real file has 0.493.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class DepthMode:
-    """A part of the sensor: binning, sensor pixels per image pixel; left and top, cropped image pixels."""
+    """The part of the sensor that a mode reads. binning: sensor pixels per image pixel, along each axis; left, top:
+    image pixels cropped at the left and at the top.
+    """
 
     name: str
     width: int
@@ -72,15 +75,15 @@ def depth_mode(width: int, height: int) -> DepthMode | None:
 def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
     """Return the depth camera's lens in the pixels of a mode.
 
-    calibration: the text of ``calibration.json``. Raises ValueError with the problem, worded such that it can follow
-    the word "which".
+    calibration: the text of ``calibration.json``. Raises ValueError with the problem, as the end of a sentence that
+    begins with the file's name.
     """
     camera = _depth_camera(calibration)
     cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, centre_x, centre_y, p2, p1 = _parameters(camera)
     if centre_x or centre_y:
         raise ValueError("has a centre of distortion, which this lens model lacks")
     size_px = SENSOR_PX / mode.binning
-    # (0, 0) is the corner of the sensor's first pixel in the document, but the centre of the image's first pixel here
+    # (0, 0) is the corner of the sensor's first pixel in the document, but the centre of the first pixel here
     return Intrinsics(
         fx=fx * size_px,
         fy=fy * size_px,
@@ -142,7 +145,7 @@ def matches(path: Path, head: bytes) -> bool:
 
 
 def open_source(path: Path) -> AzureKinectFile:
-    """Read tracks, tags and calibration; raises InputError where there is no depth, MissingPackage without PyAV."""
+    """Read tracks, tags and calibration; raises InputError if the file has no depth, MissingPackage without PyAV."""
     with _opened(path) as container:
         _, mode = _depth_track(path, container)
         lens, lens_note = _lens(container, mode)
@@ -153,7 +156,7 @@ def open_source(path: Path) -> AzureKinectFile:
             height=mode.height,
             depth_scale=MILLIMETRE_M,
             intrinsics=lens,
-            model=container.metadata.get("title", ""),  # Femto's wrapper calls itself Azure Kinect, too
+            model=container.metadata.get("title", ""),  # Femto's wrapper also states the name Azure Kinect
             serial=container.metadata.get("K4A_DEVICE_SERIAL_NUMBER", ""),
         )
     cut = "" if _is_whole(path) else "the file was cut short, or its recorder did not close it: its end may be missing"
@@ -164,7 +167,7 @@ def open_source(path: Path) -> AzureKinectFile:
 @dataclass(slots=True, eq=False)
 class AzureKinectFile:
     """A recording of one camera. start_us: the device's clock at the file's time 0, microseconds; left_out: number of
-    damaged depth images; it is counted while frames are read, so the class is not frozen.
+    damaged depth images, counted while frames are read (so the class is not frozen).
     """
 
     path: Path
@@ -180,7 +183,7 @@ class AzureKinectFile:
         return (*self.header_notes, damaged) if self.left_out else self.header_notes
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images by time, one in memory at a time; damaged ones are left out, and counted in a note.
+        """Yield the depth images by time, one in memory at a time; damaged images are left out, and counted in a note.
 
         Raises InputError where the file has no depth image that can be read, or reading it fails.
         """
@@ -203,15 +206,15 @@ class AzureKinectFile:
         for packet in packets:
             if packet.size == size and packet.pts is not None and packet.pts >= 0:
                 yield packet
-            elif packet.size:  # the last, empty packet is the end
+            elif packet.size:  # an empty packet marks the end
                 self.left_out += 1
 
     def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
         """Leave out packets with a damaged time, which is later than the next packet's or not later than the previous
         packet's.
 
-        One packet is held back until the next is known, so that a single time far ahead does not cost all later
-        packets.
+        A packet is yielded only when the next packet is known: otherwise, after a single time that is far too late, all
+        other packets would seem too early.
         """
         held: Packet | None = None
         held_time = before = -1
@@ -307,7 +310,7 @@ def _is_whole(path: Path) -> bool:
     start = head.find(SEGMENT) + len(SEGMENT)
     if start < len(SEGMENT) or not head[start : start + 1].strip(b"\0"):
         return False
-    width = 9 - head[start].bit_length()  # EBML (RFC 8794): the leading zeros give the number of bytes of a length
+    width = 9 - head[start].bit_length()  # EBML (RFC 8794): leading zeros give the number of bytes
     unknown = (1 << 7 * width) - 1
     length = int.from_bytes(head[start : start + width]) & unknown
     return length != unknown and start + width + length == path.stat().st_size

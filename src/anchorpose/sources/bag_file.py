@@ -26,14 +26,14 @@ ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 SQLITE_MAGIC: Final = b"SQLite format 3\0"
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
-# largest size of an unpacked message: a hundred times a usual one; damage can ask for more
+# bytes, limit of an unpacked message, a hundred times the usual size: a damaged file may state any size
 _LARGEST_BYTES: Final = 1 << 30
 _MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # values of the field "op" in ROS 1
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
 
 class DamagedBag(Exception):
-    """Bytes that contradict the format; the message completes "the file is damaged: ..."."""
+    """The error for bytes that contradict the format. Its message can follow "the file is damaged: "."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Channel:
     """A topic of a file.
 
     kind: the type of its messages as ROS 1 writes it, for example ``sensor_msgs/Image``; cdr: whether they are in the
-    encoding of ROS 2; definition: of the type, where the file embeds it.
+    encoding of ROS 2; definition: the text that defines the type, if the file embeds it.
     """
 
     topic: str
@@ -82,7 +82,7 @@ class BagFile(ABC):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences on what could not be read, complete after everything was read."""
+        """Return sentences on the parts that could not be read; complete after everything was read."""
         return (self._damage,) if self._damage else ()
 
     def count(self, topic: str) -> int | None:
@@ -95,7 +95,7 @@ class BagFile(ABC):
         numbers, self._damage = self._on(topics), ""
         try:
             for number, received_ns, data in self._read(numbers) if numbers else ():
-                if self._channels[number].topic in topics:  # in a damaged file two topics may have one number
+                if self._channels[number].topic in topics:  # in a damaged file, two topics may have the same number
                     yield Message(self._channels[number], received_ns, _unpack(data))
         except Exception as error:
             self._damage = (
@@ -175,7 +175,7 @@ class Ros1File(_RosbagsFile):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences on what could not be read, complete after everything was read."""
+        """Return sentences on the parts that could not be read; complete after everything was read."""
         cut = f"{self._path.name} has no usable index, as where recording was cut off; it was read as far as it goes."
         return super().notes if self._indexed else (cut,)
 
@@ -197,7 +197,7 @@ def _scan(path: Path) -> Iterator[tuple[int, int, bytes | Channel]]:
                 continue
             try:
                 content = decompressors[chunk.get_string("compression")](packed)
-            except Exception:  # each library has its own errors, all of which mean damaged data
+            except Exception:  # each library raises other errors, all of which mean damaged data
                 return
             for header, data in _records(BytesIO(content)):
                 if header.get("op") == _CONNECTION:
@@ -232,7 +232,7 @@ class Ros2Database(BagFile):
             head, size = file.read(32), file.seek(0, 2)
         page = int.from_bytes(head[16:18], "big")  # sqlite.org/fileformat; 1 stands for 65536
         if size < int.from_bytes(head[28:32], "big") * (65536 if page == 1 else page):
-            raise DamagedBag("its end is missing")  # SQLite would fill up with zeros
+            raise DamagedBag("its end is missing")  # SQLite would fill the rest with zeros
         topics = "SELECT id, name, type, (SELECT COUNT(*) FROM messages WHERE topic_id = topics.id) FROM topics"
         with closing(self._connect()) as connection:
             return [
@@ -248,8 +248,8 @@ class Ros2Database(BagFile):
                 yield number, int(received_ns), bytes(data)
 
     def _connect(self) -> sqlite3.Connection:
-        """Open the database read only: nothing is written beside the file either, unless a recorder left its own
-        journal there.
+        """Open the database read only: nothing is written beside the file either, unless a recorder left a journal
+        there.
         """
         return sqlite3.connect(f"{self._path.resolve().as_uri()}?mode=ro", uri=True)
 
@@ -318,7 +318,7 @@ def files_of(folder: Path) -> tuple[Path, ...]:
 
 
 def _kind(name: str) -> str:
-    """Return the type's name as ROS 1 writes it: ROS 2 puts ``msg`` in between."""
+    """Return the type's name as ROS 1 writes it, without the ``msg`` that ROS 2 inserts (``sensor_msgs/msg/Image``)."""
     return name.replace("/msg/", "/")
 
 
@@ -326,7 +326,7 @@ def _damaged(error: Exception) -> DamagedBag:
     """Convert a library's error to DamagedBag; errors of the disk and missing packages are raised again."""
     if isinstance(error, DamagedBag):
         return error
-    # bz2's error has no errno; EINVAL is a bad place in the file
+    # a damaged bz2 stream raises OSError without errno, a position outside the file OSError with EINVAL
     of_the_disk = isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
     if of_the_disk or isinstance(error, MissingPackage):
         raise error
@@ -336,7 +336,7 @@ def _damaged(error: Exception) -> DamagedBag:
 def _unpack(data: bytes) -> bytes:
     """Unpack a message that may be packed with zstd, as RealSense and ROS 2 do without a mark in the message.
 
-    CDR begins with a zero byte, so the two cannot be confused.
+    An unpacked message in CDR begins with a zero byte, so it cannot be taken for a packed one.
     """
     if not data.startswith(_ZSTD_MAGIC):
         return data
@@ -347,4 +347,4 @@ def _unpack(data: bytes) -> bytes:
     try:
         return bytes(zstd.ZstdDecompressor().decompress(data, max_length=_LARGEST_BYTES))
     except zstd.ZstdError:
-        return b""  # too short for any message, so that it counts as damaged
+        return b""  # too short for any message: it counts as damaged

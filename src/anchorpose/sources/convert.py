@@ -35,11 +35,13 @@ CONVERSION_FILE: Final = "conversion.json"
 LOCK_FILE: Final = ".conversion.lock"
 
 BLOCK: Final = 65536
-BLOCKS: Final = 16  # blocks sampled in a large file; another recording of the same size has different noise everywhere
+BLOCKS: Final = 16  # number of blocks sampled in a large file: another recording has other noise in all
 
 SMALL: Final = 65536
 LISTED: Final = 200
-"""Number of text files, up to ``SMALL`` bytes each, that are read whole: a corrected lens changes no file's size."""
+"""Largest number of text files, up to ``SMALL`` bytes each, that are read whole: a corrected lens may not change a
+file's size.
+"""
 
 TEXTS: Final = {".json", ".txt", ".csv", ".yaml", ".yml"}
 
@@ -59,7 +61,7 @@ def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict
 
 
 def read_conversion(folder: Path) -> dict[str, Any] | None:
-    """Read the conversion.json of a folder; None where it has no readable one."""
+    """Read the conversion.json of a folder; None if the folder has no readable conversion.json."""
     try:
         values = parse_json(read_bounded(folder / CONVERSION_FILE, LARGEST_BYTES))
     except (Unreadable, ValueError):
@@ -68,8 +70,8 @@ def read_conversion(folder: Path) -> dict[str, Any] | None:
 
 
 def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
-    """Return whether a folder's conversion is of the same inputs, whatever their present names, with the same
-    options.
+    """Return whether a folder was converted from the same inputs with the same options; the inputs may have been
+    renamed.
     """
 
     def identity(document: dict[str, Any]) -> tuple[Any, ...]:
@@ -82,7 +84,7 @@ def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
 
 def is_untouched(folder: Path) -> bool:
     """Return whether a folder with a conversion.json has only the files that the conversion wrote, as far as names and
-    recording.json show. Then it can be made again without losing anyone's work.
+    recording.json show. Then it can be converted again without losing anyone's work.
     """
     for file in folder.iterdir():
         of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
@@ -173,7 +175,7 @@ def _convert(
         else:
             notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
             _finish(out, begun, plan, counts, notes)
-    if refusal is not None:  # because of the files' content: continuing would not help
+    if refusal is not None:  # the content of the files causes the error: continuing would not help
         if is_untouched(out):
             shutil.rmtree(out)
         raise refusal
@@ -216,7 +218,7 @@ def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
         yield
     finally:
         lock.release()
-        with suppress(OSError):  # another anchorpose may hold it by now
+        with suppress(OSError):  # another process of anchorpose may hold the file by now
             (out / LOCK_FILE).unlink()
 
 
@@ -284,9 +286,10 @@ class DirectInput:
 
 
 def look_at(path: Path) -> DirectInput:
-    """Identify ``path``. A recording, and anything that no reader knows, is left to ``open_recording``.
+    """Identify the kind of ``path``. A recording, and a path that no reader recognises, is left to ``open_recording``.
 
-    Raises InputError where the recording made of it earlier has other content and files that were added by hand.
+    Raises InputError where an earlier recording is there that was converted from other content and contains files added
+    by hand.
     """
     if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:
         return DirectInput(path, path, True)

@@ -20,12 +20,12 @@ ENDINGS: Final = {".png", ".pgm"}
 Size = tuple[int, int]
 """Width and height in pixels."""
 
-_SCALES: Final = (0.00025, 0.0005, 0.001)  # metres; up to 16, 33 and 65 m. The first is finer than any depth camera
-_WHOLE_MM: Final = 0.01  # tolerance in millimetres for whole millimetres: float32 is that exact up to 65 m
-_SPARE: Final = 1.25  # factor by which later images may have a larger range than the first
+_SCALES: Final = (0.00025, 0.0005, 0.001)  # metres per grey value: up to 16, 33, 65 m; depth cameras are coarser
+_WHOLE_MM: Final = 0.01  # tolerance in millimetres within which a reading is a whole millimetre
+_SPARE: Final = 1.25  # factor by which the range of later images may exceed that of the first
 GREY_M: Final = _SCALES[0]
-"""Metres per grey value where only reading a whole file would show its range: 16.4 m, rounded to an eighth of a
-millimetre at most.
+"""Metres per grey value if only reading the whole file would show its range: up to 16.4 m, rounded by at most an eighth
+of a millimetre.
 """
 
 
@@ -65,7 +65,7 @@ class ImageFiles:
         return (*self._notes, damaged)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; skipped images are decoded as well, to count the damaged ones."""
+        """Yield the depth images in order; skipped images are decoded as well, so that damaged images are counted."""
         taken = 0
         for file in self._files:
             grey, problem = self._read(file.path, self.cameras[0])
@@ -129,7 +129,7 @@ def natural_order(path: Path) -> tuple[tuple[bool, int, str], ...]:
 
 
 def number_of(path: Path) -> int | None:
-    """Return the only number in a file's name; None where there is no number, several numbers, or a number too long to
+    """Return the only number in a file's name; None for no number, several numbers, or a number with too many digits to
     count images.
     """
     numbers = re.findall(r"[0-9]+", path.stem)
@@ -155,7 +155,7 @@ def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, s
     pixels = data[start : start + 2 * width * height]
     if len(pixels) < 2 * width * height:
         return None, "is truncated"
-    return np.frombuffer(pixels, ">u2").reshape(height, width).astype(np.uint16), ""  # the format is big-endian
+    return np.frombuffer(pixels, ">u2").reshape(height, width).astype(np.uint16), ""  # PGM is big-endian
 
 
 def scale_of(metres: np.ndarray) -> float | None:

@@ -1,8 +1,8 @@
 """Read depth images as one array, or as a folder of files with a sidecar that describes them.
 
 Arrays: NumPy's .npy of (images, height, width). Folders: 16-bit grey PNG or PGM, also in a subfolder ``depth``, or raw
-dumps of 16-bit values, one file for all images or a folder with one each. Numbers in the names show which images are
-missing; a sidecar depth.json may give the lens, the unit and the rate.
+dumps of 16-bit values, either one file for all images, or a folder with one file per image. Numbers in the names show
+which images are missing; a sidecar depth.json may give the lens, the unit and the rate.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
-# m; depth in metres has a larger median, and in millimetres its median lies beyond ``FARTHEST_M``
+# m, least median of depth in metres; depth in millimetres has a median beyond ``FARTHEST_M``
 NEAREST_M: Final = 0.1
 
 _NPY: Final = b"\x93NUMPY"
@@ -96,7 +96,7 @@ def _open_array(path: Path) -> ImageArray:
     with open_regular(path) as file:
         try:
             shape, columns, kind = _npy_header(file)
-        except Exception:  # NumPy raises whatever its header parser raises for a damaged header
+        except Exception:  # a damaged header can raise any error of NumPy's header parser
             raise InputError(path, "is damaged in its header", "save the array again") from None
         start = file.tell()
     if len(shape) != 3 or columns or kind.hasobject:
@@ -146,12 +146,12 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 
 
 SIDECAR: Final = "depth.json"
-"""Name of a folder's sidecar; that of a single file is the file's name with .json instead of its ending."""
+"""Name of the sidecar of a folder; the sidecar of a single file has the file's name with the ending .json."""
 
-LOOK_AT: Final = 100  # images tested before a folder counts as one without depth: colour may lie among them
+LOOK_AT: Final = 100  # number of images tested before a folder counts as one without depth: it may also hold colour
 
 FASTEST_S, SLOWEST_S = 0.003, 1.0
-"""Limits in seconds between two images of a depth camera; numbers outside are not times."""
+"""Limits in seconds of the time between two images of a depth camera; numbers with other steps are not times."""
 
 
 class SidecarDocument(Entry):
@@ -265,7 +265,7 @@ def _open_raw(path: Path) -> Source:
     sidecar = _sidecar(path)
     given = read_document(sidecar, SidecarDocument)
     if given.width is None or given.height is None:
-        raise InputError(sidecar, "has no width and height", "add both: raw images do not tell their size")
+        raise InputError(sidecar, "has no width and height", "add both: raw images do not state their size")
     name = path.resolve().stem if path.is_file() else path.resolve().name
     camera = camera_of(
         given,

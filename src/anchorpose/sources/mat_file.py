@@ -1,7 +1,7 @@
 """Read depth images from a MATLAB file of level 5 (MathWorks, "MAT-File Format"), compressed or not.
 
-The array is (height, width, images), uint16 or metres. scipy's reader is not used, since it trusts the elements' tags:
-a damaged byte in one crashed the process.
+The array is (height, width, images), uint16 or metres. scipy's reader is not used: it trusts the tags of the elements,
+and a single damaged byte in a tag crashed the process.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _CLASSES: Final = {6: "f8", 7: "f4", 11: "u2"}
 """Classes of arrays that can be depth: double, single and uint16."""
 
 _COMPLEX: Final = 0x800
-_HEAD_BYTES: Final = 4096  # bytes of the head of a compressed array: its class, shape and name
+_HEAD_BYTES: Final = 4096  # number of bytes at the beginning of a compressed array that hold its class, shape and name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +101,7 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
     while place < len(data):
         kind, size = struct.unpack_from(f"{order}II", data, place)
         start = place + 8
-        if kind >> 16:  # small element: size and type in four bytes, the content in the next four
+        if kind >> 16:  # a small element has size and type in four bytes, the content in the next four
             kind, size, start = kind & 0xFFFF, kind >> 16, place + 4
         if start + size > len(data):
             raise ValueError("an element that ends beyond the file")

@@ -2,8 +2,8 @@
 
 Stray Scanner (github.com/strayrobots/scanner, docs/format.md): depth is 16-bit PNG in mm, camera_matrix.csv is for the
 video's pixels, odometry.csv has the time of every image. Record3D (record3d.app): a zip with ``metadata`` (JSON) and
-rgbd/<n>.depth, metres as float32 in LZFSE; K is written column by column and for the colour picture of w x h pixels,
-depth has dw x dh.
+rgbd/<n>.depth, metres as float32 packed with LZFSE. In the metadata, K is written column by column, for the colour
+image of w x h pixels; dw x dh is the size of depth.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from anchorpose.sources.source import (
     read_matrix,
 )
 
-VIDEO: Final = (1920, 1440)  # size of the image of ARKit's camera on these devices; checked by the principal point
+VIDEO: Final = (1920, 1440)  # width and height of the colour image of these devices; checked by the principal point
 
-OFF_CENTRE: Final = 0.1  # share of the width: real lenses are within 0.02
+OFF_CENTRE: Final = 0.1  # principal point off the middle, as a share of the width; real lenses have up to 0.02
 
-LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 per second has 30 MB
+LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 images per second has 30 MB
 _DAMAGE: Final = (
     zipfile.BadZipFile,
     zlib.error,
@@ -97,8 +97,8 @@ def _open_stray(path: Path) -> ImageFiles:
 def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> Intrinsics:
     """Scale the lens (3, 3) of a colour image to the depth image that shows the same view with fewer pixels.
 
-    Pixel centres are at whole numbers, so the scale is about the images' corners at -0.5. Raises InputError where the
-    matrix is not of a picture of that size, or the shapes differ.
+    Pixel centres have whole-numbered coordinates, so the images are scaled about their common corner at -0.5. Raises
+    InputError where the matrix is not of a picture of that size, or the shapes differ.
     """
     wide, high = depth[0] / picture[0], depth[1] / picture[1]
     centre = np.array([matrix[0, 2] / picture[0], matrix[1, 2] / picture[1]])
@@ -114,7 +114,7 @@ def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> I
 
 
 def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
-    """Read time by frame number, and positions (n, 3) in metres; raises InputError where the columns are others."""
+    """Read time by frame number, and positions (n, 3) in metres; raises InputError for a file with other columns."""
     (_, columns), *rows = read_rows(path) or [(1, [])]
     if not {"timestamp", "frame", "x", "y", "z"} <= set(columns):
         raise InputError(path, "does not begin with the columns timestamp, frame, x, y, z", "export it again")
@@ -124,7 +124,7 @@ def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
         try:
             time_s, number, *position = (float(cells[place]) for place in places)
         except (ValueError, IndexError):
-            continue  # its image then has no time, and is counted among the omitted ones
+            continue  # its image gets no time, and is counted among the images left out
         if math.isfinite(time_s) and number == number // 1:
             times[int(number)] = time_s
             positions.append(position)
@@ -139,7 +139,7 @@ def _is_record3d(path: Path, head: bytes) -> bool:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
     except _DAMAGE:
-        return path.suffix.lower() == ".r3d"  # damaged: refused by its name
+        return path.suffix.lower() == ".r3d"  # a damaged zip is recognised by its ending, and refused with its name
     return "metadata" in names and any(name.startswith("rgbd/") for name in names)
 
 
@@ -187,8 +187,8 @@ def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
 
 
 def _read(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
-    """Read a file of the archive; raises ValueError where damage states more bytes, since zipfile allocates what is
-    stated.
+    """Read a file of the archive; raises ValueError if its stated size is more than ``most``: the archive may be
+    damaged, and zipfile allocates the stated size.
     """
     info = archive.getinfo(name)
     if max(info.file_size, info.compress_size) > most:
@@ -208,8 +208,8 @@ def _whole(path: Path, values: dict[str, Any], key: str) -> int:
 
 
 def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list[float], bool]:
-    """Return each image's time or, if times are unknown, its number; and whether these are times. Times are the
-    device's, or follow from its frame rate.
+    """Return each image's time or, if times are unknown, its number; and whether these are times. Times are read from
+    the file, or computed from the frame rate.
     """
     stamps = values.get("frameTimestamps")
     if isinstance(stamps, list) and stamps and numbers[-1] < len(stamps):
@@ -224,7 +224,7 @@ def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list
 
 
 def _positions(values: dict[str, Any]) -> np.ndarray:
-    """Return (n, 3) metres of the device: a pose is a quaternion and a translation."""
+    """Return the positions (n, 3) of the device in metres: each stored pose is a quaternion and a translation."""
     poses = values.get("poses")
     rows = [finite_list(pose, 7) for pose in poses] if isinstance(poses, list) else []
     return np.array([row[4:] for row in rows if row is not None]).reshape(-1, 3)
@@ -235,9 +235,9 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
 
     wanted = 4 * camera.width * camera.height
     try:
-        data = lzfse.decompress(_read(archive, name, wanted + 4096))  # LZFSE adds some bytes to incompressible data
+        data = lzfse.decompress(_read(archive, name, wanted + 4096))  # incompressible data grow by some bytes
     except (lzfse.error, *_DAMAGE) as error:
-        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL is a place before the file's start
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: a negative position, which is damage
             raise
         return None, "is damaged inside"
     if len(data) != wanted:

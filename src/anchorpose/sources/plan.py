@@ -26,7 +26,7 @@ from anchorpose.recording.regular_file import LARGEST_IMAGE, LARGEST_TABLE, read
 from anchorpose.sources.source import Source, SourceCamera
 
 QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
-"""Clockwise quarter turns of the image, by degrees."""
+"""Number of clockwise quarter turns of the image, by degrees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,8 +49,8 @@ class CameraPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The plan of a conversion. cameras: the cameras of each source; notes: decisions, and missing information with its
-    remedy.
+    """The plan of a conversion. cameras: the cameras of each source; notes: sentences on decisions, and on missing
+    information with its remedy.
     """
 
     cameras: tuple[tuple[CameraPlan, ...], ...]
@@ -101,7 +101,7 @@ def _plan_camera(source: Source, index: int, name: str, options: ConvertOptions)
 
 
 def _text(value: str) -> str:
-    """Return a device's text up to its first null character, where it ends in the vendors' own programs."""
+    """Return a device's text up to its first null character, at which the vendors' programs end it."""
     return value.partition("\0")[0]
 
 
@@ -128,8 +128,8 @@ def _incomplete(source: Source, camera: SourceCamera, options: ConvertOptions) -
 
 
 def _names(sources: Sequence[Source]) -> list[str]:
-    """Return one folder name per camera, unique regardless of case: the camera's own, else prefixed by its input's
-    name.
+    """Return one folder name per camera, unique regardless of case: the name of the camera or, if it is not unique,
+    with the name of the input in front.
     """
     own = [(folder_name(source.path.stem), folder_name(camera.name)) for source in sources for camera in source.cameras]
     cameras = [camera.casefold() for _, camera in own]
@@ -196,8 +196,8 @@ def turn_lens(lens: Intrinsics, size: tuple[int, int], degrees: int, mirror: boo
 
 
 def turn_pose(T_world_camera: np.ndarray, degrees: int) -> np.ndarray:
-    """Return T_world_camera of a camera whose image was turned clockwise, which rotates the camera the other way about
-    its axis.
+    """Return T_world_camera of a camera whose image was turned clockwise, which corresponds to a rotation of the camera
+    in the opposite sense about its axis.
     """
     angle = np.deg2rad(degrees)
     cos, sin = np.rint(np.cos(angle)), np.rint(np.sin(angle))
@@ -239,8 +239,8 @@ BEGIN_AGAIN: Final = "remove the unfinished recording and begin again"
 
 
 class CameraWriter:
-    """A writer of a camera's folder that continues an earlier, stopped run. An image's number is its place in the
-    source.
+    """A writer of a camera's folder that continues an earlier, stopped run. The number of an image is its position in
+    the source.
     """
 
     def __init__(self, folder: Path, plan: CameraPlan) -> None:
@@ -263,10 +263,11 @@ class CameraWriter:
         self._rows.close()
 
     def write(self, time_s: float, grey: np.ndarray, number: int | None = None) -> Path | None:
-        """Write an image and return its file; None for an image that is not later than the one before, which is left
-        out.
+        """Write an image and return its file; None for an image that is not later than the previous image, which is
+        left out.
 
-        time_s as in ``SourceFrame``; number: larger than the last one, where the source knows of images that it lost.
+        time_s as in ``SourceFrame``; number: the number of the image, larger than the previous number; given if the
+        source states which images it lost.
         """
         number = self.given if number is None else number
         self.given = number + 1
@@ -281,15 +282,15 @@ class CameraWriter:
         return path
 
     def note(self, source: Path) -> str:
-        """Return a note on images left out for their times; empty for none. Raises InputError, naming ``source``, where
-        too many were left out, or where the remaining times cannot be seconds.
+        """Return a note on images that were left out because of their times; empty if there are none. Raises
+        InputError, naming ``source``, where too many were left out, or where the remaining times cannot be seconds.
         """
         if self.written:
             self._require_times(source)
         left_out = self.given - self.written
         if left_out == 0:
             return ""
-        sentence = f"{left_out} of {self.given} times are not later than the one before"
+        sentence = f"{left_out} of {self.given} times are not later than the previous one"
         if left_out > MOST_REPEATED * self.given:
             remedy = "the device's clock was set back or is too coarse: record again"
             raise InputError(source, sentence, remedy)
@@ -306,7 +307,8 @@ class CameraWriter:
 def encode_grey(grey: np.ndarray) -> bytes:
     """Return a PNG file of grey values (height, width) uint16.
 
-    It uses run lengths and Huffman coding only: noise has no longer repetitions, and searching them doubles the time.
+    It uses only run lengths and Huffman coding: noise has no longer repetitions, and a search for them doubles the
+    time.
     """
     import cv2
 
@@ -316,12 +318,12 @@ def encode_grey(grey: np.ndarray) -> bytes:
 
 
 def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
-    """Return numbers and times of the complete images, which all exist and of which the last can be decoded."""
+    """Return numbers and times of the complete images: their files exist, and the last one can be decoded."""
     path = folder / "timestamps.csv"
     if not path.is_file():
         return []
     text = read_whole(path, LARGEST_TABLE, BEGIN_AGAIN).decode("utf-8", errors="replace")
-    lines = text.split("\n")[1:-1]  # a last line without its end is cut off
+    lines = text.split("\n")[1:-1]  # drops a last row that was cut off
     there = {file.name for file in (folder / "depth").iterdir()}
     rows = list[tuple[int, str]]()
     for line in lines:

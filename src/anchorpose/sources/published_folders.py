@@ -3,8 +3,8 @@
 TUM: a text file lists times and depth images, in 1/5000 m (the benchmark's file formats page); the lens is published
 per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON file with ``intrinsic_matrix``,
 column by column; ``depth_scale`` there is grey values per metre (Open3D's RGBDVideoMetadata). ScanNet's reader of .sens
-files: intrinsic/intrinsic_depth.txt, depth in mm, and poses in a world of their own that changes with a camera that is
-carried. Times that a folder lacks are not invented.
+files: intrinsic/intrinsic_depth.txt, depth in mm, and poses in an arbitrary world, which are those of a carried camera.
+Times that a folder lacks are not invented.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ TUM_M: Final = 1.0 / 5000.0
 
 LISTS: Final = ("depth.txt", "associations.txt", "associate.txt", "associated.txt", "association.txt")
 
-POSES_READ: Final = 100  # spread over the recording; enough to see that a camera was carried
+POSES_READ: Final = 100  # number of poses read, spread over the recording: enough to see that a camera was carried
 
 
 def _is_tum(path: Path, head: bytes) -> bool:
@@ -57,13 +57,13 @@ def _open_tum(path: Path) -> ImageFiles:
     if listing is None:
         raise InputError(path, "holds no depth.txt", "give the folder that does")
     files = _rows(path, read_text(listing))
-    notes = ["Depth is taken to be in 1/5000 m, as TUM's format has it; --depth-scale says otherwise."]
+    notes = ["Depth is taken to be in 1/5000 m, as in TUM's format; --depth-scale replaces it."]
     has_times = any(file.time_s != math.floor(file.time_s) for file in files)
     if not has_times:
         notes.append(f"{listing.name} numbers the images (ICL-NUIM does so at 30 per second) and has no times.")
     there = [file for file in files if file.path.is_file()]
     if len(there) < len(files):
-        notes.append(f"Depth images that {listing.name} names and that are not there: {len(files) - len(there)}.")
+        notes.append(f"Depth images that {listing.name} names and that do not exist: {len(files) - len(there)}.")
     width, height = first_size(path, [file.path for file in there])
     camera = SourceCamera(
         name=path.resolve().name, width=width, height=height, depth_scale=TUM_M, count=len(there), has_times=has_times
@@ -134,7 +134,7 @@ def _open3d_camera(path: Path, values: dict[str, Any], size: Size) -> tuple[Sour
         problem = f"is for {stated[0]} x {stated[1]} pixels, the depth images have {width} x {height}"
         raise InputError(path, problem, "give the intrinsics of the depth images")
     units = finite(values.get("depth_scale"))
-    notes = () if units is not None else ("Depth is taken to be in mm, as Open3D does; --depth-scale says otherwise.",)
+    notes = () if units is not None else ("Depth is taken to be in mm, as Open3D does; --depth-scale replaces it.",)
     camera = SourceCamera(
         name="",
         width=width,
@@ -164,7 +164,7 @@ def _lens(path: Path, values: dict[str, Any]) -> Intrinsics:
 
 
 def _positions(folder: Path) -> np.ndarray:
-    """Return some of the poses' places (n, 3), metres; damaged ones are left out, since only a note depends on them."""
+    """Return some of the poses' places (n, 3), metres; damaged poses are left out, as only a note needs them."""
     files = sorted(folder.glob("*.txt"), key=natural_order)
     positions = list[np.ndarray]()
     for file in files[:: max(1, len(files) // POSES_READ)]:

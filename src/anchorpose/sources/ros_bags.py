@@ -62,7 +62,7 @@ def open_source(path: Path) -> BagSource:
 
 
 class BagSource:
-    """A source of a bag, see ``Source``. Only the present image is in memory."""
+    """The source that reads a bag, see ``Source``. Only one image at a time is in memory."""
 
     def __init__(self, path: Path, bag: Bag, streams: Streams) -> None:
         self.path = path
@@ -82,7 +82,7 @@ class BagSource:
         return (*self._said, *self._bag.notes, *counted)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images; if a file is cut off, the images before the end, with a note."""
+        """Yield the depth images. If a file is cut off, yield the images before the cut, and add a note."""
         self._tallies = tuple(Counter[str]() for _ in self.cameras)
         given = [0] * len(self.cameras)
         try:
@@ -104,7 +104,7 @@ class BagSource:
             camera = images[topic] if topic in images else stamps[topic]
             try:
                 if topic in stamps:
-                    if camera in waiting:  # otherwise its image was damaged, and is counted
+                    if camera in waiting:  # if not, the image was damaged, and is already counted
                         yield _stamped(camera, *waiting.pop(camera), message)
                     continue
                 time_ns, depth = self._read(camera, message)
@@ -157,7 +157,7 @@ def _stamped(camera: int, received_ns: int, depth: np.ndarray, message: Message)
 
 COUNTED: Final = {
     "damaged": "{} depth images of {} are damaged: left out.",
-    "without stamp": "{} depth images of {} have no time stamp: the time of their receipt is taken.",
+    "without stamp": "{} depth images of {} have no time stamp: the time of their receipt is used.",
     "too far": "{} readings of {} are farther than its grey values reach: no reading.",
 }
 """Notes on counted images of a camera."""

@@ -1,7 +1,7 @@
 """Decode the ROS messages that a depth recording needs: ROS 1's serialization and ROS 2's CDR.
 
 Only fields of the published definitions are read (docs.ros.org, sensor_msgs and tf2_msgs), not the definitions that a
-bag embeds: those of Orbbec and RealSense lack fields of their own messages.
+bag embeds: those of Orbbec and RealSense lack fields that their messages have.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from anchorpose.sources.source import NO_READING, SourceCamera
 INTEGERS: Final = frozenset({"16UC1", "mono16", "Z16", "z16"})
 METRES: Final = "32FC1"
 _PNG: Final = b"\x89PNG"
-_HEADER: Final = 12  # bytes of compressed_depth_image_transport's own header: format, two parameters
+_HEADER: Final = 12  # bytes of the header that compressed_depth_image_transport adds: format, two parameters
 T = TypeVar("T")
 IMAGE = "sensor_msgs/Image"
 COMPRESSED = "sensor_msgs/CompressedImage"
@@ -89,7 +89,7 @@ class MessageFields:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageMessage:
-    """A ``sensor_msgs/Image``; reader: the rest, which only vendors' own messages have."""
+    """A ``sensor_msgs/Image``. reader: for the rest of the message, which only vendors' messages have."""
 
     stamp_ns: int
     frame_id: str
@@ -114,7 +114,9 @@ class CompressedMessage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraInfo:
-    """A ``sensor_msgs/CameraInfo``; roi: column, row, height, width in the full image, zeros for all of it."""
+    """A ``sensor_msgs/CameraInfo``; roi: column, row, height, width of the region in the full image; zeros for the full
+    image.
+    """
 
     frame_id: str
     height: int
@@ -155,7 +157,7 @@ def read_camera_info(message: Message) -> CameraInfo:
     height, width, model = reader.whole("I"), reader.whole("I"), reader.text()
     D = tuple(reader.numbers("d", min(reader.whole("I"), 100)).tolist())
     K = tuple(reader.numbers("d", 9).tolist())
-    reader.numbers("d", 9)  # skip R, which turns stereo pairs
+    reader.numbers("d", 9)  # skip R, the rotation that rectifies stereo pairs
     P = tuple(reader.numbers("d", 12).tolist())
     binning = reader.whole("I"), reader.whole("I")
     column, row, roi_height, roi_width = (reader.whole("I") for _ in range(4))
@@ -222,7 +224,7 @@ def _plain(image: ImageMessage, size: int) -> np.ndarray:
     row = image.width * size
     step = image.step or row
     if not 0 < row <= step or image.height == 0 or step * image.height > len(image.data):
-        raise DamagedBag("an image has fewer bytes than its size says")
+        raise DamagedBag("an image has fewer bytes than its size needs")
     order = ">" if image.big_endian else "<"
     rows = np.frombuffer(image.data, np.uint8, step * image.height).reshape(image.height, step)
     return np.ascontiguousarray(rows[:, :row]).view(f"{order}{'u' if size == 2 else 'f'}{size}")
@@ -255,8 +257,8 @@ def read_any_image(message: Message) -> Image:
 class DepthStream:
     """The stream of one camera's images.
 
-    in_metres: values are metres, otherwise whole grey values; read: function that returns the image of a message, with
-    the device's time; metadata_topic: topic of that time, where it is in a message after the image.
+    in_metres: whether values are metres, else whole grey values; read: function that returns the image of a message,
+    with the device's time; metadata_topic: topic of the device's time, if it is in a message after the image.
     """
 
     topic: str

@@ -37,7 +37,7 @@ from anchorpose.sources.source import SourceCamera
 
 _INFO: Final = "sensor_msgs/CameraInfo"
 _MOVED: Final = frozenset({"registered", "aligned", "rgb", "color", "hd", "qhd"})
-"""Words of a topic whose depth was moved into the colour camera's image, which loses some of it."""
+"""Words in the name of a topic whose depth was moved into the colour camera's image, which loses some of the depth."""
 _RECTIFIED: Final = frozenset({"rect", "rectified"})
 _OF_DEPTH: Final = _MOVED | _RECTIFIED | {"depth", "image", "raw", "to", "compressed", "compresseddepth", "sd"}
 """Words of a topic that describe the kind of its images, not their camera."""
@@ -49,13 +49,13 @@ _MODELS: Final = {
     "equidistant": LensModel.KANNALA_BRANDT,
     "fisheye": LensModel.KANNALA_BRANDT,
 }
-_LARGEST: Final = 1e6  # limit of any number of a lens, and of a place in metres
+_LARGEST: Final = 1e6  # limit of any number of a lens, and of positions in metres
 _SHORTEST_PX: Final = 1.0
 _TOPIC: Final = "/tf_static"
 _WORLDS: Final = frozenset({"world", "map", "odom"})
-_LONGEST: Final = 100  # transforms in a row, so that a damaged file with a cycle of frames ends
+_LONGEST: Final = 100  # limit of successive transforms: in a damaged file they may form a cycle
 T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
-"""REP 103's world has x forward and z up; this project's has x forward and y up."""
+"""Rotation (4, 4) from the world of REP 103, x forward and z up, to this project's, x forward and y up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ class _Search:
                 continue
             if scale is not None:
                 break
-        scale = scale or 0.001  # where no image has a reading
+        scale = scale or 0.001  # 0.001 where no image has a reading
         self.notes.append(f"Depth of {name} is in metres: it is written in steps of {scale * 1000:g} mm.")
         return scale
 
@@ -153,7 +153,7 @@ class _Search:
         if T_world_camera is not None:
             self.notes.append(f"The pose of {name} is that of /tf_static, its world turned so that y is up.")
         elif not {"/tf", "/tf_static"}.isdisjoint(channel.topic for channel in self.bag.channels):
-            self.notes.append(f"/tf_static places {name} in {frame!r}, which is no fixed world: its pose is not known.")
+            self.notes.append(f"/tf_static places {name} in {frame!r}, not in a fixed world: its pose is not known.")
         return T_world_camera
 
 
@@ -241,7 +241,7 @@ def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, .
     if known is LensModel.BROWN_CONRADY and len(D) == 4:
         D = (*D, 0.0)
     if known is LensModel.BROWN_CONRADY and len(D) in COEFFICIENTS[LensModel.RATIONAL]:
-        known = LensModel.RATIONAL  # some drivers name the shorter model for OpenCV's eight coefficients
+        known = LensModel.RATIONAL  # some drivers state the shorter model for OpenCV's eight coefficients
     if known is None or len(D) not in COEFFICIENTS[known]:
         return Lens(None, f"its lens model {model!r} with {len(D)} coefficients is not known")
     return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy, distortion=D, model=known))
@@ -250,7 +250,7 @@ def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, .
 def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tuple[float, float, float, float]:
     """Return the lens of a region of the full image with binned pixels.
 
-    The halves are needed because a binned pixel's centre lies between the centres of its parts.
+    Half pixels are added because the centre of a binned pixel lies between the centres of its parts.
     """
     column, row, _, _ = info.roi
     across, down = _binning(info)
@@ -273,7 +273,7 @@ class StaticTransforms:
                 for parent, child, values in read_transforms(message):
                     self._parents[child] = parent, values
             except DamagedBag:
-                continue  # a chain without it ends in no world
+                continue  # a chain that needs this transform then ends in no fixed world
 
     def place(self, frame: str) -> tuple[np.ndarray | None, str]:
         """Return T_world_camera (4, 4) of an optical frame, None without a fixed world; and the last frame of its
@@ -299,7 +299,7 @@ def _matrix(values: np.ndarray) -> np.ndarray | None:
     if not (np.abs(values) < _LARGEST).all():  # also false for NaN
         return None
     length = np.linalg.norm(values[3:])
-    if not 0.99 < length < 1.01:  # ROS's own tolerance for a unit quaternion
+    if not 0.99 < length < 1.01:  # tolerance of ROS for a unit quaternion
         return None
     x, y, z, w = values[3:] / length
     matrix = np.eye(4)

@@ -18,9 +18,9 @@ from anchorpose.recording.regular_file import open_regular
 
 MILLIMETRE_M: Final = 0.001
 
-NO_READING: Final = 65535  # the mark, beside 0, that sensors use for "too far" or "too near"
+NO_READING: Final = 65535  # value that, like 0, marks "too far" or "too near"
 
-STANDS_STILL_M: Final = 0.03  # m, for a phone on a tripod, whose own estimate of its place drifts by some millimetres
+STANDS_STILL_M: Final = 0.03  # m; the estimated position of a phone on a tripod drifts by some millimetres
 
 MODULES: Final = (
     "azure_kinect",
@@ -39,10 +39,10 @@ HEAD_BYTES: Final = 4096
 class SourceCamera:
     """One depth camera of a recorder's file, as far as the file describes it.
 
-    name: for a folder; depth_scale: metres per grey value, None where unknown; intrinsics: None where the file has no
-    lens; T_world_camera: (4, 4) where the file places the camera; model and serial: empty where unknown; count: of its
-    depth images, None where only reading the whole file would tell; has_times: False where the file only numbers its
-    images.
+    name: for the camera's folder; depth_scale: metres per grey value, None where unknown; intrinsics: None where the
+    file has no lens; T_world_camera: (4, 4) where the file places the camera; model and serial: empty where unknown;
+    count: number of its depth images, None if only reading the whole file would show it; has_times: False where the
+    file only numbers its images.
     """
 
     name: str
@@ -59,9 +59,9 @@ class SourceCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFrame:
-    """One depth image. time_s: time on the device's own clock, to the microsecond, or, where the camera has no times,
-    the image's number; depth (height, width) uint16: grey values as in the file, 0 = no reading (65535 and NaN are 0
-    already), native byte order.
+    """One depth image. time_s: time on the device's clock, to the microsecond; if the camera has no times, the image's
+    number. depth (height, width) uint16, native byte order: grey values as in the file, where 0 replaces 65535 and NaN;
+    0 = no reading.
     """
 
     camera: int
@@ -106,14 +106,16 @@ class Reader:
 
 
 def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
-    """Return a sentence where a camera at ``positions_m`` (n, 3) was moved; NaN rows are unknown."""
+    """Return a sentence if a camera with the positions ``positions_m`` (n, 3) was moved, else nothing; NaN rows are
+    unknown.
+    """
     known = positions_m[np.isfinite(positions_m).all(axis=1)]
     if len(known) == 0:
         return ()
     moved_m = float(np.linalg.norm(known - np.median(known, axis=0), axis=1).max())
     if moved_m <= STANDS_STILL_M:
         return ()
-    return (f"The camera was moved by {moved_m:.2f} m while it recorded: tracking needs one that stands still.",)
+    return (f"The camera was moved by {moved_m:.2f} m while it recorded: tracking needs a camera that stands still.",)
 
 
 def find_reader(path: Path) -> Reader | None:
@@ -126,7 +128,7 @@ def find_reader(path: Path) -> Reader | None:
     try:
         head = b"" if path.is_dir() else _head(path)
         refused = _vendors_own(path, head)
-        if refused is not None:  # before ros_bags: a ZED's .svo2 is an MCAP file
+        if refused is not None:  # tested before ros_bags, since a ZED's .svo2 is an MCAP file
             raise InputError(path, *refused)
         modules = (import_module(f"anchorpose.sources.{name}") for name in MODULES)
         return next((reader for each in modules for reader in each.READERS if reader.matches(path, head)), None)
@@ -140,7 +142,7 @@ def open_source(path: Path) -> Source:
         raise InputError(path, "is a recording already", "give it to 'anchorpose track' as it is")
     reader = find_reader(path)
     if reader is None:
-        raise InputError(path, "is in no format that can be read", "see docs/guide/convert.md for those that can")
+        raise InputError(path, "is in no format that can be read", "see docs/guide/convert.md for the formats that can")
     try:
         return reader.open_source(path)
     except OSError as error:
@@ -192,11 +194,11 @@ OTHERS_OWN: Final = (
     ),
     (b"MATLAB 7.3", "is a MATLAB file of version 7.3", "save it again in MATLAB with '-v7'"),
 )
-"""First bytes of files that only their own software reads, a description of each, and what to do instead."""
+"""First bytes of files that only the vendor's software reads, a description of each, and a workaround."""
 
 
 def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
-    """Return the description of a file that only its own software reads, and what to do instead; None for others."""
+    """Return the description of a file that only the vendor's software reads, and a workaround, else None."""
     if _is_zed(path, head):
         return (
             "is a ZED recording (.svo), which holds two colour videos and no depth",
@@ -206,7 +208,9 @@ def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
 
 
 def _is_zed(path: Path, head: bytes) -> bool:
-    """Return whether a ZED wrote a file: .svo2 is MCAP and names its writer; .svo has no mark but its name."""
+    """Return whether a ZED wrote a file: an .svo2 is MCAP and states its writer; an .svo is recognised only by its
+    name.
+    """
     if head.startswith(b"\x89MCAP0\r\n"):
         return b"stereolabs" in head[:256]
     return path.is_file() and path.suffix.lower() in {".svo", ".svo2"}

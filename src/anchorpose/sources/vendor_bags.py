@@ -1,13 +1,14 @@
-"""Read recordings of RealSense's and Orbbec's own software, bags with their own messages.
+"""Read recordings of RealSense's and Orbbec's software: bags with message types that only these vendors use.
 
-RealSense: ROS 1 bags of librealsense, and ROS 2 databases since version 2.58, as librealsense's public sources have it
-(ros_file_format.h, ros_writer.cpp) and files that its recorder wrote. Depth is in the camera's own unit. In databases
-the image's header has the recorder's clock; the device's time is in a text message that follows the image.
+RealSense: ROS 1 bags of librealsense, and ROS 2 databases since version 2.58, as in librealsense's public sources
+(ros_file_format.h, ros_writer.cpp) and in files that its recorder wrote. Depth is in the unit of the camera. In
+databases, the header of an image has the time of the recorder's clock; the device's time is in a text message that
+follows the image.
 
-Orbbec: ROS 1 bags (OrbbecSDK_v2, public sources under MIT). The message definitions that the bag embeds lack fields
-which its images have, so that ROS's own tools refuse it. Lens and serial number are written when recording ends. SDK
-2.3 orders an image's fields otherwise than 2.4 and later. SDK 1 records with a library without sources: only that its
-definitions name a type that ROS has not is known (OrbbecSDK issue 195), and that its lens is not to be trusted
+Orbbec: ROS 1 bags (OrbbecSDK_v2, public sources under MIT). The message definitions that the bag embeds lack fields of
+its images, so ROS's tools refuse the bag. Lens and serial number are written when recording ends. SDK 2.3 writes the
+fields of an image in another order than 2.4 and later. SDK 1 records with a library without public sources: it is only
+known that its definitions use a type that ROS does not have (OrbbecSDK issue 195), and that its lens is unreliable
 (pyorbbecsdk issue 176).
 """
 
@@ -38,7 +39,7 @@ from anchorpose.sources.source import MILLIMETRE_M, SourceCamera
 
 _DEPTH: Final = re.compile(r"(?P<sensor>(?P<device>/device_\d+)/sensor_\d+)/Depth_\d+/image/data(/compressedDepth)?")
 _MODELS: Final = {"Brown Conrady": "plumb_bob", "Kannala Brandt4": "equidistant"}
-_OWN_FIELDS: Final = "1"  # in place of the frame's name: the image is followed by its depth unit
+_OWN_FIELDS: Final = "1"  # in place of the frame's name; then the depth unit follows the image
 
 
 def find_realsense(bag: Bag, path: Path) -> Streams | None:
@@ -63,7 +64,7 @@ def find_realsense(bag: Bag, path: Path) -> Streams | None:
 
 
 def device_time_ns(message: Message) -> int | None:
-    """Return the time in a metadata message of a database, None where it has none. Raises DamagedBag."""
+    """Return the time in a metadata message of a database, None if it has no time. Raises DamagedBag."""
     milliseconds = _number(_texts(message).get("timestamp", ""))
     return None if milliseconds is None else round(milliseconds * 1_000_000)
 
@@ -97,7 +98,7 @@ def _depth_unit(bag: Bag, sensor: str, image: Image) -> float | None:
         unit = float(image.reader.number("f"))
     else:
         unit = first(bag, f"{sensor}/option/Depth_Units/value", _option) or 0.0
-    # single precision turns 0.00025 into 0.0002500000118; every unit has fewer than six digits
+    # rounded, since single precision turns 0.00025 into 0.0002500000118; units have fewer than six digits
     return float(f"{unit:.6g}") if math.isfinite(unit) and 0.0 < unit < 1.0 else None
 
 
@@ -125,7 +126,7 @@ def _lens_with(fx: float, fy: float, cx: float, cy: float, D: tuple[float, ...],
     if not may_be_a_lens((fx, fy, cx, cy), D):
         return Lens(None, "the camera was not calibrated")
     if _MODELS.get(model) == "equidistant":
-        D = D[:4]  # of the five places that every model has
+        D = D[:4]  # ROS has five places for every model
     return lens_with((fx, fy, cx, cy), D, _MODELS.get(model, model))
 
 
@@ -170,7 +171,7 @@ _PLAY_IT: Final = (
     "their folder"
 )
 _PRECISION_LEVEL, _DISPARITY_TO_ORBBEC_DEPTH, _UNIT_MM = 75, 85, 176  # OBPropertyID
-_UNITS_MM: Final = (1.0, 0.8, 0.4, 0.1, 0.2, 0.5, 0.05)  # by OBDepthPrecisionLevel
+_UNITS_MM: Final = (1.0, 0.8, 0.4, 0.1, 0.2, 0.5, 0.05)  # mm per grey value, by OBDepthPrecisionLevel
 _BROWN_CONRADY, _RATIONAL, _KANNALA_BRANDT = 3, 4, 5  # OBCameraDistortionModel
 
 
@@ -182,7 +183,7 @@ def find_orbbec(bag: Bag, path: Path) -> Streams | None:
         return None
     image = first_grey_image(bag, _ORBBEC_DEPTH, read_depth)
     if image is None:
-        raise InputError(path, "its depth images are in a format that is not read", "record depth as Y16 or Z16")
+        raise InputError(path, "its depth images are in a format that cannot be read", "record depth as Y16 or Z16")
     properties = _properties(bag)
     _refuse_disparity(bag, properties, path)
     unit_m = _unit_m(properties)
@@ -203,8 +204,8 @@ def find_orbbec(bag: Bag, path: Path) -> Streams | None:
 
 
 def read_depth(message: Message) -> ImageMessage:
-    """Read an image with the device's time; SDK 2.3 has the length of the metadata before the data, which begin with
-    them.
+    """Read an image with the device's time; SDK 2.3 writes the length of the metadata before the data, and the data
+    begin with the metadata.
 
     Raises DamagedBag.
     """
@@ -224,7 +225,7 @@ def read_depth(message: Message) -> ImageMessage:
 def _notes(lens: Lens | None, unit_m: float | None) -> tuple[str, ...]:
     notes = []
     if unit_m is None:
-        notes.append("The file states no depth unit: a millimetre, as Orbbec's own player takes it.")
+        notes.append("The file states no depth unit: a millimetre is assumed, as in Orbbec's player.")
     if lens is None:
         notes.append(f"The lens of orbbec is missing, because recording was cut off; {READ_BY_HAND}.")
     elif lens.problem:
@@ -242,14 +243,12 @@ def _properties(bag: Bag) -> dict[int, bytes]:
             number = reader.whole("I")
             properties[number] = bytes(reader.take(reader.whole("I")))
         except DamagedBag:
-            continue  # a missing unit or disparity setting is reported
+            continue  # a missing unit or disparity setting is reported elsewhere
     return properties
 
 
 def _refuse_disparity(bag: Bag, properties: dict[int, bytes], path: Path) -> None:
-    """Raise InputError for disparity: stereo cameras record it where the computer, not the camera, converts it to
-    depth.
-    """
+    """Raise InputError for disparity: stereo cameras record it if the computer converts it to depth."""
     stereo = any(channel.topic == _DISPARITY for channel in bag.channels)
     if stereo and not any(properties.get(_DISPARITY_TO_ORBBEC_DEPTH, b"")):
         raise InputError(
@@ -292,6 +291,6 @@ def _read_about(message: Message) -> tuple[str, str]:
     reader = MessageFields(message)
     reader.header()
     name, _, _ = reader.text(), reader.text(), reader.text()
-    reader.take(4)  # USB's numbers
-    reader.text()  # the port it was plugged into
+    reader.take(4)  # USB numbers
+    reader.text()  # USB port
     return name, reader.text()

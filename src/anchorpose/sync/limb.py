@@ -27,25 +27,27 @@ SEGMENTS: Final = {
         for side in ("Left", "Right")
     },
 }
-"""Each segment's upper and lower joint; the sensor is assumed midway, and axes are those of the lower joint."""
+"""Upper and lower joint of each segment. The sensor is assumed midway between them; axes are those of the lower joint.
+"""
 
 DIRECTION_ERROR_RAD: Final = 0.07
-"""Error of a segment's direction, four degrees: thighs tracked in real recordings were off by 2.7 degrees in the
-median, 4.8 in the worst of twelve.
+"""Error of a segment's direction: four degrees. In twelve real recordings, tracked thighs were off by 2.7 degrees in
+the median and by 4.8 in the worst.
 """
 
 GRAVITY_M_S2: Final = 9.81
 
 SMOOTHING_S: Final = 0.1
-"""Standard deviation of the kernel for joints and sensor alike. Tracked joints jitter by some millimetres between
-frames, which two derivatives turn into metres per second squared; the kernel leaves 0.1 m/s2."""
+"""Standard deviation of the kernel that smooths joints and sensor alike, s. Tracked joints jitter by some millimetres
+between frames, which two derivatives turn into metres per second squared; after smoothing, 0.1 m/s2 remain.
+"""
 
 
 def specific_force(joints: JointTable, segment: str) -> Signals:
-    """Return the specific force, m/s2, in the segment's axes: what an accelerometer on it measures (acceleration less
-    gravity).
+    """Return the specific force in m/s2 along the segment's axes: acceleration less gravity, as an accelerometer on the
+    segment measures it.
 
-    values (g, 3), NaN in gaps. At rest this is the reaction to gravity, which points upwards.
+    values (g, 3), NaN in gaps. At rest it points upwards with the size of gravity.
     """
     time_s, middle_m, axes = _motion(joints, segment)
     acceleration = _derivative(_derivative(middle_m)) + GRAVITY_M_S2 * UP
@@ -53,8 +55,8 @@ def specific_force(joints: JointTable, segment: str) -> Signals:
 
 
 def angular_velocity(joints: JointTable, segment: str) -> Signals:
-    """Return the angular velocity, rad/s, in the segment's axes: what a gyroscope on it measures. values (g, 3), NaN in
-    gaps.
+    """Return the angular velocity in rad/s about the segment's axes, as a gyroscope on the segment measures it. values
+    (g, 3), NaN in gaps.
     """
     time_s, _, axes = _motion(joints, segment)
     rate = np.einsum("gij,gik->gjk", axes, _derivative(axes.reshape(-1, 9)).reshape(-1, 3, 3))
@@ -64,9 +66,9 @@ def angular_velocity(joints: JointTable, segment: str) -> Signals:
 def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float) -> float:
     """Return the sigma that errors of the segment's direction add to an offset found from ``from_s`` to ``to_s``.
 
-    In a one-way movement, such as sitting down, a segment that is tracked too far forward midway seems early. On the
-    way back it seems late, so only the change from the first to the last posture counts. It is NaN where the segment is
-    unknown.
+    If a segment is tracked too far forward in the middle of a movement, it seems early; when it moves back, it seems
+    late, so the two errors cancel. Only the change from the first to the last posture remains, for example in sitting
+    down. It is NaN where the segment is unknown.
     """
     time_s, _, axes = _motion(joints, segment)
     along = axes[(time_s >= from_s) & (time_s <= to_s)][:, :, 1]
@@ -78,8 +80,8 @@ def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float
 
 
 def _motion(joints: JointTable, segment: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the times (g,) of the grid, and there the smoothed middle (g, 3), metres, and axes (g, 3, 3) of a
-    segment.
+    """Return the times (g,) of the grid, and at these times the smoothed midpoint (g, 3) in metres and the axes (g, 3,
+    3) of a segment.
     """
     upper, lower = (JOINT_INDEX[name] for name in SEGMENTS[segment])
     middle_m = joints.position_m[:, [upper, lower]].mean(axis=1)

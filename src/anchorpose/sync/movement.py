@@ -24,41 +24,41 @@ from anchorpose.agreement.clock import (
 )
 
 LEAST_DRIFT_S: Final = 60.0
-"""Common seconds from which the drift is fitted: with less, the prior (100 parts in a million) is more precise than an
-offset known to 5 ms.
+"""Least common time in s for which the drift is fitted. With less, the prior of the drift (100 parts in a million) is
+more precise than the fit, since offsets are known to 5 ms.
 """
 
 LEAST_OVERLAP_S: Final = 1.5
-"""Common seconds: the time of one movement, such as standing up."""
+"""Least common time in s: that of one movement, such as standing up."""
 
 SHORT_S: Final = 10.0
 LEAST_SHORT_CORRELATION: Final = 0.9
-"""Correlation required with less common time, since a short movement may match others by chance. The right file had
-0.90 to 0.99 in four real recordings of 2.5 to 5 s.
+"""Correlation required if the common time is below ``SHORT_S`` (s), since a short movement may match others by chance.
+In four real recordings of 2.5 to 5 s, the correlation with the right file was 0.90 to 0.99.
 """
 
 LARGEST_MISFIT: Final = 0.7
-"""Largest misfit of the mean acceleration with less common time, as a share of gravity. Other movements may correlate
-after a rotation, but then gravity seldom has the right direction and size. The right file had 0.15 to 0.67 in fourteen
-real recordings.
+"""Largest misfit of the mean acceleration if the common time is below ``SHORT_S``, as a share of gravity. Other
+movements may correlate after a rotation, but then gravity seldom has the right direction and size. In fourteen real
+recordings, the misfit of the right file was 0.15 to 0.67.
 """
 
 SENSOR_SIGMA_S: Final = 0.01
-"""Sigma of the offset that skin and muscle under a sensor add: the accelerometer and the gyroscope of one sensor on the
-thigh gave clocks 10 ms apart, in recordings in which each was certain within 8 ms.
+"""Sigma in s that skin and muscle under a sensor add to the offset: the accelerometer and the gyroscope of one sensor
+on the thigh gave clocks 10 ms apart, although each was certain within 8 ms.
 """
 
 ROUNDS: Final = 3
-"""Rounds of fitting clock and mounting alternately; both are nearly right in the first."""
+"""Number of rounds in which clock and mounting are fitted in turn; both are nearly right after the first."""
 
 
 def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = None, has_gravity: bool = False) -> Clock:
     """Find the sensor's clock.
 
-    ours (g, 3): signals in the segment's axes; theirs (h, k), k from 1 to 3: signals in the sensor's axes. Units are
-    arbitrary. near_s: an offset that is correct within half a second, None where unknown. has_gravity: whether both are
-    accelerations of three axes. Raises NoCommonMovement where the best offset explains too little, or where another
-    offset explains as much.
+    ours (g, 3): signals of the tracked segment, in its axes; theirs (h, k), k from 1 to 3: signals of the sensor, in
+    its axes. Units are arbitrary. near_s: an offset that is correct within half a second, None where unknown.
+    has_gravity: whether both are accelerations of three axes. Raises NoCommonMovement where the best offset explains
+    too little, or where another offset explains as much.
     """
     r, overlap = rotated_correlations(ours.values[::COARSE], theirs.values[::COARSE])
     clock = starting_clock(*offset_of_peak(ours, theirs, r, overlap, LEAST_OVERLAP_S, near_s))
@@ -100,14 +100,14 @@ def rotated_correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _centred(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values less their mean, 0 where unknown, and (n,) 1.0 where a whole row is known."""
+    """Return the values less their mean, 0 where unknown; and (n,): 1.0 where the whole row is known, else 0."""
     seen = np.isfinite(values).all(axis=1)
     mean = values[seen].mean(axis=0) if seen.any() else 0.0
     return np.where(seen[:, None], np.nan_to_num(values - mean), 0.0), seen.astype(np.float64)
 
 
 def _sums(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the sums of products (n + m - 1,) at each lag."""
+    """Return (n + m - 1,): at each lag, the sum of the products of the common samples."""
     return np.asarray(correlate(second, first, method="fft"))
 
 
@@ -115,7 +115,7 @@ def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray,
     """Return the rotation and scale (k, 3) from the sensor's axes and unit to the segment's, and the correlation after
     it.
 
-    clock: a clock that is nearly correct. Raises NoCommonMovement where the two have nothing in common.
+    clock: a clock that is nearly correct. Raises NoCommonMovement where the two signals have no time in common.
     """
     x, y = (each - each.mean(axis=0) for each in _in_common(ours, theirs, clock))
     u, common, vt = np.linalg.svd(y.T @ x, full_matrices=False)
@@ -124,15 +124,17 @@ def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray,
 
 
 def _mean_misfit(ours: Signals, turned: Signals, clock: Clock) -> float:
-    """Return the distance between the mean vectors, divided by the mean size of ours. turned: the sensor's vectors in
-    our axes and unit.
+    """Return the distance between the mean vectors of segment and sensor, divided by the mean size of the segment's.
+    turned: the sensor's vectors in the axes and unit of the segment.
     """
     x, y = _in_common(ours, turned, clock)
     return float(np.linalg.norm(x.mean(axis=0) - y.mean(axis=0)) / np.linalg.norm(x, axis=1).mean())
 
 
 def _in_common(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
-    """Return our values (c, 3) and the sensor's (c, k) where both are known; raises NoCommonMovement without any."""
+    """Return the values of the segment (c, 3) and of the sensor (c, k) where both are known; raises NoCommonMovement
+    without any.
+    """
     at_s = clock.reference_time_s(ours.time_s)
     found = np.stack([np.interp(at_s, theirs.time_s, y, np.nan, np.nan) for y in theirs.values.T], axis=1)
     both = np.isfinite(found).all(axis=1) & np.isfinite(ours.values).all(axis=1)

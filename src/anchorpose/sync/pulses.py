@@ -11,40 +11,44 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.recording.recording import nearest_within
 
 MOST_PULSES: Final = 1000
-"""Limit of a file's pulses. A signal with more has no pulses, or is a camera's clock, which does not determine
+"""Largest number of pulses in a file. A signal with more has no pulses, or triggers a camera, which does not determine
 offsets.
 """
 
 LEAST_PULSES: Final = 3
-"""Matched pulses without prior knowledge of the offset: two with the same distance are common by chance."""
+"""Least number of matched pulses if the offset is unknown: two pulses at the same distance often occur by chance."""
 
 ANCHORS: Final = 20
-"""Number of our onsets with which offsets are tried; a pulse in only one file may be among them."""
+"""Number of onsets on the recording's clock with which offsets are tried; some may be missing in the other file."""
 
 TOLERANCE_S: Final = 0.02
-"""Largest difference of matched onsets: the jitter of markers from another program, and of a slow signal's samples."""
+"""Largest difference in s of matched onsets: the jitter of markers from another program, or of a signal with few
+samples.
+"""
 
 LEAST_SHARE: Final = 0.5
-"""Least share of the pulses in the common time, in either file, that must be matched."""
+"""Least share of the pulses in the common time that must be matched, in each of the two files."""
 
 RIVAL_SHARE: Final = 0.75
-"""Share of the matched pulses that another offset may match: with more, pulses are too evenly spaced to decide."""
+"""Largest share of the matched pulses that another offset may match; with more, the pulses are too evenly spaced to
+decide.
+"""
 
 LEAST_SIGMA_S: Final = 0.001
-"""Standard deviation of one onset: a sample of a signal at 300 Hz, evenly distributed."""
+"""Least standard deviation of an onset, s: it lies anywhere between two samples of a signal at 300 Hz."""
 
 ROUNDS: Final = 5
-"""Rounds of fitting line and sigma alternately."""
+"""Number of rounds in which line and sigma are fitted in turn."""
 
 HIGH, LOW = 0.6, 0.4
-"""Shares of the way from the lowest value to the highest: a pulse is above the first and has ended below the second."""
+"""Levels between the lowest value (0) and the highest (1): a pulse rises above the first, and ends below the second."""
 
 
 def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return the times (p,) at which pulses begin in a signal (n,) at times (n,); NaN does not count as a pulse.
 
-    The rarer of the signal's two levels is the pulse, so pulses may go down. The onset lies midway between two samples,
-    unless the signal rises slowly.
+    The rarer of the signal's two levels is the pulse, so pulses may also be negative. The onset is midway between the
+    last sample before the rise and the first after it, unless the signal rises slowly.
     """
     known = np.isfinite(values)
     times, heights = time_s[known], values[known]
@@ -53,7 +57,7 @@ def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     level = (heights - heights.min()) / np.ptp(heights)
     level = 1.0 - level if (level > 0.5).mean() > 0.5 else level
     sample = np.arange(len(level))
-    # the last sample that is clearly high or low
+    # the last sample that is above or below both levels
     clear = np.maximum.accumulate(np.where((level >= HIGH) | (level <= LOW), sample, 0))
     is_high = level[clear] >= HIGH
     begun = np.flatnonzero(is_high[1:] & ~is_high[:-1]) + 1
@@ -63,11 +67,11 @@ def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None = None) -> tuple[OtherClock, int]:
-    """Find the other clock, and the number of matched pulses. ours (n,), theirs (m,): onsets of the pulses on either
-    clock, increasing.
+    """Find the other clock, and the number of matched pulses. ours_s (n,), theirs_s (m,): increasing onsets of the
+    pulses on the recording's and on the other clock.
 
-    near_s: an offset that is right within half a second, None where unknown. Raises NoCommonMovement where too
-    few pulses match, or another offset matches nearly as many.
+    near_s: an offset that is right within half a second, None where unknown. Raises NoCommonMovement where too few
+    pulses match, or another offset matches nearly as many.
     """
     if not len(ours_s) or not len(theirs_s):
         raise NoCommonMovement("one of the two has no pulse")
@@ -89,8 +93,8 @@ def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | N
 
 
 def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) -> np.ndarray:
-    """Return candidate offsets, each an onset of the other clock minus an onset of ours, and our times at which they
-    are valid, (c, 2).
+    """Return (c, 2): candidate offsets, each an onset on the other clock minus an onset on the recording's; and the
+    time on the recording's clock at which each is valid.
     """
     anchors = ours_s[np.unique(np.linspace(0, len(ours_s) - 1, ANCHORS).astype(int))]
     tried = np.array([(theirs - anchor, anchor) for anchor in anchors for theirs in theirs_s])

@@ -22,9 +22,9 @@ EVENTS_REMEDY: Final = "give an events.tsv, whose first line begins with onset, 
 def recorded_onsets(path: Path, results: Path, joints: JointTable, column: str, kind: str | None) -> np.ndarray:
     """Return (p,) seconds on the clock of the first camera, in increasing order.
 
-    path: an events.tsv, whose onsets count from the recording's first frame, or a .csv on the recording's clock, with
-    the signal ``column``, or with times alone, one per pulse. kind: the trial_type to take, None for all. Raises
-    InputError where the file cannot be used.
+    path: an events.tsv, whose onsets count from the recording's first frame; or a .csv on the recording's clock, either
+    with the signal ``column``, or with a single column of times, one per pulse. kind: the trial_type to take, None for
+    all. Raises InputError where the file cannot be used.
     """
     if path.suffix.lower() == ".tsv":
         return np.unique(_events(path, kind) + first_frame_s(results, joints))

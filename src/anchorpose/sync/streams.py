@@ -50,9 +50,7 @@ class OtherFile:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return each channel's name, prefixed by its stream, as ``STREAM/CHANNEL``, where two streams have the same
-        name.
-        """
+        """Return each channel's name; as ``STREAM/CHANNEL`` if channels of two streams have the same name."""
         plain = [channel for stream in self.streams for channel in stream.channels]
         return tuple(
             channel if plain.count(channel) == 1 else f"{stream.name}/{channel}"
@@ -87,7 +85,7 @@ class OtherFile:
 
 
 def checked(path: Path, stream: Stream) -> Stream:
-    """Return the stream; raises InputError where its times cannot be those of a recording, or it has no value."""
+    """Return the stream; raises InputError where its times cannot be those of a recording, or it has no values."""
     where = f" of {stream.name}" if stream.name else ""
     if len(stream.time_s) < 2:
         raise InputError(path, f"has {len(stream.time_s)} samples{where}", "give the file of a movement")

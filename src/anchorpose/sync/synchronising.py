@@ -29,7 +29,7 @@ MOVEMENT, PULSES, STAMPS = "movement", "pulses", "stamps"
 """Ways in which a clock was found, as in clock.json."""
 
 STAMP_SIGMA_S: Final = 0.02
-"""Sigma of a time stamp: an image is stamped when it arrives, 10 to 50 ms after it was taken."""
+"""Sigma of a time stamp, s: an image is stamped when it arrives, 10 to 50 ms after it was taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +49,9 @@ class Synchronised:
 
 
 def synchronise(results: Path, other: Path, settings: SyncSettings) -> Synchronised:
-    """Find the clock of ``other``; raises InputError where a file cannot be used or the two have nothing in common."""
+    """Find the clock of ``other``; raises InputError where a file cannot be used or the two have no movement, pulses or
+    time in common.
+    """
     way = _way(settings)
     require_own(results, (JOINTS_FILE,))
     joints, read = read_joints(results / JOINTS_FILE), read_other(other, settings.time)
@@ -155,15 +157,15 @@ def _by_stamps(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def _common(joints: JointTable, other: OtherFile, offset_s: float) -> tuple[float, float]:
-    """Return the times, on our clock, between which both devices recorded; raises InputError where they have no time in
-    common.
+    """Return the times on the recording's clock between which both devices recorded; raises InputError where they have
+    no time in common.
     """
     times_s = [*(each.time_s for each in other.streams), *(each.time_s for each in other.markers)]
     ends = [each[[0, -1]] - offset_s for each in times_s]
     from_s = max(float(joints.time_s[0]), min(float(first) for first, _ in ends))
     to_s = min(float(joints.time_s[-1]), max(float(last) for _, last in ends))
     if from_s >= to_s:
-        problem = "was recorded at another time than the results, by its stamps"
+        problem = "was recorded at another time than the results, by its time stamps"
         raise InputError(other.path, problem, "give an XDF file that the same computer recorded meanwhile")
     return from_s, to_s
 
@@ -176,4 +178,4 @@ WAYS: Final[dict[str, Way]] = {
     "pulses": _by_pulses,
     "stamps": _by_stamps,
 }
-"""The functions by the option that selects the comparison."""
+"""By the option that selects the comparison: the function that makes it."""

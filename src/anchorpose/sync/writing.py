@@ -35,7 +35,7 @@ SIGNALS_FILE: Final = "signals.parquet"
 SYNC: Final = FolderKind("a synchronisation", (CLOCK_FILE,), (CLOCK_FILE, JOINTS_FILE, SIGNALS_FILE, EVENTS_FILE))
 
 SEVERAL: Final = 2.0
-"""Samples per frame from which a signal is averaged over the frame's time; with fewer it is interpolated."""
+"""Number of samples per frame from which a signal is averaged over the frame's time; with fewer it is interpolated."""
 
 
 def write_sync(folder: Path, found: Synchronised, overwrite: bool = False) -> None:
@@ -58,8 +58,8 @@ def write_sync(folder: Path, found: Synchronised, overwrite: bool = False) -> No
 
 
 def clock_document(found: Synchronised) -> dict[str, Any]:
-    """Return the content of clock.json: the other clock shows t + offset_s + 1e-6 drift_ppm (t - at_s) at our time
-    t.
+    """Return the content of clock.json: at the time t of the recording, the other clock shows t + offset_s + 1e-6
+    drift_ppm (t - at_s).
     """
     clock = found.clock
     correlation = getattr(clock, "correlation", None)
@@ -87,7 +87,8 @@ def signal_table(found: Synchronised) -> pa.Table:
     missing.
 
     A signal with several samples per frame has its mean over the frame's time, and a column NAME_rms with the root mean
-    square, as is usual for EMG; other signals are interpolated. Raises InputError where a name is taken.
+    square, as is usual for EMG; other signals are interpolated. Raises InputError where the table already has a column
+    of that name.
     """
     time_s = found.joints.time_s
     other_s, step_s = found.clock.reference_time_s(time_s), usual_step_s(time_s)
@@ -112,7 +113,7 @@ def _averaged(stream: Stream, at_s: np.ndarray, step_s: float) -> tuple[np.ndarr
     """
     first, end = (np.searchsorted(stream.time_s, at_s + side * 0.5 * step_s) for side in (-1, 1))
     known = np.isfinite(stream.values)
-    centre = np.nanmean(np.where(known, stream.values, np.nan), axis=0)  # keeps the sums small
+    centre = np.nanmean(np.where(known, stream.values, np.nan), axis=0)  # subtracted first, so that the sums stay small
     values = np.where(known, stream.values - centre, 0.0)
     count, total, square = (
         np.vstack([np.zeros(each.shape[1]), np.cumsum(each, axis=0)]) for each in (known * 1.0, values, values**2)

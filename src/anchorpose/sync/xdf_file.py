@@ -44,7 +44,7 @@ def read_xdf(path: Path) -> OtherFile:
         except Exception as error:  # the library raises arbitrary errors for damaged bytes
             reason = (str(error).splitlines() or [type(error).__name__])[0][:80]
             raise InputError(path, f"cannot be read as XDF ({reason})", REMEDY) from None
-    notes = [f"{path.name} is damaged, and what is whole was read ({damaged[0][:80]})"] if damaged else []
+    notes = [f"{path.name} is damaged; its undamaged parts were read ({damaged[0][:80]})"] if damaged else []
     return usable(path, signals, markers, notes)
 
 

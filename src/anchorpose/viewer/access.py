@@ -20,9 +20,9 @@ TOKEN_BYTES: Final = 24
 class Guard:
     """The rule that decides which requests are served.
 
-    The token must be the first part of every path. On loopback, the Host must also be a loopback name, since another
-    site that points its name to this machine (DNS rebinding) sends its own name. A request that changes something must
-    come from the page.
+    The token must be the first part of every path. If the server listens on loopback, the Host header must also be a
+    loopback name: a request from another site whose name points to this machine (DNS rebinding) has the name of that
+    site. A request that changes something must come from the page.
     """
 
     token: str
@@ -35,14 +35,14 @@ class Guard:
         return rest if hmac.compare_digest(first.encode(), self.token.encode()) else None
 
     def host_is_ours(self, headers: Mapping[str, str]) -> bool:
-        """Return whether the request was made to a name of this machine. Any port is allowed, since the other end of a
-        tunnel may have another port.
+        """Return whether the request was made to a name of this machine. Any port is allowed, since a tunnel may begin
+        at another port.
         """
         return not self.loopback or is_loopback(_name_in(headers.get("Host", "")))
 
     def comes_from_the_page(self, headers: Mapping[str, str]) -> bool:
-        """Return whether a request that changes something was made by our page: browsers name the origin, and pages
-        from elsewhere cannot send JSON without a preflight request.
+        """Return whether a request that changes something was made by the page of this server: browsers state the
+        origin, and other pages cannot send JSON without a preflight request.
         """
         origin, host = headers.get("Origin"), headers.get("Host", "")
         return headers.get("Content-Type", "") == "application/json" and origin == f"http://{host}"
@@ -71,9 +71,9 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-MOST: Final = 48  # open connections; systems allow a program at least 256 open files, some of which depth images need
-MOST_PER_CLIENT: Final = 24  # connections from one address: four windows, each with the six connections of a browser
-CLOSING_S: Final = 1.0  # s; a connection that was shut down closes faster
+MOST: Final = 48  # largest number of open connections; some systems allow 256 open files, and depth images need some
+MOST_PER_CLIENT: Final = 24  # from one address: four windows, each with the six connections of a browser
+CLOSING_S: Final = 1.0  # s; time allowed for a connection to close after shutdown
 
 
 @dataclass(slots=True, eq=False)
@@ -85,14 +85,18 @@ class _Connection:
 
 
 class Connections:
-    """The open connections. Connections that have not sent the token give way to new connections, the oldest first."""
+    """The open connections. If there are too many, the oldest connection that has not sent the token is closed for a
+    new one.
+    """
 
     def __init__(self) -> None:
         self._open: list[_Connection] = []
         self._changed = Condition()
 
     def add(self, request: socket.socket, client: str) -> bool:
-        """Return whether there is space for a connection from the address ``client``; it is counted from now on."""
+        """Return whether there is space for a connection from the address ``client``; if so, the connection is counted
+        from now on.
+        """
         with self._changed:
             while full := self._in_the_way(client):
                 strangers = [one for one in full if not one.known and not one.leaving]
@@ -102,7 +106,7 @@ class Connections:
         return True
 
     def trust(self, request: socket.socket) -> None:
-        """Note that a connection has sent the token: it no longer gives way."""
+        """Note that a connection has sent the token, so that it is not closed for a new one."""
         with self._changed:
             for one in self._open:
                 one.known |= one.request is request

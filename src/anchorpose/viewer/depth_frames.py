@@ -1,6 +1,6 @@
 """Provide the depth images behind the results: labelled points of all cameras, and the patient's surface.
 
-The clocks come from the run, so that images are shown together if they were tracked together.
+The clocks are those of the run, so that images shown together are those tracked together.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
     return tuple(Clock(**clocks[camera]) for camera in cameras)
 
 
-# pixels to either side over which slopes are computed, 5 cm at 2 m; over fewer, the sensor's noise would show
+# pixels to either side over which slopes are computed: 5 cm at 2 m. Over fewer pixels, noise would be visible
 REACH_PX: Final = 4
-JUMP_M: Final = 0.15  # a larger step is the edge of another surface
+JUMP_M: Final = 0.15  # m; a larger step is the edge of another surface
 
 _LIGHT: Final = np.array(
     [0.35, -0.5, -0.79]
@@ -66,10 +66,10 @@ def _slope(depth_m: np.ndarray, axis: int) -> np.ndarray:
 
 
 UNLABELLED: Final = 255
-"""Label of all pixels where there is no people.parquet."""
+"""Label of all pixels if there is no people.parquet."""
 
 ROOM_STEP: Final = 3
-"""Step in rows and columns at which the room is shown, for orientation."""
+"""Step in rows and columns at which pixels of the room are sent: enough for orientation."""
 
 UNLABELLED_STEP: Final = 2
 """Step in rows and columns of images without person labels: most of their pixels are room."""
@@ -79,8 +79,8 @@ UNLABELLED_STEP: Final = 2
 class DepthFrames:
     """A recording on the clocks and in the world of a run.
 
-    pairs (n, cameras): for each frame of the results, each camera's depth image, -1 = none. people: None where the
-    results have no person labels.
+    pairs (n, cameras): for each frame of the results, the index of each camera's depth image in its stream, -1 = none.
+    people: None where the results have no person labels.
     """
 
     recording: Recording
@@ -94,8 +94,8 @@ class DepthFrames:
         return self.recording.cameras
 
     def points(self, position: int, room: bool) -> tuple[list[np.ndarray], list[str]]:
-        """Return, for each camera, (m, 4) uint16: column, row, grey value and look of each pixel with a reading; and
-        problems.
+        """Return for each camera (m, 4) uint16: column, row, grey value and look of each pixel with a reading; and
+        sentences on problems.
 
         Coarse grids come first (every eighth row and column, then every fourth, then every second, then all), so that a
         slow page may draw only a part. The look is 256 times ``shade`` plus the label. position: row of the results'
@@ -132,8 +132,8 @@ class DepthFrames:
     def place_of_person(self, position: int, camera: str, column: int, row: int) -> tuple[np.ndarray | None, str]:
         """Return the point (3,), metres, world, of the person whom a pixel shows; or None and the reason, for the user.
 
-        Without labels any reading is accepted: ``track`` checks whether a person is there. Raises ValueError for a
-        camera or a pixel that does not exist.
+        Without labels, a point on anything is accepted; ``track`` later checks whether a person is there. Raises
+        ValueError for a camera or a pixel that does not exist.
         """
         names = [one.name for one in self.cameras]
         if camera not in names:
@@ -244,4 +244,4 @@ def _fineness(row: np.ndarray, column: np.ndarray) -> np.ndarray:
     """Return 0 for pixels on every eighth row and column, 1 on every fourth, 2 on every second, 3 for the rest."""
     both = row | column
     ranks = np.where(both % 2, 3, np.where(both % 4, 2, np.where(both % 8, 1, 0)))
-    return ranks.astype(np.uint8)  # bytes are sorted by counting
+    return ranks.astype(np.uint8)  # numpy sorts single bytes fastest, by counting

@@ -28,9 +28,9 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.document import parse_json
 from anchorpose.viewer.access import Connections, Guard, is_loopback, new_token
 
-MOST_BYTES: Final = 64 * 1024  # largest size of a request's body: a correction has some hundred bytes
-IDLE_S: Final = 20.0  # a connection without a request for so long is closed; browsers open another one
-PATIENCE_S: Final = 120.0  # a browser that takes nothing of an answer for so long is gone
+MOST_BYTES: Final = 64 * 1024  # bytes, largest body of a request: a correction has some hundred
+IDLE_S: Final = 20.0  # s; a connection without a request for so long is closed; the browser opens another
+PATIENCE_S: Final = 120.0  # s; a browser that reads nothing of an answer for so long is gone
 
 
 BYTES: Final = "application/octet-stream"
@@ -78,7 +78,7 @@ class GuardedServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
-    # number of connections waiting to be accepted: beyond it, a browser tries again after a second
+    # number of connections that may wait to be accepted; if there are more, a browser tries again after a second
     request_queue_size = 128
     page: ClassVar[str]
     program: ClassVar[str]
@@ -99,7 +99,7 @@ class GuardedServer(ThreadingHTTPServer):
     @property
     def address(self) -> str:
         """Return the address with the token, which every request must carry."""
-        everywhere = self.host in ("0.0.0.0", "::")  # neither of these can be opened in a browser
+        everywhere = self.host in ("0.0.0.0", "::")  # a browser can open neither of these
         name = socket.gethostname() if everywhere else self.host
         return f"http://{f'[{name}]' if ':' in name else name}:{self.guard.port}/{self.guard.token}/"
 
@@ -119,15 +119,15 @@ class GuardedServer(ThreadingHTTPServer):
 
 
 class GuardedHandler(BaseHTTPRequestHandler):
-    """A handler that sends the files of the page to clients that have the token; ``answer_get`` answers all other
-    requests.
+    """A handler that sends the files of the page to clients with the token; subclasses answer all other requests in
+    ``answer_get``.
     """
 
     protocol_version = "HTTP/1.1"
     server: GuardedServer
 
     def handle_one_request(self) -> None:
-        """Handle the next request of a connection, which is closed where none comes."""
+        """Handle the next request of a connection; close the connection if no request comes."""
         self.connection.settimeout(IDLE_S)
         super().handle_one_request()
 
@@ -166,8 +166,8 @@ class GuardedHandler(BaseHTTPRequestHandler):
         raise KeyError(name)
 
     def answer(self, make: Callable[[], Response]) -> None:
-        """Send the return value of ``make``. Send a refusal where it raises KeyError, or a refusal with a sentence
-        where it raises AnchorposeError, ValueError, TypeError or OSError.
+        """Send the return value of ``make``. If it raises KeyError, refuse the request as unknown; if it raises
+        AnchorposeError, ValueError, TypeError or OSError, refuse it with the error's sentence.
         """
         try:
             response = make()
@@ -205,7 +205,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", kind)
         for name, value in more.items():
             self.send_header(name, value)
-        self.send_header("Cache-Control", "no-store")  # no data of a patient stays in the browser
+        self.send_header("Cache-Control", "no-store")  # no data of a patient may stay in the browser
         self.send_header("Content-Security-Policy", content_policy(self.server.page))
         self.send_header("Referrer-Policy", "no-referrer")
         self.send_header("X-Content-Type-Options", "nosniff")
@@ -231,15 +231,15 @@ def _object(text: bytes) -> dict[str, Any]:
 
 @cache
 def load_assets() -> dict[str, Response]:
-    """Return the files of the pages by their names in the address: no part of an address ever becomes a path on the
-    disk.
+    """Return the files of the pages by their names in the address. They are read beforehand, so no part of an address
+    ever becomes a path on the disk.
     """
     return dict(_walk(resources.files("anchorpose.viewer").joinpath("static"), ""))
 
 
 @cache
 def content_policy(page: str) -> str:
-    """Return the content policy of a page, given by its name. The page may load its own files and the only inline
+    """Return the content policy of a page, given by its name. The page may load files from this server, and one inline
     script (the import map), which is allowed by its hash.
     """
     scripts = re.findall(rb"<script type=\"importmap\">(.*?)</script>", load_assets()[page].content, re.DOTALL)

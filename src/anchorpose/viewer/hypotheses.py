@@ -33,8 +33,8 @@ class Progress(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class WorkStatus:
-    """The state of the work for the page: the row of the results that is worked on, how many frames were read, and
-    messages.
+    """The state of the work for the page: the row of the results for which hypotheses are computed, the number of
+    frames read so far, and messages.
     """
 
     progress: Progress
@@ -66,7 +66,7 @@ class HypothesisWorker:
             return self._data
 
     def start(self, position: int, recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None) -> None:
-        """Start the work on the frame of this number; patient_xz_m: the patient's place in the results, None where
+        """Start the work on the frame with this number; patient_xz_m: the patient's place in the results, None where
         lost.
         """
         self.cancel()
@@ -108,10 +108,10 @@ def hypotheses_of(
     """Return the nodes of a frame and their matches in the next frame by each subset of anchors, packed; and messages.
 
     Arrays: nodes (m, 3) and reached (m, s, 3) float32 world metres, NaN where a subset finds no match; best (m,) int32:
-    the subset on the best branch, -1 where none; asked (m,) uint8: whether the track tree reaches the node. meta:
+    index of the subset on the best branch, -1 without; asked (m,) uint8: whether the track tree reaches the node. meta:
     subsets [[anchor names]]; frames [this, next].
     """
-    # importing the tracker takes a second: do it only in the process that needs it
+    # importing the tracker takes a second, so only the process that needs it does
     from anchorpose.tracker.config import TrackConfig
     from anchorpose.tracker.inspection import inspect_frame
 

@@ -23,7 +23,7 @@ from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.review import Review
 
 MAGIC: Final = b"APV1"
-ALIGNED: Final = 8  # bytes: typed arrays of a browser begin at a multiple of their item's size
+ALIGNED: Final = 8  # bytes: a browser's typed array begins at a multiple of its item size
 
 TYPES: Final = ("uint8", "uint16", "int16", "int32", "uint32", "float32", "float64")
 
@@ -54,14 +54,14 @@ def _up(place: int) -> int:
     return place + -place % ALIGNED
 
 
-MOST_FRAMES: Final = 32  # frames in one answer
-SAMPLED: Final = 2000  # frames from which the middle of the view is computed
-MOST_ROWS: Final = 512  # frames of the tables in one answer: some hundred kilobytes
+MOST_FRAMES: Final = 32  # largest number of frames of points or surfaces in one answer
+SAMPLED: Final = 2000  # number of frames from which the middle of the view is computed
+MOST_ROWS: Final = 512  # largest number of frames of the tables in one answer: some hundred kilobytes
 
 
 def overview_payload(review: Review) -> bytes:
-    """Return one row per frame of the results: time_s (n,) float64, frame (n,) int32, observed and lost (n,) uint8, the
-    number of joints in these states, and unexplained (n,), if the results have it, as in
+    """Return one row per frame of the results: time_s (n,) float64 and frame (n,) int32; observed and lost (n,) uint8:
+    the number of joints in these states; unexplained (n,), if the results have it: as in
     ``results.explained.unexplained``.
 
     meta: middle_m, the patient's median position, and lowest_m, the height of the lowest joint; null where unknown.
@@ -84,10 +84,10 @@ def overview_payload(review: Review) -> bytes:
 
 
 def motion_payload(review: Review, first: int, count: int) -> bytes:
-    """Return the tables' frames from row ``first`` on, NaN where unknown, metres, world frame.
+    """Return the tables of the frames from row ``first`` on, in metres and the world frame, NaN where unknown.
 
     joints (n, 21, 3), sigma (n, 21), state (n, 21) uint8 of ``JointState``, angles, angle_sigma, angle_state (n, a),
-    and where the results have them poses (n, 21, 7: head, quaternion w x y z) and anchors (n, 5, 4: place, sigma).
+    and, if the results have them, poses (n, 21, 7: head, quaternion w x y z) and anchors (n, 5, 4: position, sigma).
     """
     rows = _rows(len(review.joints.frame), first, count, MOST_ROWS)
     joints, angles = review.joints, review.angles
@@ -112,8 +112,8 @@ def curves_payload(review: Review, first: int, count: int) -> bytes:
     """Return the angle curves of the frames from row ``first`` on, with no more points than a screen shows.
 
     The points of all angles come one angle after the other, each in the order of time. start (a + 1,) int32: where each
-    angle's points begin. row (m,) int32 of the results' frames, degrees and sigma (m,) float32, state (m,) uint8: as in
-    that very frame.
+    angle's points begin. row (m,) int32: row of each point in the results; degrees and sigma (m,) float32, state (m,)
+    uint8: the values in that row.
     """
     frames = len(review.joints.frame)
     rows, table = _rows(frames, first, count, frames), review.angles
@@ -134,16 +134,15 @@ INTERVALS: Final = 800
 """Number of intervals of the drawn time: a chart is some 400 pixels wide."""
 
 KEPT: Final = 5
-"""Largest number of frames kept per interval and angle: the least and the largest value, the widest sigma, the first
-frame in which the angle is unknown and the first in which it is inferred. So no peak, no gap and no inferred frame
-disappears.
+"""Largest number of frames kept per interval and angle: those with the least and the largest value, the widest sigma,
+the first unknown angle and the first inferred angle. So no peak, no gap and no inferred frame disappears.
 """
 
 
 def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) -> list[np.ndarray]:
     """Return, for each angle, the rows to draw of its values (n, angles), in order; all if frames are few."""
     count, angles = degrees.shape
-    size = count // INTERVALS  # frames in an interval
+    size = count // INTERVALS  # number of frames in an interval
     if size <= KEPT:
         return [np.arange(count)] * angles
 
@@ -166,11 +165,11 @@ def rays_payload(depth_frames: DepthFrames) -> bytes:
 
 
 def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool) -> bytes:
-    """Return the pixels of the frames (rows of the results) ``first`` on: points (m, 4) uint16 as
+    """Return the pixels of ``count`` frames from row ``first`` of the results on: points (m, 4) uint16 as
     ``DepthFrames.points``.
 
-    Pixels are ordered by frame, then by camera; meta counts has one list per frame with one count per camera. A point
-    in the world is ``T_world_camera @ (ray x, ray y, 1) * grey * depth_scale``.
+    Pixels are ordered by frame, then by camera; meta: ``counts`` has one list per frame, with one number of pixels per
+    camera. A point in the world is ``T_world_camera @ (ray x, ray y, 1) * grey * depth_scale``.
     """
     frames = [depth_frames.points(position, room) for position in _positions(depth_frames, first, count)]
     meta: dict[str, Any] = {
@@ -185,7 +184,8 @@ def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool
 def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
     """Return the patient's surface of some frames: vertices (v, 3) int16 millimetres, world; faces (f, 3) uint32.
 
-    meta counts has [vertices, faces] of each frame; a frame's faces count from its own first vertex.
+    meta: ``counts`` has the numbers of [vertices, faces] of each frame. Faces are indices that begin with 0 at the
+    first vertex of their frame.
     """
     frames = [depth_frames.surface(position) for position in _positions(depth_frames, first, count)]
     meta = {"first": first, "counts": [[len(vertices), len(faces)] for vertices, faces in frames]}
@@ -212,7 +212,7 @@ def _rows(frames: int, first: int, count: int, most: int) -> slice:
     return slice(first, min(first + count, frames))
 
 
-INFLUENCES: Final = 4  # bones per point on the graphics card; the others move no point by more than 5 mm
+INFLUENCES: Final = 4  # number of bones per point on the graphics card; without the rest, points move by at most 5 mm
 
 
 def moving_ancestor(asset: BodyAsset) -> np.ndarray:
@@ -248,8 +248,8 @@ def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
 
 
 def _heaviest(bones: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ``INFLUENCES`` heaviest bones of each point, bones that move together counted as one; weights sum to
-    1.
+    """Return the ``INFLUENCES`` bones with the largest weight on each point, and these weights with the sum 1. Bones
+    that move together count as one.
     """
     total = np.zeros((len(bones), len(MOVING_BONES)))
     np.add.at(total, (np.arange(len(bones))[:, None], bones), weights)

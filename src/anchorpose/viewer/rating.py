@@ -2,7 +2,7 @@
 number.
 
 For the page, the trials in the order shown are a single recording with its own frame numbers and a time from 0. So no
-request names a trial, a frame of the recording, or a time of the session.
+request of the page states a trial, a frame of the recording, or a time of the session.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from anchorpose.viewer.review import Review, describe_scene, locked, open_review
 from anchorpose.viewer.server import ReviewApi, ReviewServer
 
 APART_S: Final = 1.0
-"""Between two trials on the clock of the page, which must increase; nothing plays across it."""
+"""Time in s between two trials on the clock of the page, which must increase. Nothing is played across this gap."""
 
 SEED_BITS: Final = 32
 
@@ -55,8 +55,8 @@ class Blinded:
 
 
 def blind(review: Review, trials: Sequence[Trial]) -> Blinded:
-    """Return the trials in the given order, without names, angles, contacts, notes, frame numbers and times of the
-    session.
+    """Return the trials in the given order, without names, angles, contacts and notes, and with other frame numbers and
+    times than in the session.
     """
     parts = [trial_rows(trial, review.joints.time_s) for trial in trials]
     ends = np.cumsum([part.stop - part.start for part in parts]).tolist()
@@ -94,8 +94,8 @@ def _page_time_s(time_s: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
 
 
 class ScoreFile:
-    """A writer of scores to one rater's file. The file is locked and read again for each score; if absent, it is made
-    with the order of trials.
+    """A writer of scores to one rater's file. The file is locked and read again for each score. If it does not exist,
+    it is made with the order of trials.
 
     Raises InputError where the file cannot be used, or is about another session or rater.
     """
@@ -118,7 +118,7 @@ class ScoreFile:
         return found
 
     def give(self, shown: Any, score: Any) -> Ratings:
-        """Write a score for the trial at a place in the order, from 1; raises ValueError for one that cannot be."""
+        """Write a score for the trial at a place in the order, from 1; raises ValueError if either is invalid."""
         if type(score) is not int or not 0 <= score <= BEST_SCORE:
             raise ValueError(f"a score is a whole number from 0 to {BEST_SCORE}")
         with locked(self.path):
@@ -179,11 +179,13 @@ def open_rating(results: Path, recording: Path | None, rater: str, host: str, po
 
 
 def require_initials(results: Path, rater: str) -> str:
-    """Return the rater's initials in capitals; raises InputError about the results that are to be rated."""
+    """Return the rater's initials in capitals; raises InputError, which names the results to be rated, for invalid
+    initials.
+    """
     try:
         return parse_initials(rater)
     except ValueError as error:
-        raise InputError(results, f"is to be rated by somebody whose initials {error}", "give --rater AB") from None
+        raise InputError(results, f"cannot be rated: the rater's initials {error}", "give --rater AB") from None
 
 
 def _trials_of(results: Path, review: Review) -> Trials:

@@ -160,7 +160,7 @@ def _equipment(depth_frames: DepthFrames) -> dict[str, Any] | None:
 
 
 APART_S: Final = 1.0  # s; two frames closer than this show the same situation
-MOST_OF_A_KIND: Final = 12  # largest number of frames with the same kind of reason
+MOST_OF_A_KIND: Final = 12  # largest number of listed frames with the same kind of reason
 FEW_MATCHED: Final = 0.9  # share of matched points; good recordings have 0.95 to 1
 
 
@@ -182,7 +182,7 @@ def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
 def worst_frames(
     joints: JointTable, matched_share: np.ndarray, dropped: Sequence[dict[str, Any]]
 ) -> tuple[WorstFrame, ...]:
-    """Return frames to check: lost joints first, then unusable depth images, few matches, and the largest sigma.
+    """Return frames to check: lost joints first, then unusable depth images, few matches, and largest sigma.
 
     matched_share (n,): NaN where no point was followed. For each kind, the worst frame comes first, then the worst
     frame at least a second away from it, and so on.
@@ -215,7 +215,7 @@ def _lost(lost: np.ndarray) -> str:
 
 
 PATIENCE_S: Final = 10.0
-"""A change takes milliseconds: a program that holds the lock this long is stuck."""
+"""Longest wait in s for the lock. A change takes milliseconds: a program that holds the lock this long is stuck."""
 
 POLL_S: Final = 0.005
 
@@ -231,7 +231,7 @@ def locked(path: Path) -> Iterator[None]:
     try:
         lock.acquire(timeout=PATIENCE_S, poll_interval=POLL_S)
     except Timeout:
-        problem = "is being changed by another program that does not come to an end"
+        problem = "is locked by another program that does not finish"
         raise InputError(path, problem, "try again") from None
     except (OSError, NotImplementedError) as error:
         why = getattr(error, "strerror", None) or error
@@ -246,7 +246,7 @@ class CorrectionFile:
     """A file of corrections to which entries are added and from which they are withdrawn.
 
     It is locked and read again for each change, so that several viewers can work on it at once. initial: the
-    corrections while the file does not exist; the first change writes them as well, so that a second round of review
+    corrections that are valid while the file does not exist. The first change writes them too, so that a second review
     keeps the corrections of the first. Raises InputError where the file cannot be used, or is about another recording
     or world.
     """
@@ -265,7 +265,7 @@ class CorrectionFile:
         return found
 
     def add(self, given: dict[str, Any]) -> Corrections:
-        """Add a correction, given without its times and its ``when``, which are filled in here; raises InputError."""
+        """Add a correction. Its times and its ``when`` are not given but filled in here; raises InputError."""
         timed = {**given, "when": now_utc()}
         for frame, time_key in (("first_frame", "start_s"), ("last_frame", "end_s"), ("frame", "time_s")):
             if frame in given:
@@ -277,7 +277,7 @@ class CorrectionFile:
         return after
 
     def take_back(self, given: dict[str, Any]) -> Corrections:
-        """Move an ``entry``, given exactly as in the file, to the withdrawn entries, in the name of ``who``; raises
+        """Move an ``entry``, given exactly as in the file, to the withdrawn entries, with the name ``who``; raises
         InputError, or ValueError where the entry does not exist.
         """
         withdrawal = parse_withdrawal(Path("correction"), {**given, "when": now_utc()})

@@ -64,7 +64,7 @@ class ReviewApi:
         return Response(payloads.points_payload(self._depth_frames(), first, count, query.get("room") == "1"), BYTES)
 
     def _surface(self, query: Mapping[str, str]) -> Response:
-        with self._compiling:  # the first call compiles; two calls at once would compile twice
+        with self._compiling:  # the first call compiles kernels: two calls at once would do so twice
             return Response(
                 payloads.surface_payload(self._depth_frames(), int(query["first"]), int(query["count"])), BYTES
             )
@@ -77,7 +77,7 @@ class ReviewApi:
 
 
 class ViewerApi(ReviewApi):
-    """The answers to the viewer's requests, which add curves, corrections and hypotheses."""
+    """The answers to the viewer's requests: those of ``ReviewApi``, and curves, corrections and hypotheses."""
 
     def __init__(self, review: Review, corrections: CorrectionFile, who: str) -> None:
         super().__init__(review)
@@ -141,7 +141,7 @@ class ReviewServer(GuardedServer):
     program = "anchorpose view"
 
     def __init__(self, api: ReviewApi, host: str, port: int) -> None:
-        self.api = api  # set first, since the server is closed at once where it cannot listen
+        self.api = api  # set first: if the server cannot listen, it is closed at once
         super().__init__(host, port, _Handler)
 
     def server_close(self) -> None:

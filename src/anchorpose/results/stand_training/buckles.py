@@ -1,7 +1,6 @@
-"""Find knees that buckle: one knee gives way, fast and farther than the other, while the patient stands on that
-foot.
+"""Find knees that buckle: one knee gives way, fast and farther than the other, while the patient stands on that foot.
 
-The definition is our own. What distinguishes a buckle from other flexion:
+This project defines buckles itself. A buckle differs from other flexion in three ways:
 
 - a squat or sitting down bends both knees alike, so the knee must lead the other one, the more the deeper it bends;
 - a step lifts the foot, so the hip must come down more than the ankle goes up, and the foot must stay in its place;
@@ -29,20 +28,22 @@ KINDS: Final = {"left": BUCKLE_LEFT, "right": BUCKLE_RIGHT}
 _OTHER: Final = {"left": "right", "right": "left"}
 
 HELD_S: Final = 0.1
-"""Window in seconds of a running median: an error of a single frame is no flexion."""
+"""Window in s of the running median over the angles, so that an error of a single frame is not taken for a flexion."""
 
 SMOOTHING_S: Final = 0.03
-"""Standard deviation of the kernel on the angles, a tenth of the time that a knee takes to give way."""
+"""Standard deviation in s of the kernel that smooths the angles, a tenth of the time in which a knee gives way."""
 
 BEFORE_S: Final = 0.3
-"""Seconds before the flexion that determine the angle from which the knee gives way."""
+"""Time in s before the flexion; its angles determine the angle from which the knee gives way."""
 
 STILL_DEEPER_S: Final = 0.4
-"""Seconds after the deepest angle in which no deeper one may follow."""
+"""Time in s after the deepest angle, in which no deeper angle may follow."""
 
 
 LEAD_SHARE: Final = 0.33
-"""Share of the depth by which the knee must lead the other one: two thirds as much flexion of the other is a squat."""
+"""Least lead of the knee over the other knee, as a share of the depth. If the other knee flexes by two thirds as much,
+the movement is a squat.
+"""
 
 
 class Knee(NamedTuple):
@@ -59,7 +60,7 @@ def _knee(session: Session, side: str) -> Knee:
 
 
 def find_buckles(session: Session, config: EventConfig) -> list[Event]:
-    """Return the buckles of both knees in the order of time; none where the frames are too far apart."""
+    """Return the buckles of both knees in the order of time; an empty list if the frames are too far apart."""
     if not fast_enough(session.joints.time_s):
         return []
     found = [event for side in KINDS for event in _of_side(session, side, config)]

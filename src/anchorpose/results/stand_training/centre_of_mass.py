@@ -24,8 +24,8 @@ from anchorpose.settings import NotNegative, Positive, settings
 
 
 class Segment(NamedTuple):
-    """A body segment. mass: its share of the body's mass, per side. fraction: where its centre lies, as a share of the
-    way from start to end.
+    """A body segment. mass: its share of the body's mass, per side. fraction: position of its centre between start (0)
+    and end (1).
 
     starts, ends: joints at whose mean the segment starts and ends; ``{side}`` stands for Left and Right.
     """
@@ -39,7 +39,7 @@ class Segment(NamedTuple):
 _SHOULDERS, _HIPS = ("ShoulderLeft", "ShoulderRight"), ("HipLeft", "HipRight")
 
 SINGLE_SEGMENTS: Final = (
-    # VERT-CERV 0.492 from the vertex, which on the body asset is 0.72 of the way from SpineShoulder to Head
+    # centre of VERT-CERV: 0.492 from the vertex, on the body asset 0.72 of the way from SpineShoulder to Head
     Segment(0.0681, ("SpineShoulder",), ("Head",), 0.72),
     Segment(0.43015, _SHOULDERS, _HIPS, 0.4046),
 )
@@ -47,12 +47,12 @@ SINGLE_SEGMENTS: Final = (
 PAIRED_SEGMENTS: Final = (
     Segment(0.0263, ("Shoulder{side}",), ("Elbow{side}",), 0.5763),
     Segment(0.0150, ("Elbow{side}",), ("Wrist{side}",), 0.4567),
-    # the hand, its centre 68 mm beyond the wrist in line with the forearm, whichever way it is bent: at most 0.4 mm of
-    # the body's centre, and a hand that is lost does not take it away
+    # The hand: its centre is put 68 mm beyond the wrist in line with the forearm, even if the wrist is bent. This
+    # shifts the body's centre by at most 0.4 mm, and the centre stays known if the hand is lost.
     Segment(0.00585, ("Elbow{side}",), ("Wrist{side}",), 1.29),
     Segment(0.1447, ("Hip{side}",), ("Knee{side}",), 0.3854),
     Segment(0.0457, ("Knee{side}",), ("Ankle{side}",), 0.4374),
-    # 0.42 from the heel to the tip of the toes, on the body asset 0.36 of the way from Ankle to Foot
+    # the foot's centre is 0.42 from heel to tip of the toes, on the body asset 0.36 of the way from Ankle to Foot
     Segment(0.0133, ("Ankle{side}",), ("Foot{side}",), 0.36),
 )
 
@@ -77,9 +77,10 @@ def _on_side(segment: Segment, side: str) -> Segment:
 
 
 SHARED_ERROR: Final = 0.3
-"""Share of the variance of a joint's error that is common to all joints: a body placed too far away has all its joints
-too far away. Independent errors would give the centre of mass a sigma of 1.6 mm; on simulated recordings it was up
-to 5 mm off (docs/measures.md)."""
+"""Share of the variance of a joint's error that is common to all joints: if the body is placed too far away, all joints
+are too far away. With independent errors the centre of mass would have a sigma of 1.6 mm; on simulated recordings it
+was up to 5 mm off (docs/measures.md).
+"""
 
 
 class CentreOfMass(NamedTuple):
@@ -104,15 +105,16 @@ def centre_of_mass(joints: JointTable) -> CentreOfMass:
 
 
 CHI2_95: Final = 5.991
-"""Quantile of chi-squared with two degrees of freedom: 95 of 100 points of a normal cloud lie within the ellipse
+"""Quantile of chi-squared with two degrees of freedom: 95 of 100 normally distributed points lie within the ellipse
 (Schubert and Kirchner 2014, doi:10.1016/j.gaitpost.2013.09.001).
 """
 
 SCALE_ERROR: Final = 0.03
-"""Standard deviation of the relative error of sway, found on simulated recordings."""
+"""Standard deviation of the relative error of sway, measured on simulated recordings."""
 
 STEPS_PER_PERIOD: Final = 4.0
-"""Least number of frames in a period of the cutoff: noise is measured between the cutoff and half the rate."""
+"""Least number of frames per period of the cutoff, since noise is measured between the cutoff and half the frame rate.
+"""
 
 UNITS: Final = {
     "sway_path": "mm",
@@ -127,18 +129,18 @@ UNITS: Final = {
 class SwayConfig:
     """Settings of which bouts, and which part of their movement, count as sway."""
 
-    cutoff_hz: Positive = 1.5  # a standing body's centre of mass moves below 1 Hz; the joints' jitter does not
+    cutoff_hz: Positive = 1.5  # low-pass; a standing body sways below 1 Hz, the joints' noise lies above
     shortest_bout_s: Positive = 5.0
-    settle_s: NotNegative = 1.0  # s after standing up, until the body is at rest
-    times_noise: Annotated[float, Field(ge=1)] = 2.0  # shortest path reported, in paths of noise alone
+    settle_s: NotNegative = 1.0  # s after standing up that are left out: the body is not at rest yet
+    times_noise: Annotated[float, Field(ge=1)] = 2.0  # least path reported, in paths of noise alone
 
 
 class Bout(NamedTuple):
     """A bout of standing. deviation_m (k, 2): position relative to the bout's mean, forwards and to the patient's
     right, low-passed, evenly spaced in time.
 
-    path_m: length of the path on the floor; noise_m: length of a path of errors alone; seconds: duration; frames: rows
-    of the session.
+    path_m: length of the path on the floor; noise_m: length of the path that errors alone would have; seconds:
+    duration; frames: rows of the session.
     """
 
     deviation_m: np.ndarray
@@ -178,8 +180,8 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
 
 
 def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tuple[str, float | None, float | None]]:
-    """Return name, value and sigma of each sway measure, in the units of ``UNITS``; None where noise may be most of the
-    value.
+    """Return name, value and sigma of each sway measure, in the units of ``UNITS``; None where most of the value may be
+    noise.
     """
     deviation = 1000.0 * np.concatenate([bout.deviation_m for bout in bouts])
     path, noise, seconds = (
@@ -200,14 +202,14 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
         ("sway_velocity", path / seconds if path >= config.times_noise * noise else None, path_sigma / seconds),
         ("sway_rms_ap", float(rms[0]) if rms[0] >= config.times_noise * error else None, float(rms_sigma[0])),
         ("sway_rms_ml", float(rms[1]) if rms[1] >= config.times_noise * error else None, float(rms_sigma[1])),
-        # relative errors of both axes count equally in the area
+        # the errors of both axes contribute equally to the error of the area
         ("sway_ellipse_area", float(area_cm2) if axes.min() >= config.times_noise * error else None, float(area_sigma)),
     ]
 
 
 def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
-    """Return sigma of a value that noise, added in quadrature, may have enlarged. It combines this enlargement and the
-    scale error.
+    """Return sigma of a value: the scale error combined with the enlargement by noise, which is added to the value in
+    quadrature.
     """
     added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))
     spread: np.ndarray = np.hypot(SCALE_ERROR * value, added)
@@ -218,7 +220,7 @@ def _row(name: str, value: float | None, sigma: float | None, state_code: np.nda
     unit = UNITS.get(name, "s" if name == "sway_time" else "mm")
     if value is None:
         what = "the path" if name in ("sway_path", "sway_velocity") else "the sway, in one direction at least,"
-        why = f"{what} is less than {config.times_noise:g} times what the joints' noise alone would draw"
+        why = f"{what} is less than {config.times_noise:g} times that of the joints' noise alone"
         return unknown(name, unit, why, state_code=state_code)
     return known(name, unit, value, state_code, sigma)
 
@@ -252,9 +254,9 @@ def _patient_axes(session: Session, run: slice) -> np.ndarray:
 def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> float:
     """Return the speed in m/s of errors alone below the cutoff.
 
-    residual_m (k, 2): the movement above the cutoff, which is taken as error, since no body moves so fast. Below the
-    cutoff, the errors are assumed to continue as a random walk with power ~ 1 / f^2, which is more than was found
-    (docs/measures.md).
+    residual_m (k, 2): the movement above the cutoff, which is taken as error, since no standing body moves so fast.
+    Below the cutoff, the errors are assumed to be a random walk with power ~ 1 / f^2, which is more power than was
+    found (docs/measures.md).
     """
     variance = float(np.mean(residual_m.var(axis=0)))
     speed = np.sqrt(4.0 * np.pi**2 * cutoff_hz * variance / (1.0 / cutoff_hz - 2.0 / rate_hz))

@@ -1,7 +1,7 @@
 """Define events of stand training (a buckling knee, a failed stand, a recovery step), and when each counts as found.
 
-An event is reported where it exceeds both a limit and what errors of measurement explain. The limits are our own
-definitions where no source is named.
+An event is reported if it exceeds both a limit and the errors of measurement. This project defines the limits for which
+no source is named.
 """
 
 from __future__ import annotations
@@ -21,30 +21,32 @@ from anchorpose.results.uncertainty import SYSTEMATIC_SHARE
 from anchorpose.settings import Positive, settings
 
 LEAST_HZ: Final = 10.0
-"""Least frames per second: with fewer, the fast part of an event has under four frames."""
+"""Least frame rate in Hz: with a lower rate, the fast part of an event has fewer than four frames."""
 
 TOO_SLOW: Final = f"events need {LEAST_HZ:g} frames a second or more"
 
 ONSET_SIGMA_S: Final = 0.04
-"""Standard deviation of the time of an onset, as found on constructed events (docs/measures.md)."""
+"""Standard deviation in s of the error of an onset, measured on constructed events (docs/measures.md)."""
 
 CHANGE_SHARE: Final = float(np.sqrt(2.0 * (1.0 - SYSTEMATIC_SHARE)))
-"""Sigma of a change over the sigma of a value: the systematic part of the error is common to both ends."""
+"""Ratio of the sigma of a change to the sigma of a single value. It is small since both values share the systematic
+error.
+"""
 
 
 @settings
 class EventConfig:
     """Settings of how large a buckle, a failed stand or a recovery step must be to count as an event."""
 
-    # A knee that takes over the load in walking bends by about 15 degrees, from 5 to 20.
+    # degrees, least depth of a buckle: in walking, a knee that takes over the load bends by 5 to 20 degrees, usually 15
     buckle_deg: Annotated[float, Field(gt=0, lt=90)] = 20.0
     fast_s: Positive = 0.4  # s, longest time for a flexion by buckle_deg
-    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # degrees more than the other knee (with less it is a squat)
-    # share of the way from the seat to a straight leg: about 12 cm
+    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # least lead over the other knee; with less it is a squat
+    # least rise of a failed stand, as a share of the way from the seat to a straight leg: about 12 cm
     failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3
-    # distance of the extrapolated centre of mass beyond the feet: errors of the feet's outline
+    # m, least distance of the extrapolated centre of mass beyond the feet; less may be an error of the feet's outline
     beyond_m: Positive = 0.05
-    # errors exceed it in 0.7 of the 3000 windows of 0.4 s that ten minutes of two knees have
+    # least depth of an event in sigma: of 3000 windows of 0.4 s (two knees, ten minutes) 0.7 exceed it by chance
     times_sigma: Positive = 3.5
 
 
@@ -52,8 +54,8 @@ class EventConfig:
 class Event:
     """An event. frames: from its onset to its greatest depth, or to foot strike. kind: one of ``EPISODE_KINDS``.
 
-    depth, sigma: in ``unit``; degrees of a buckle, share of the way of a failed stand, millimetres beyond the feet of a
-    recovery step. state_code: the worst of the joints by which it was recognised.
+    depth, sigma: in ``unit``: degrees for a buckle, share of the way from the seat to standing for a failed stand,
+    millimetres beyond the feet for a recovery step. state_code: the worst of the joints by which it was recognised.
     """
 
     kind: str
@@ -102,12 +104,12 @@ def fast_enough(time_s: np.ndarray) -> bool:
 
 
 ROUNDING_S: Final = 0.001
-"""Time stamps are often written to the millisecond."""
+"""s; time stamps are often rounded to the millisecond."""
 
 
 EARLY, LATE = 0.1, 0.4
-"""Shares of the depth between which the time is read: below the first is noise, beyond the second the movement may be
-caught.
+"""Shares of the depth at which the time is read to find the onset: below the first share is noise, beyond the second
+the body may already be caught.
 """
 
 
@@ -115,8 +117,8 @@ def onset_row(time_s: np.ndarray, values: np.ndarray, base: float, rows: slice) 
     """Return the row at which a movement begins that goes from ``base`` to its depth at the last of ``rows``; time_s,
     values (n,).
 
-    The movement accelerates from rest, so it grows with the square of the time. If t1 and t2 are the times at which a
-    tenth and four tenths of the depth are reached, the onset is at 2 t1 - t2.
+    The movement accelerates from rest, so its depth grows with the square of the time. If it reaches a tenth of the
+    depth at t1 and four tenths at t2, the onset is at 2 t1 - t2.
     """
     depth = float(values[rows.stop - 1]) - base
     late = rows.start + int(np.argmax(values[rows] >= base + LATE * depth))
@@ -137,7 +139,7 @@ def _crossing(time_s: np.ndarray, values: np.ndarray, row: int, level: float) ->
 
 
 def latency_sigma_s(time_s: np.ndarray, sigma_s: float) -> float:
-    """Return sigma of a latency, which combines the sigma of its end and that of its beginning, up to a frame before
-    the first frame.
+    """Return sigma of a latency. It combines the sigma of its end with that of its beginning, which may lie up to one
+    frame before the first frame.
     """
     return float(np.hypot(sigma_s, usual_step_s(time_s) / np.sqrt(3.0)))

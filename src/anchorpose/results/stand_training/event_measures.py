@@ -32,7 +32,7 @@ NONE_SEEN: Final = "no such event was seen"
 class Watch(NamedTuple):
     """The frames in which events of a kind are searched. measure: prefix of the names of its measures. base (n,) bool:
     frames in which such events can happen; watched (n,) bool: frames of the base in which an event would have been
-    seen; nothing: why there is no base.
+    seen; nothing: the reason given if the base is empty.
     """
 
     measure: str
@@ -75,7 +75,7 @@ def _of_kind(session: Session, events: Sequence[Event], watch: Watch) -> list[Me
     codes = session.stance.state_code[watch.base & watch.watched]
     share = known(f"{name}_unseen_share", "1", max(1.0 - watched_s / base_s, 0.0), codes, side=side)
     if not watched_s and not own:
-        why = "in no frame was this known well enough to tell an event from errors"
+        why = "in no frame could an event have been distinguished from errors"
         return [*(unknown(f"{name}_{what}", unit, why, side) for what, unit in list(units.items())[:-1]), share]
     rate = unknown(f"{name}_rate", PER_TEN_MINUTES, "no time was known well enough to count in", side)
     if watched_s:

@@ -21,12 +21,12 @@ from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
-LEAST_PERCENTILE: Final = 5.0  # a single frame's least or greatest value is as much its error as the patient's
+LEAST_PERCENTILE: Final = 5.0  # of the least flexion (100 less this of the greatest): an extreme frame is mostly error
 
 
 @settings
 class ExtensionConfig:
-    """Settings of when a knee counts as straight: within this many degrees, bent either way."""
+    """Settings of when a knee counts as straight: the largest angle in degrees, bent or hyperextended."""
 
     straight_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
 
@@ -74,8 +74,8 @@ def _sigma_near(sigma: np.ndarray, there: np.ndarray) -> float:
 
 
 def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
-    """Measure the time with a straight knee while upright. Its sigma is half of its change between systematic errors of
-    plus and minus one sigma.
+    """Measure the time with a straight knee while upright. Its sigma is half of its change if all angles are shifted
+    from minus to plus one systematic sigma.
     """
     name = f"knee_flexion_{side}"
     used, degrees = known_upright(session, name)
@@ -92,8 +92,8 @@ def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
 
 
 LEAST_STANCE_M: Final = 0.08
-"""Least distance of the ankles: with a smaller one, the centre of mass between them determines the load on each foot
-too poorly.
+"""Least distance of the ankles in m: with a smaller distance, the centre of mass shows the load on each foot too
+poorly.
 """
 
 NO_STANCE: Final = (
@@ -125,9 +125,9 @@ def _difference(session: Session, angle: str) -> Measure:
 
 
 class FeetLoad(NamedTuple):
-    """The load on the feet in every frame. rightwards (n,): the right foot's share of the load, minus one half, as if
-    the patient stood still (the left foot's share is less than one half by as much); sigma (n,); state_code (n,): worst
-    state of the joints.
+    """The load on the feet in every frame. rightwards (n,): the right foot's share of the load minus one half, under
+    the assumption that the patient stands still; for the left foot the sign is reversed. sigma (n,); state_code (n,):
+    worst state of the joints.
 
     Values are NaN where a joint is lost, where the feet are closer than ``LEAST_STANCE_M``, and where the centre of
     mass lies beyond an ankle: feet alone could not carry a patient who stands still.
@@ -177,8 +177,8 @@ SIDED: Final = (
 UNSIDED: Final = ("trunk_flexion", "trunk_side_bend", "trunk_pelvis_rotation", "neck_flexion")
 
 HELD_S: Final = 0.2
-"""Seconds of a running median: an extreme must be held for about half of it, since a single frame's extreme is as much
-its error as the patient's.
+"""Window in s of a running median. An extreme angle must be held for about half of it, since the extreme of a single
+frame is mostly its error.
 """
 
 LEAST_S: Final = 1.0
@@ -201,7 +201,7 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
     low, high = int(np.argmin(held)), int(np.argmax(held))
     value, (first, second) = float(held[high] - held[low]), sigma[rows[[low, high]]]
     state_code = session.angles.state_code[rows, column]
-    if value <= NORMAL_95 * np.hypot(first, second):  # extremes of errors alone differ like independent errors
+    if value <= NORMAL_95 * np.hypot(first, second):  # extremes of errors alone are independent
         return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
     return known(measure, "deg", value, state_code, sigma_of_difference(first, second), side)
 

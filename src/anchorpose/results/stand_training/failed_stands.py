@@ -55,10 +55,12 @@ def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Ite
 
 
 BACK: Final = 0.5
-"""Share of the least rise; below it the patient is back on the seat."""
+"""Factor on the least rise of a failed stand: below it the patient is back on the seat."""
 
 BEFORE_S: Final = 1.5
-"""Seconds before the pelvis leaves the seat that determine its height there: less than a third of them is the rise."""
+"""Time in s before the pelvis leaves the seat, in which the median of its height is measured. Less than a third of this
+time is already the rise.
+"""
 
 
 def _rises(
@@ -69,7 +71,7 @@ def _rises(
     way = (stance.height[block] - seat) / (1.0 - seat)
     for run in unbroken_runs(way > BACK * events.failed_rise, time_s):
         if run.start == 0 or run.stop == len(way):
-            continue  # the beginning or the end of the rise is not in the block
+            continue  # the block does not contain the beginning or the end of this rise
         highest = run.start + int(np.argmax(way[run]))
         settled = int(np.searchsorted(time_s, time_s[run.start] - BEFORE_S))
         base = float(np.median(way[settled : run.start]))

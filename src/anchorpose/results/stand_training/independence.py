@@ -3,7 +3,8 @@ on.
 
 Rejc et al. 2015 (doi:10.1371/journal.pone.0133998) call standing independent if nobody assists hips and knees, even if
 the hands hold a frame for balance; Harkema et al. 2011 (doi:10.1016/S0140-6736(11)60547-3) report standing with
-assistance for balance only. The limits of extension, and which contacts count for which part, are our own definitions.
+assistance for balance only. This project itself defines the limits of extension, and which contacts count for which
+part.
 """
 
 from __future__ import annotations
@@ -40,13 +41,13 @@ _Degrees = Annotated[float, Field(gt=0, lt=90)]
 
 @settings
 class IndependenceConfig:
-    """Settings of when knee, hip and trunk count as extended: from when they are bent (or inclined) by at most a first
-    limit until they exceed a second limit.
+    """Settings of when knee, hip and trunk count as extended: extension begins when they are bent (or inclined) by at
+    most ``extended_deg``, and ends when they exceed ``bent_deg``.
     """
 
-    # A knee that carries the body bends by about 20 degrees when it takes over the load in walking.
+    # A knee that takes over the load in walking bends by about 20 degrees, and still carries the body.
     extended_deg: _Degrees = 20.0
-    bent_deg: _Degrees = 25.0  # errors of an angle, 3 to 5 degrees, do not end an extension
+    bent_deg: _Degrees = 25.0  # 5 more, so that errors of an angle, 3 to 5 degrees, do not end an extension
 
     def __post_init__(self) -> None:
         if self.bent_deg < self.extended_deg:
@@ -55,8 +56,8 @@ class IndependenceConfig:
 
 class _Part(NamedTuple):
     """A body part whose extension is measured. angle: its column, None for the trunk's inclination. regions: regions
-    where a contact helps to extend it. beside: neighbouring regions; a hand across the border may be reported on either
-    side. joints: joints at these regions; where a joint is unseen, a holding hand may be unseen too.
+    where a contact helps to extend it. beside: neighbouring regions; a hand on the border may be reported in either
+    region. joints: joints at these regions; where a joint is unseen, a holding hand may be unseen too.
     """
 
     name: str
@@ -99,9 +100,9 @@ PARTS: Final = _parts()
 
 
 def independence_measures(session: Session, config: IndependenceConfig) -> list[Measure]:
-    """Compute for each part the time extended, the time extended without a hand of another person on it, and the time
-    and bouts extended without that and without equipment against it. Then compute bouts upright without help, and
-    upright time by the number of holding hands.
+    """Compute for each part the time extended, the time extended without another person's hand on the part, and the
+    time and bouts extended with neither such a hand nor equipment on the part. Then compute bouts upright without help,
+    and upright time by the number of holding hands.
     """
     rows = list[Measure]()
     for part in PARTS:
@@ -111,9 +112,9 @@ def independence_measures(session: Session, config: IndependenceConfig) -> list[
 
 class _Extended(NamedTuple):
     """The frames in which a part is extended. is_known (n,) bool: upright, and the angle is known; decided (n,) bool:
-    is_known, or known not to be upright. frames (n,) bool: extended; less, more (n,) bool: extended if the angle errs
-    by one sigma to either side. sigma_s: sigma of the extended time by this error. codes (n,): state of the worst joint
-    used.
+    is_known, or known not to be upright. frames (n,) bool: extended; less, more (n,) bool: extended if all angles were
+    larger, or smaller, by one sigma. sigma_s: sigma of the extended time by this error. codes (n,): state of the worst
+    joint used.
     """
 
     is_known: np.ndarray
@@ -141,8 +142,8 @@ def _extended(session: Session, part: _Part, config: IndependenceConfig) -> _Ext
 
 
 def _held_extended(degrees: np.ndarray, config: IndependenceConfig) -> np.ndarray:
-    """Return (n,) bool: whether the last limit that was passed was that of extension (hysteresis); knees may bend
-    backwards.
+    """Return (n,) bool: whether the last limit that was passed was that of extension (hysteresis). A knee bent
+    backwards (a negative angle) counts as extended.
     """
     return hold(degrees <= config.extended_deg, degrees > config.bent_deg, np.isfinite(degrees)) == UPRIGHT
 
@@ -187,7 +188,7 @@ NEVER_EXTENDED: Final = "it was never extended"
 def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
     """Return the seconds from the first frame (or the onset of the trial) until the part is first extended.
 
-    There may have been an earlier extension in unknown time.
+    An earlier extension may have been missed in frames in which the angle is unknown.
     """
     name, time_s = f"{part.name}_extended_latency", session.joints.time_s
     if not found.frames.any() or found.frames[0]:
@@ -202,8 +203,8 @@ def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
 
 
 class _Free(NamedTuple):
-    """The frames that are free of contacts. frames (n,) bool: frames that meet the condition; unsure_s: time in which
-    it is uncertain whether the condition is met.
+    """Extended frames without contact. frames (n,) bool: extended, and no contact is reported; unsure_s: seconds in
+    which it is uncertain whether there was a contact.
     """
 
     frames: np.ndarray
@@ -213,8 +214,8 @@ class _Free(NamedTuple):
 def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Contact]) -> _Free:
     """Return extended frames without any of the contacts on the part.
 
-    These are uncertain in three cases: an unseen contact may not exist, a contact on an unseen part may be missing, and
-    a person's hand beside the part may be on it.
+    There is uncertainty in three cases: an unseen contact may not exist, a contact on an unseen part may be missing,
+    and a person's hand beside the part may be on it.
     """
     frame, people = session.joints.frame, with_people(contacts)
     touch = touch_of(frame, [contact for contact in contacts if contact.part in part.regions])
@@ -241,8 +242,8 @@ def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _F
 def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
     """Return sigma of a time without contacts that is reported as its upper limit.
 
-    The true time may be less by up to ``unsure_s``. The root mean square of a uniform error, from the upper end of this
-    range, is ``unsure_s`` / sqrt(3), twice its value from the middle.
+    The true time may be less by up to ``unsure_s``. If it is uniformly distributed over this range, its
+    root-mean-square distance from the upper end is ``unsure_s`` / sqrt(3), twice that from the middle.
     """
     return sigma_of_time(2 * bouts, 2.0 * unsure_s, session.seconds)
 
@@ -282,11 +283,11 @@ HOLDING: Final = ("upright_two_hands_time", "upright_one_hand_time", "upright_no
 
 
 def _holding(session: Session) -> list[Measure]:
-    """Return the time upright with two hands, one hand and no hand on the equipment; a forearm that lies on it counts
+    """Return the times upright with two hands, one hand and no hand on the equipment. A forearm that rests on it counts
     as a hand.
 
-    An unseen hand may hold on unseen, and with a lost hand the number of holding hands is unknown. Such a frame counts
-    for none of the three times, and makes all of them uncertain.
+    If a hand is hidden or lost, the number of holding hands is unknown. Such a frame counts for none of the three
+    times, and makes all of them uncertain.
     """
     why = _why_unknown(session, NO_EQUIPMENT if session.supports is None else None)
     if why is not None or session.supports is None:

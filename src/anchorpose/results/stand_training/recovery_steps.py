@@ -2,8 +2,8 @@
 
 Balance is lost where the extrapolated centre of mass leaves the base of support (Hof et al. 2005,
 doi:10.1016/j.jbiomech.2004.03.025): a body that moves with speed v falls like a resting body that is displaced by v /
-w, where w is sqrt(g / l) of a pendulum as long as the centre of mass is high. The times and margins are our own
-definition.
+w, where w = sqrt(g / l) is that of a pendulum whose length l is the height of the centre of mass. This project itself
+defines the times and margins.
 """
 
 from __future__ import annotations
@@ -26,13 +26,15 @@ KINDS: Final = {"left": RECOVERY_LEFT, "right": RECOVERY_RIGHT}
 GRAVITY_M_S2: Final = 9.81
 
 SMOOTHING_S: Final = 0.05
-"""Standard deviation of the kernel on the centre of mass, whose speed would otherwise be noise."""
+"""Standard deviation in s of the kernel that smooths the centre of mass, so that its speed is not mostly noise."""
 
 FOOT_M: Final = 0.05
-"""Extent of the sole beyond the joints of a foot: the heel behind the ankle, the toes before the toe base."""
+"""Length in m by which the sole extends beyond a foot's joints: the heel behind the ankle, the toes before the toe
+base.
+"""
 
 STILL_S: Final = 1.0
-"""Seconds without another step before a recovery step: walking people place a foot all the time."""
+"""Least time in s without another step before a recovery step: people who walk place a foot all the time."""
 
 WITHIN_S: Final = 1.2
 """Longest time in seconds from the loss of balance to foot strike; a longer fall is not caught by a step."""
@@ -42,7 +44,9 @@ _FEET: Final = [*_ANKLES, JOINT_INDEX["FootLeft"], JOINT_INDEX["FootRight"]]
 
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
-"""Unit vectors (2, 72): the distance to a convex outline is the largest over all directions, within 0.1 % by these."""
+"""Unit vectors (2, 72) at equal angles. The distance to a convex outline is the largest over all directions; these give
+it within 0.1 %.
+"""
 
 
 def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventConfig) -> list[Event]:
@@ -107,7 +111,7 @@ def _recovery(session: Session, step: Step, extrapolated_m: np.ndarray, config: 
     beyond_m = reach - FOOT_M
     inside = np.flatnonzero(beyond_m <= 0.0)
     if not len(inside) or not np.isfinite(beyond_m).all():
-        return None  # the patient leant beyond the feet all the time, as on a rail
+        return None  # the patient leant beyond the feet all the time, for example on a rail
     onset, depth_m = first + int(inside[-1]) + 1, float(beyond_m[inside[-1] :].max())
     sigma_m = float(_sigma_m(session)[first : off + 1].mean())
     if depth_m < max(config.beyond_m, config.times_sigma * sigma_m):

@@ -32,11 +32,11 @@ from anchorpose.settings import Positive, settings
 class Stance:
     """The stance in every frame, NaN where a joint is lost; each value has one standard deviation.
 
-    thigh_deg (n,): angle of the thigh that is nearer to the vertical (a patient who raises one leg stands on the
-    other), 0 = hanging straight down from the hip. trunk_deg (n,): angle of the line from SpineBase to SpineShoulder
-    against the vertical, in any direction. height (n,): height of the middle of the hips over the lower ankle, in
-    lengths of the patient's leg: 1 = standing straight. behind_m (n,): how far the centre of mass is behind the middle
-    of the ankles, without a sigma.
+    thigh_deg (n,): angle between the vertical and the thigh that is nearer to it, 0 = thigh straight down from the hip;
+    a patient who raises one leg stands on the other. trunk_deg (n,): angle of the line from SpineBase to SpineShoulder
+    against the vertical, in any direction. height (n,): height of the midpoint of the hips above the lower ankle, in
+    leg lengths: 1 = standing straight. behind_m (n,): distance of the centre of mass behind the midpoint of the ankles;
+    it has no sigma.
     """
 
     thigh_deg: np.ndarray
@@ -102,13 +102,13 @@ def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
     hips, ankles = ([JOINT_INDEX[f"{name}{side}"] for side in ("Left", "Right")] for name in ("Hip", "Ankle"))
     both_m = height[:, ankles]
     sigma_m = np.sqrt(variance[:, hips].sum(axis=1) / 4.0 + variance[:, ankles].mean(axis=1))
-    # min and not nanmin: with one ankle lost it is unknown which ankle is lower
+    # min, not nanmin: if an ankle is lost, it is unknown which is lower
     return height[:, hips].mean(axis=1) - both_m.min(axis=1), sigma_m
 
 
 def facing(position_m: np.ndarray) -> np.ndarray:
-    """Return x and z (n, 2) of the patient's heading, which is perpendicular to the line of the hips; position_m (n,
-    21, 3).
+    """Return (n, 2): the heading of the patient on the floor as x and z, perpendicular to the line of the hips.
+    position_m (n, 21, 3): the joints.
     """
     across = position_m[:, JOINT_INDEX["HipRight"]] - position_m[:, JOINT_INDEX["HipLeft"]]
     return unit(np.stack([across[:, 2], -across[:, 0]], axis=1))
@@ -158,8 +158,8 @@ class UprightConfig:
 
 
 class Limits(NamedTuple):
-    """The limits in every frame, (n,) bool each: whether all limits for being upright are met; whether one of the wider
-    limits is passed; whether no needed joint is lost.
+    """Three arrays (n,) bool: whether all limits for becoming upright are met; whether one of the wider limits is
+    passed, which ends being upright; whether no needed joint is lost.
     """
 
     begins: np.ndarray
@@ -168,8 +168,8 @@ class Limits(NamedTuple):
 
 
 def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) -> Limits:
-    """Test the limits in every frame. shift: every value is moved by this many sigma towards standing, to see the
-    effect of errors.
+    """Test the limits in every frame. shift: number of sigmas by which every value is moved towards standing, to find
+    the effect of errors.
     """
     thigh = stance.thigh_deg - shift * stance.thigh_sigma_deg
     trunk = stance.trunk_deg - shift * stance.trunk_sigma_deg
@@ -180,8 +180,8 @@ def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) ->
 
 
 def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.ndarray:
-    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN`` where a joint is lost or no limit was met since
-    one was lost.
+    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``. After a lost joint it is unknown until a limit is
+    passed again.
 
     shift: as in ``upright_limits``.
     """
@@ -190,7 +190,7 @@ def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.nda
 
 def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Return int8 (n,): 1 from each frame that ``begins`` a state to the next that ``ends`` it, else 0; -1 before the
-    first of either, and where unknown.
+    first such frame, and from each frame that is not ``known`` to the next such frame.
     """
     state = np.full(len(known), UNKNOWN, dtype=np.int8)
     decisive = begins | ends | ~known

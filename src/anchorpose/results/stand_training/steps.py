@@ -1,7 +1,8 @@
 """Find steps, by when each foot leaves the floor and comes down again, and compute measures of them.
 
 A foot swings while its ankle moves over the floor and the other ankle rests. Joints do not show forces, so foot off and
-foot strike are the moments at which a movement begins and ends. They are some hundredths of a second off.
+foot strike are taken to be the moments at which the ankle's movement begins and ends. They are some hundredths of a
+second off.
 """
 
 from __future__ import annotations
@@ -22,22 +23,24 @@ from anchorpose.results.stand_training.upright import episode
 from anchorpose.results.tables import JointTable
 
 SMOOTHING_S: Final = 0.06
-"""Standard deviation of the kernel on the ankles' paths: a swing lasts 0.3 s and more."""
+"""Standard deviation in s of the kernel that smooths the ankles' paths; a swing lasts at least 0.3 s."""
 
 MOVES_M_PER_S: Final = 0.20
 RESTS_M_PER_S: Final = 0.10
-"""Speeds of ankles: a resting ankle is slower than the second, noise included; a swinging one exceeds the first."""
+"""Speeds of an ankle in m/s: in a swing it exceeds the first; at rest it stays below the second, noise included."""
 
 SHORTEST_M: Final = 0.06
 AWAY_M: Final = 0.02
-"""Distances of the ankle: a swing begins this far from its last place of rest, and ends this near to the next one."""
+"""Distances in m: in a step the ankle moves by at least the first. The swing lasts while the ankle is farther than the
+second from both of its places of rest.
+"""
 
 LONGEST_S: Final = 2.0
 EVENT_SIGMA_S: Final = 0.06
-"""Standard deviation of a foot off or foot strike, found on simulated steps (docs/measures.md)."""
+"""Standard deviation in s of the error of a foot off or foot strike, measured on simulated steps (docs/measures.md)."""
 
 LONGEST_PAUSE_S: Final = 2.0
-"""Seconds between successive steps; steps farther apart do not follow each other."""
+"""Longest time in s between successive steps; steps farther apart do not follow each other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +89,8 @@ def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> lis
 
 
 def _whole(runs: Iterable[slice], height_m: np.ndarray) -> list[slice]:
-    """Join runs with a pause between them to one swing, if the foot is in the air in the pause: its ankle is higher
-    than at rest.
+    """Join two runs to one swing if the foot is in the air in the pause between them: its ankle is then higher than at
+    rest.
     """
     whole = list[slice]()
     for run in runs:
@@ -120,8 +123,8 @@ def _until_at_rest(speed: np.ndarray, run: slice) -> slice:
 
 
 def _swing(path_m: np.ndarray, run: slice) -> slice | None:
-    """Return the frames in which the ankle, path_m (n, 3), is away from both of its places of rest; None for less than
-    a step.
+    """Return the frames in which the ankle, path_m (n, 3), is away from both of its places of rest; None if the
+    movement is shorter than a step.
     """
     path = path_m[run.start - 1 : run.stop + 1]
     left, reached = (np.linalg.norm(path - place, axis=1) for place in (path[0], path[-1]))
@@ -155,7 +158,7 @@ def step_measures(session: Session, steps: list[Step]) -> list[Measure]:
 
 
 _NO_STEP: Final = "no step of this foot was seen from foot off to foot strike while upright"
-_NO_PAIR: Final = "no step was followed by one of the other foot"
+_NO_PAIR: Final = "no step was followed by a step of the other foot"
 _NEVER: Final = "the ankles were never both known while upright"
 
 
@@ -180,7 +183,7 @@ def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
 def _mean(
     session: Session, name: str, side: str | None, unit: str, found: list[tuple[float, Step]], sigma: float, why: str
 ) -> Measure:
-    """Return the mean of the values; half of the variance of one value's error is assumed common to all."""
+    """Return the mean of the values; half of the variance of each value's error is assumed to be common to all."""
     if not found:
         return unknown(name, unit, why, side)
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]

@@ -26,12 +26,12 @@ SIDES: Final = ("left", "right")
 TIMES: Final = 5
 LONGEST_SEATED_S: Final = 2.0
 LONGEST_STOOD_S: Final = 5.0
-"""Longest pause in seconds between two changes: a patient who rests on the seat does another test; a slow one may need
-time to stand steady.
+"""Longest times in s of sitting and of standing between two changes. A patient who rests longer on the seat does
+another test; a slow patient may need time to stand steadily.
 """
 
 TOUCH_S: Final = 0.1
-"""Least duration of sitting and standing in seconds: in the test people touch the seat and rise again."""
+"""Least duration of sitting and standing in s: in the test people only touch the seat and rise again."""
 
 
 def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measure:
@@ -71,15 +71,17 @@ def _longest_series(moves: Sequence[Transition], time_s: np.ndarray) -> list[Tra
 
 LEVEL_DEG: Final = 10.0
 STILL_LEVEL_DEG: Final = 35.0
-"""Limits in degrees: an arm counts as raised forward from within the first of the horizontal, and until it is farther
-than the second.
+"""Angles in degrees between arm and horizontal. An arm counts as raised once the angle is below the first limit, until
+it exceeds the second.
 """
 
 STRAIGHT: Final = 0.92
-"""Least distance from shoulder to wrist, in lengths of the arm: the elbow is bent by less than 45 degrees."""
+"""Least distance from shoulder to wrist, as a share of the arm's length: the elbow is then bent by less than 45
+degrees.
+"""
 
 FORWARD: Final = 0.85
-"""Least share of the arm's length that points forward: 32 degrees to a side."""
+"""Least forward component of the raised arm, as a share of its length: the arm points at most 32 degrees to a side."""
 
 BASE_M: Final = 0.05
 START_S: Final = 0.5
@@ -87,7 +89,9 @@ LEAST_REACH_S: Final = 1.0
 
 
 def functional_reach(session: Session, side: str) -> Measure:
-    """Measure the millimetres that the wrist of the raised arm goes forward with the feet in place, while upright."""
+    """Measure how far (mm) the wrist of the raised arm moves forward while the patient is upright with the feet in
+    place.
+    """
     measure = "functional_reach"
     position, sigma, time_s = session.joints.position_m, session.joints.sigma_m, session.joints.time_s
     forward = facing(position)
@@ -120,8 +124,8 @@ _SHORT: Final = "the raised arm went forward by no more than the errors of the w
 def _raised_arm(
     position_m: np.ndarray, forward: np.ndarray, side: str, upright: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two (n,) bool: whether the arm is forward, straight and about level; and whether it is level enough for
-    the test to begin.
+    """Return two arrays (n,) bool: whether the arm points forward, straight and about level; and whether it is level
+    enough for the test to begin.
     """
     shoulder, elbow, wrist = (position_m[:, JOINT_INDEX[f"{n}{side.capitalize()}"]] for n in _ARM)
     arm = wrist - shoulder
@@ -139,8 +143,8 @@ _ARM: Final = ("Shoulder", "Elbow", "Wrist")
 
 
 def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
-    """Return for how many rows from the first both ankles stay within ``BASE_M`` of their first place; 0 where
-    unknown.
+    """Return for how many rows from the first both ankles stay within ``BASE_M`` of their first place; 0 if an ankle is
+    unknown there.
     """
     if not len(rows):
         return 0
@@ -152,10 +156,12 @@ def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
 
 LIFTED_M: Final = 0.06
 LOWERED_M: Final = 0.04
-"""Heights of one ankle above the other: the foot is off the floor above the first until it is below the second."""
+"""Heights in m of one ankle above the other: the foot counts as off the floor from above the first until below the
+second.
+"""
 
 LEAST_STANCE_S: Final = 1.0
-"""Least duration in seconds; a shorter stance is a step."""
+"""Least duration in s; a shorter stance on one leg is a step."""
 
 
 def single_leg_stance(session: Session, side: str) -> Measure:
@@ -168,7 +174,7 @@ def single_leg_stance(session: Session, side: str) -> Measure:
     error = systematic_sigma(np.hypot(session.joints.sigma_m[:, lifted], session.joints.sigma_m[:, stands]))
     runs = [
         _longest_on_one_leg(session, height + shift * error, stands) for shift in (0.0, -1.0, 1.0)
-    ]  # as measured, and with a systematic error of one sigma either way
+    ]  # as measured, and with a systematic error of plus or minus one sigma
     run, seconds = runs[0]
     if run is None or seconds < LEAST_STANCE_S:
         why = f"the other foot was never seen off the floor for {LEAST_STANCE_S:g} s while upright on a foot in place"

@@ -14,8 +14,8 @@ from anchorpose.results.records import Contact
 
 NO_CONTACTS: Final = "the results folder has no contacts.parquet; track the recording again"
 NO_EQUIPMENT: Final = (
-    "contacts with the equipment are not known: the recording has no model of it (equipment.json), or a version that "
-    "did not look for them tracked it"
+    "contacts with the equipment are unknown: the recording has no model of it (equipment.json), or a version that "
+    "did not search them tracked it"
 )
 NEVER_FOUND: Final = "the patient was found in no frame"
 NO_UPRIGHT: Final = "the patient was never known to be upright"
@@ -48,8 +48,8 @@ def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
 def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tuple[float, float | None]:
     """Return the time with any contact, and its sigma.
 
-    Without contacts there is no sigma, since it is unknown how many were missed. Each beginning and each end may be a
-    frame off, and the unseen part of a contact may not exist.
+    Without contacts there is no sigma, since it is unknown how many were missed. Each beginning and each end may be
+    wrong by a frame, and the unseen part of a contact may not exist.
     """
     any_of = touch.at_once > 0
     if not any_of.any():

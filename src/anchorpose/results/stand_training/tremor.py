@@ -21,16 +21,17 @@ from anchorpose.settings import Positive, settings
 LOWEST_HZ, HIGHEST_HZ = 3.0, 8.0
 
 LEAST_HZ: Final = 20.0
-"""Least frames per second: 2.5 per period of the fastest oscillation."""
+"""Least frame rate in Hz: 2.5 frames per period of the fastest oscillation."""
 
 WINDOW_S: Final = 2.0
-"""Seconds of a window, six periods of the slowest oscillation; frequencies are half a hertz apart."""
+"""Length of a window in s: six periods of the slowest oscillation. Frequencies are then half a hertz apart."""
 
 MOVEMENT_HZ: Final = 1.0
-"""Upper frequency of posture and slow movement, which do not exclude clonus."""
+"""Frequency in Hz up to which power is posture and slow movement; it does not count against an oscillation."""
 
 PEAK_HZ: Final = 0.75
-"""Half the width of a peak: that of a Hann window of two seconds, plus a bin for a varying frequency."""
+"""Half width of a peak in Hz: that of a Hann window of two seconds, plus one frequency step since the frequency varies.
+"""
 
 JOINTS: Final = {"knee": "knee_flexion", "ankle": "ankle_dorsiflexion"}
 UNITS: Final = {"time": "s", "frequency": "Hz", "amplitude": "deg"}
@@ -42,16 +43,17 @@ NONE: Final = "no such oscillation was seen"
 
 @settings
 class TremorConfig:
-    """Settings of when an oscillation counts."""
+    """Settings of when an oscillation counts as tremor or clonus."""
 
-    least_deg: Positive = 1.0  # amplitude, half of the way from end to end; the eye hardly sees less
-    # share of the power above 1 Hz; white errors have 0.1 at 30 Hz
+    least_deg: Positive = 1.0  # least amplitude (half of peak to peak); smaller is hardly visible
+    # least share of the power above 1 Hz that the peak holds; errors without rhythm have 0.1 at 30 frames per second
     peak_share: Annotated[float, Field(gt=0, lt=1)] = 0.6
 
 
 class Window(NamedTuple):
-    """A time window. rows: rows of its frames. seconds: time that it represents. frequency_hz, amplitude_deg: frequency
-    and amplitude of its peak; share: share of the power above ``MOVEMENT_HZ`` that the peak holds.
+    """A time window. rows: rows of its frames. seconds: time that these frames represent. frequency_hz, amplitude_deg:
+    frequency and amplitude of the highest peak of the spectrum; share: share of the power above ``MOVEMENT_HZ`` that
+    this peak holds.
     """
 
     rows: slice
@@ -104,7 +106,7 @@ def _stepping(session: Session) -> np.ndarray:
 SEEN: Final = STATE_CODE[JointState.OBSERVED]
 
 ROUNDING_S: Final = 0.001
-"""Time stamps are often written to the millisecond."""
+"""s; time stamps are often rounded to the millisecond."""
 
 
 def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Iterator[Window]:
@@ -133,7 +135,7 @@ def _window(time_s: np.ndarray, degrees: np.ndarray, rows: slice) -> Window:
     top = int(np.argmax(np.where(band, power, -1.0)))
     peak = np.abs(frequency_hz - frequency_hz[top]) <= PEAK_HZ
     held, total = float(power[peak].sum()), float(power[frequency_hz > MOVEMENT_HZ].sum())
-    # a sine of amplitude A has the mean square A^2 / 2, of which the taper keeps its own sum of squares
+    # a sine of amplitude A has the mean square A^2 / 2; the window scales it by the sum of its squared weights
     amplitude = float(np.sqrt(4.0 * held / (count * (taper**2).sum())))
     share = min(held / total, 1.0) if total > 0 else 0.0
     centre = float((power[peak] * frequency_hz[peak]).sum() / held) if held > 0 else float(frequency_hz[top])

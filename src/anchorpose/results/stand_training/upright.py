@@ -22,8 +22,8 @@ NEVER_KNOWN: Final = "in no frame was it known whether the patient was upright"
 NONE_SEEN: Final = "none was seen from beginning to end"
 
 LOW_PERCENTILE: Final = 10.0
-"""Percentile of heights: the seat's height is the lowest of sitting, that of standing the highest, except for a tenth
-of the frames. Medians would include the way up, the extreme frame its noise.
+"""Percentile of the pelvis' height that gives the seat's height in sitting; 100 less this percentile gives that of
+standing. Medians would include the rise, extremes a single frame's noise.
 """
 
 
@@ -89,8 +89,8 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
 
 
 def _sigma_s(session: Session, config: UprightConfig) -> float:
-    """Return sigma of the upright time: half of its change if all frames err by one sigma, towards and away from
-    standing.
+    """Return sigma of the upright time: half of its change between all frames shifted by one sigma towards standing and
+    away from it.
 
     In addition, every beginning and end of a bout may be half a frame off.
     """
@@ -114,11 +114,11 @@ class TransitionConfig:
 
     seated_enter_deg: Positive = 65.0
     seated_leave_deg: Positive = 55.0
-    behind_feet_m: Positive = 0.07  # m, centre of mass behind the ankles while seated: a heel plus measurement errors
-    rest_s: Positive = 1.0  # s that the pelvis stays within ``rest_height`` of its height in sitting or standing
-    rest_height: Positive = 0.05  # tolerance of the pelvis's height at rest, in leg lengths
-    settle_s: Positive = 3.0  # s of sitting and of standing next to the transition, by which their heights are measured
-    edge: Positive = 0.05  # share of the rise; the transition begins where the pelvis has moved by this much
+    behind_feet_m: Positive = 0.07  # m, least distance of the centre of mass behind the ankles: a heel plus errors
+    rest_s: Positive = 1.0  # s for which the pelvis must stay within ``rest_height`` of its seated or standing height
+    rest_height: Positive = 0.05  # leg lengths, tolerance of the pelvis's height at rest
+    settle_s: Positive = 3.0  # s of each posture next to the transition, by which the two heights are measured
+    edge: Positive = 0.05  # the transition begins at this share of the rise, and ends this much before its end
     longest_s: Positive = 20.0  # s; a longer change includes a pause between sitting and standing
 
     def __post_init__(self) -> None:
@@ -215,8 +215,8 @@ def _duration(session: Session, ones: list[Transition], kind: str, which: str) -
 
 
 def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
-    """Return whether the pelvis stays near the lowest height of a run for long enough; height (k,), negated for
-    standing.
+    """Return whether the pelvis stays near the lowest height of a run for long enough; height (k,), with reversed sign
+    for standing.
     """
     there = np.isfinite(height)
     if not there.any():
@@ -244,16 +244,16 @@ def _transition(
     way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
     middle = before.stop - before.start
     noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1])))
-    noise /= abs(end_level - start_level)  # as a share of the way, like the edges
-    shake = min(noise, 0.5 * config.edge)  # shifted edges must stay between the levels
+    noise /= abs(end_level - start_level)  # as a share of the change of height, like the edges
+    shake = min(noise, 0.5 * config.edge)  # both shifted edges must lie between the two heights
     lengths = list[float]()
     for edge in (config.edge, config.edge + shake, config.edge - shake):
         first, last = _moving(way, middle, edge)
         lengths.append(float(time_s[before.start + last] - time_s[before.start + first]))
     first, last = _moving(way, middle, config.edge)
     step = usual_step_s(time_s[before.start : after.stop])
-    off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # extrapolated linearly to more noise
-    sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # both ends fall between two frames
+    off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # extrapolated to the full noise
+    sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # sampling: each end lies anywhere between two frames
     return Transition(
         SIT_TO_STAND if rises else STAND_TO_SIT,
         slice(before.start + first, before.start + last + 1),
@@ -265,14 +265,16 @@ def _transition(
 def _level(
     time_s: np.ndarray, height: np.ndarray, run: slice, settle_s: float, percentile: float, *, last: bool
 ) -> float:
-    """Return the height of a posture, from the seconds next to the transition: its last seconds, or its first."""
+    """Return the height of a posture in the seconds next to the transition: the run's last seconds, or its first."""
     times = time_s[run]
     near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s
-    return float(np.nanpercentile(height[run][near], percentile))  # an ankle may have been lost while seated
+    return float(np.nanpercentile(height[run][near], percentile))  # nan: an ankle may have been lost while seated
 
 
 def _moving(way: np.ndarray, middle: int, edge: float) -> tuple[int, int]:
-    """Return the first and last index of the movement around the index ``middle``; way (k,) goes from 0 to 1."""
+    """Return the first and last index of the movement around the index ``middle``. way (k,): height from 0 (before) to
+    1 (after); edge: as in ``TransitionConfig``.
+    """
     still, there = np.flatnonzero(way[: middle + 1] <= edge), np.flatnonzero(way[middle:] >= 1.0 - edge)
     first = int(still[-1]) if len(still) else 0
     last = middle + int(there[0]) if len(there) else len(way) - 1
