@@ -107,7 +107,7 @@ def remedy_of(doubt: PoseDoubt) -> str:
 
 
 def exchanged_cameras(scenes: Sequence[Scene]) -> tuple[str, str] | None:
-    """Return the names of two cameras such that all rooms agree once the poses and lenses of the two are exchanged; None
+    """Return the names of two cameras such that all rooms agree once the poses and lenses of both are exchanged; None
     if there are no such cameras.
     """
     for a, b in combinations(range(len(scenes)), 2):

@@ -70,7 +70,7 @@ def warm_up() -> Registration:
 
 
 def _own_skin(points: SkinPoints, posed: PosedPoints) -> Evidence:
-    """Return evidence: the skin points that face the camera, as nodes, and the depth image of the skin before a wall."""
+    """Return evidence: the skin points that face the camera, as nodes, and the depth image of skin and wall."""
     facing = ((CAMERA.position_m - posed.points_m) * posed.normals).sum(axis=1) > 0.0
     seen = posed.points_m[facing]
     T_camera_world = np.linalg.inv(CAMERA.require_pose())
