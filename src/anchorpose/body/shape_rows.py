@@ -41,8 +41,8 @@ def accumulate_shape(
 def full_jacobian(
     body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, free: FreeShape
 ) -> np.ndarray:
-    """Return the Jacobian (n, s): the derivative of each point's movement along its direction, by the parameters of pose
-    and free shape.
+    """Return the Jacobian (n, s): the derivative of each point's movement along its direction, by the parameters of
+    pose and free shape.
     """
     points = body.points
     pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, points.asset.bone_parents, points.moving)

@@ -228,7 +228,7 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
 
 
 def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int) -> np.ndarray:
-    """Return (n, count + c) the derivative of each point's movement along its direction, by coefficients and offsets."""
+    """Return (n, count + c) the derivative of each point's movement along its direction, by coefficients, offsets."""
     asset, transforms = body.points.asset, posed.transforms
     offset = shape_offsets(asset, posed, count)
     weights = body.points.weights[index]
