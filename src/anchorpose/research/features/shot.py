@@ -90,7 +90,7 @@ def _locate(
 ) -> None:
     """Fill place (4, k) with the place of each neighbour's vote.
 
-    The rows are eighths of a turn from -x, share of the radius, inclination from z, and bins of the normal's cosine to
+    The rows are eighths of a turn from -x, share of the radius, inclination from z, and steps of the normal's cosine to
     z.
     """
     px, py, pz = oriented[own, 0], oriented[own, 1], oriented[own, 2]
