@@ -1,4 +1,4 @@
-"""Correct the patient's pixels: add parts that have another person's label, and remove other people and pieces of them."""
+"""Correct the patient's pixels: add parts with another person's label, remove other people and pieces of them."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ class MotionDatabase:
 
 
 def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
-    """Return the pose vectors (t, 67) float64 of consecutive frames of joints (t, 21, 3), world, metres; NaN stays NaN."""
+    """Return the pose vectors (t, 67) float64 of consecutive frames of joints (t, 21, 3), world, metres; NaN stays."""
     heading = heading_rad(joints_m)
     root = joints_m[:, _ROOT]
     relative = _turned(joints_m - root[:, None], -heading)

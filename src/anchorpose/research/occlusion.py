@@ -39,7 +39,7 @@ class Region:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occlusion:
-    """A surface with and without its hidden nodes. Everywhere outside this class, nodes are numbered as in ``whole``."""
+    """A surface with and without its hidden nodes. Outside this class, nodes are numbered as in ``whole``."""
 
     whole: Surface  # the surface without the occlusion
     hidden: np.ndarray  # (n,) bool

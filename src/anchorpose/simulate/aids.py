@@ -212,7 +212,7 @@ def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[
 
 
 def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_m: float) -> tuple[EquipmentPart, ...]:
-    """Build a spreader bar above the head, two straps beside the head, and, if the trunk keeps still, a chest harness."""
+    """Build a spreader bar above the head, two straps beside the head, and, for a still trunk, a chest harness."""
     standing = sweep.standing()
     chest = standing.within(sternum_m - 0.1, sternum_m + 0.1, 0.2)
     middle_m = float(chest[:, 0].mean())

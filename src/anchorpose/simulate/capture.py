@@ -23,7 +23,7 @@ _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # the file's left, up and ahead 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """A captured movement at CLIP_HZ; the subject faces +X on average. In arrays of limbs the second axis is the side."""
+    """A captured movement at CLIP_HZ; the subject faces +X on average. The second axis of limb arrays is the side."""
 
     start_s: float  # time of the first row
     waist_m: np.ndarray  # (n, 3)

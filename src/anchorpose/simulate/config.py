@@ -214,7 +214,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
 
 
 def rough_recorder(config: SimulationConfig) -> SimulationConfig:
-    """Return ``config`` recorded by devices without synchronisation; clock errors and losses are drawn from its seed."""
+    """Return ``config`` recorded by devices without synchronisation; its seed gives clock errors and losses."""
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROUGH_KEY,)))
     others = config.cameras - 1
     return replace(

@@ -64,7 +64,7 @@ class Posture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestLimb:
-    """Two bones of a limb in the rest pose: directions, lengths, the axis about which the second bends, and its bend."""
+    """Two bones of a limb in the rest pose: directions, lengths, the axis about which the second bends, its bend."""
 
     first: np.ndarray
     second: np.ndarray
@@ -236,7 +236,7 @@ class _Poser:
     def _pulled(
         self, posture: Posture, side: int, limb: RestLimb, upper: np.ndarray, fore: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Pull the arm towards the hand's target; the elbow bends backwards and outwards from the line to the target."""
+        """Pull the arm towards the hand's target; the elbow bends backwards and outwards from the line to it."""
         pull = posture.pull[:, side, None]
         if not pull.any():
             return upper, fore

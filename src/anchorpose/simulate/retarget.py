@@ -123,7 +123,7 @@ class _Resampler:
 
 
 def retarget(person: Person, capture: Capture) -> CapturedActor:
-    """Transfer the movement to the person's segment lengths, facing +X; standing feet are on the floor and do not move."""
+    """Transfer the movement to the person's segment lengths, facing +X; standing feet are on the floor and still."""
     body = person.body
     hips_m, lengths_m, back = _legs(body)
     scale = float(lengths_m.sum(axis=1).mean()) / capture.leg_m

@@ -196,7 +196,7 @@ def _walker(rng: np.random.Generator, person: Person, footwork: Footwork) -> The
 def _visit(
     rng: np.random.Generator, spot: np.ndarray, facing: float, arrive_s: float, leave_s: float | None
 ) -> Footwork:
-    """Return the steps in from the side, to be at ``spot`` (x, z) at ``arrive_s``, and out again; leave_s: None = stay."""
+    """Return the steps in from the side, to be at ``spot`` (x, z) at ``arrive_s``, and out again at leave_s."""
     outside = spot + rng.uniform(1.6, 2.2) * _sideways(rng, spot)
     standing = stand(outside, yaw_towards(outside, spot), STANCE_M)
     footwork = walk_until(standing, spot, facing, arrive_s, STANCE_M)

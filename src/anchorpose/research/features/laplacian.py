@@ -149,7 +149,7 @@ def _other_diagonal(h: int, g: int, after: np.ndarray, length: np.ndarray) -> fl
 
 @njit(cache=True)
 def _area(h: int, after: np.ndarray, length: np.ndarray) -> float:
-    """Return the area of the half-edge's triangle by Heron's formula in Kahan's order, which is accurate for slivers."""
+    """Return the area of the half-edge's triangle by Heron's formula in Kahan's order, stable for slivers."""
     a, b, c = length[h], length[after[h]], length[after[after[h]]]
     long, short = max(a, b, c), min(a, b, c)
     mid = max(min(a, b), min(max(a, b), c))

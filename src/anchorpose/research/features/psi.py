@@ -130,7 +130,7 @@ def _fewest_anchors(subsets: np.ndarray) -> int:
 def _possible(
     distance: np.ndarray, columns: np.ndarray, limit2: float, fewest: int, near: np.ndarray, possible: np.ndarray
 ) -> int:
-    """Fill ``possible`` with the nodes whose distances (5, n) to enough anchors are similar, so they may be in a psi."""
+    """Fill ``possible`` with nodes that may be in a psi: enough of their distances (5, n) to anchors are similar."""
     near[:] = 0
     for anchor in range(len(columns)):
         column, own = columns[anchor], distance[anchor]

@@ -265,7 +265,7 @@ def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
 
 
 def _without_wave(spectrum: Spectrum) -> np.ndarray:
-    """Return (n,) bool: nodes on pieces without a wave, for example pieces smaller than the spectrum's shortest wave."""
+    """Return (n,) bool: nodes on pieces without a wave, such as pieces smaller than the spectrum's shortest wave."""
     at = spectrum.piece >= 0
     inside = spectrum.mass_m2[at] * (spectrum.eigenfunctions[np.ix_(at, spectrum.positive)] ** 2).sum(axis=1)
     waves = np.append(np.bincount(spectrum.piece[at], inside, spectrum.piece_count), 0.0)  # number of waves per piece

@@ -57,7 +57,7 @@ def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person
 
 
 def draw_bystander(rng: np.random.Generator, config: SimulationConfig, seat: Seat | None) -> tuple[Actor, Piece | None]:
-    """Draw another person at the origin who faces +X and sits on a seat (also returned) or stands. seat: None = stands."""
+    """Draw another person at the origin who faces +X and sits on a seat (also returned) or, with None, stands."""
     motions = STANDING_MOTIONS if seat is None else SEATED_MOTIONS
     alone = replace(
         config, room=None, motions=motions, movement_file=None, movement=None, away_s=(), stool=False, passers_by=0
@@ -114,7 +114,7 @@ def _back_rest(
 
 
 def moved_actor(actor: Actor, place_m: np.ndarray, yaw: float) -> Actor:
-    """Move a person, who is at the origin and faces +X, to a place (x, z), and turn the person to the left by ``yaw``."""
+    """Move a person, who is at the origin and faces +X, to a place (x, z), and turn them to the left by ``yaw``."""
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     feet = actor.footwork
     steps = tuple(

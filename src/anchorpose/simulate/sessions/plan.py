@@ -35,7 +35,7 @@ LETS_GO: Final = 0.15
 
 @settings
 class SessionConfig:
-    """Settings of a session: half of the trials with stimulation, half without, in random order within blocks of four."""
+    """Settings of a session: half of the trials with stimulation, half without, at random within blocks of four."""
 
     trials: Annotated[int, Field(ge=2, le=200, multiple_of=2)] = 12
     trial_s: Annotated[float, Field(ge=SHORTEST_TRIAL_S, le=3600)] = 20.0

@@ -1,4 +1,4 @@
-"""Draw the therapists of a session: each crouches beside the patient, and holds a knee and the hip in trials with help."""
+"""Draw the therapists of a session, who crouch beside the patient; in trials with help, each holds a knee and the hip."""
 
 from __future__ import annotations
 

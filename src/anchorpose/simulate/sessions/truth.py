@@ -124,7 +124,7 @@ _OF_TRIALS: Final = ("onset_s", "duration_s", "amplitude_v", "block", "helped", 
 
 
 def events_table(plan: Sequence[PlannedTrial]) -> str:
-    """Return the text of events.tsv, in the format of ``anchorpose record``, with amplitude and block of every trial."""
+    """Return the text of events.tsv, in the format of ``anchorpose record``, with each trial's amplitude and block."""
     rows = ["onset\tduration\ttrial_type\tamplitude\tblock"]
     rows += [f"{t.onset_s:.4f}\t{t.duration_s:.4f}\t{t.condition}\t{t.amplitude_v:g}\t{t.block}" for t in plan]
     return "\n".join(rows) + "\n"
