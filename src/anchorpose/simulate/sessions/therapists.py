@@ -1,4 +1,4 @@
-"""Draw the therapists of a session, who crouch beside the patient; in trials with help, each holds a knee and the hip."""
+"""Draw the therapists of a session, who crouch beside the patient; in trials with help, each holds knee and hip."""
 
 from __future__ import annotations
 
