@@ -43,31 +43,23 @@ ADULT_COMPONENTS = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyAsset:
-    """A linear shape space over a skinned mesh. Axes X forward, Y up, Z to the body's right; metres; rest pose.
+    """A linear shape space over a skinned mesh at rest. Axes X forward, Y up, Z to the body's right; metres."""
 
-    vertices (v, 3), vertex_basis (k, v, 3): skin of the mean adult, and the change by one standard deviation of each
-    shape coefficient. bone_heads, bone_tails (b, 3) and their bases (k, b, 3): the skeleton, moved by the same
-    coefficients. bone_parents (b,) int, -1 for the root; parents come before children. skin_bones, skin_weights (v, w):
-    linear blend skinning, rows sum to 1. faces (f, 3) int32, counter-clockwise from outside. adult_sigma (c,): standard
-    deviations of adults' statistical coefficients, whose mean is 0; child_mean (c,) and child_covariance (c, c): the
-    coefficients of children of 0.95 to 1.60 m.
-    """
-
-    vertices: np.ndarray
-    vertex_basis: np.ndarray
-    bone_heads: np.ndarray
-    bone_head_basis: np.ndarray
-    bone_tails: np.ndarray
-    bone_tail_basis: np.ndarray
+    vertices: np.ndarray  # (v, 3) skin of the mean adult
+    vertex_basis: np.ndarray  # (k, v, 3) change of the skin by one unit of each shape coefficient
+    bone_heads: np.ndarray  # (b, 3) skeleton of the mean adult
+    bone_head_basis: np.ndarray  # (k, b, 3) change of the heads by one unit of each coefficient
+    bone_tails: np.ndarray  # (b, 3)
+    bone_tail_basis: np.ndarray  # (k, b, 3)
     bone_names: tuple[str, ...]
-    bone_parents: np.ndarray
-    skin_bones: np.ndarray
-    skin_weights: np.ndarray
-    faces: np.ndarray
-    adult_sigma: np.ndarray
-    child_mean: np.ndarray
-    child_covariance: np.ndarray
-    own_names: tuple[str, ...] = ()  # names of the last directions, each of a single segment (``segments``)
+    bone_parents: np.ndarray  # (b,) int, -1 for the root; parents come before children
+    skin_bones: np.ndarray  # (v, w) bones that move each vertex by linear blend skinning
+    skin_weights: np.ndarray  # (v, w) weights of these bones, each row sums to 1
+    faces: np.ndarray  # (f, 3) int32, counter-clockwise seen from outside
+    adult_sigma: np.ndarray  # (c,) standard deviations of adults' statistical coefficients; their mean is 0
+    child_mean: np.ndarray  # (c,) mean of these coefficients in children of 0.95 to 1.60 m
+    child_covariance: np.ndarray  # (c, c) their covariance in these children
+    own_names: tuple[str, ...] = ()  # names of the last coefficients, each for a single segment (``segments``)
 
     @property
     def shape_count(self) -> int:
@@ -84,17 +76,17 @@ class BodyAsset:
         return self.bone_names.index(name)
 
     def own_row(self, name: str) -> int:
-        """Return the index of a direction in ``own_names`` among all shape coefficients."""
+        """Return the index, among all shape coefficients, of a name in ``own_names``."""
         return self.common_count + self.own_names.index(name)
 
     def main_bone(self) -> np.ndarray:
-        """Return (v,) int: the bone that moves each vertex most, which is the vertex's body part."""
+        """Return (v,) int: the bone that moves each vertex most; it is the vertex's body part."""
         return self.skin_bones[np.arange(len(self.skin_bones)), self.skin_weights.argmax(axis=1)]
 
 
 @cache
 def stored_asset() -> BodyAsset:
-    """Return the asset that ships with the package, with its statistical components only."""
+    """Return the asset that ships with the package; it has only the statistical components."""
     with resources.files("anchorpose.body").joinpath("data/body.npz").open("rb") as stream, np.load(stream) as stored:
         weights = stored["skin_weights"].astype(np.float64)
         return BodyAsset(

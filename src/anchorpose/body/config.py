@@ -1,4 +1,4 @@
-"""Hold the settings of the body: how it is registered and learnt, and when a joint counts as seen."""
+"""Hold the settings of registration and learning of the body, and of when a joint counts as seen."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from anchorpose.settings import Count, Positive, settings
 
 
 class Source(StrEnum):
-    """A source of alternatives to a pose in doubt; all sources but the last can also raise the doubt
-    (``body.proposals``).
+    """A source of other poses to try when a pose is in doubt (``body.proposals``). All sources except the last also
+    raise such doubts.
     """
 
     SURFACE = "surface"  # seen skin that no part of the posed body covers
-    ANCHORS = "anchors"  # hands, feet and free ends that the geodesic distances find
+    ANCHORS = "anchors"  # hands, feet and free ends of limbs, found by geodesic distances
     DESCRIPTOR = "descriptor"  # the learnt descriptor, which names places on the body
-    SIDES = "sides"  # limbs exchanged, or the body turned round; does not raise a doubt itself
+    SIDES = "sides"  # left and right limbs exchanged, or the body facing the other way; raises no doubts itself
 
 
 @settings
@@ -26,17 +26,17 @@ class RegistrationConfig:
     """Settings of the body's registration to one frame."""
 
     reaches_m: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.12, 0.10, 0.07, 0.06)
-    """Metres, one per step: within this distance a node pulls the skin. It begins with the prediction error of a fast
-    arm and ends with the thickness of clothes."""
+    """Metres, one per step: greatest distance at which a node pulls the skin. The first value is the prediction error
+    of a fast arm, the last value the thickness of clothes."""
 
     held_steps: Annotated[int, Field(ge=0, strict=True)] = 2
-    """Number of first steps in which matches and anchors also pull. They are centimetres off, so they only help to
-    begin the registration; the surface alone ends it.
+    """Number of first steps in which matches and anchors also pull. They have errors of centimetres, so later steps use
+    only the surface.
     """
 
-    least_nodes: Count = 150  # nodes needed for a registration; a patient has about 3,500, a hand has fewer than this
-    node_count: Count = 2500  # nodes used at most: enough for 60 parameters; more only cost time
-    surface_sigma_m: Positive = 0.010  # m; standard deviation of a node about the skin, from clothes and sensor
+    least_nodes: Count = 150  # fewest nodes for a registration; a patient has about 3,500, a hand alone has fewer
+    node_count: Count = 2500  # most nodes used: enough for 60 parameters; more only cost time
+    surface_sigma_m: Positive = 0.010  # m, standard deviation of a node's distance from the skin: clothes and sensor
     rows_per_observation: Positive = 8.0  # neighbouring nodes that count as one observation, since they share errors
     # sources of alternatives to a pose in doubt; use fewer only for a comparison
     sources: tuple[Source, ...] = tuple(Source)
@@ -44,12 +44,12 @@ class RegistrationConfig:
 
 @settings
 class LearningConfig:
-    """Settings of how the shape is learnt, and from how much of the recording."""
+    """Settings of learning the shape."""
 
-    own_shape: bool = True  # False: no shape is learnt; the body is the mean adult of the given or seen height
-    # s, length of a window that is learnt from at once; patients move enough in it to show where limbs turn
+    own_shape: bool = True  # learn the shape; False = use the mean adult of the given or visible height
+    # s, length of a window of frames that are used together; patients move enough in it to show where limbs bend
     window_s: Positive = 4.0
-    longest_s: Positive = 30.0  # s, in all stretches together; more changes nothing, and every second is tracked twice
+    longest_s: Positive = 30.0  # s, total time to learn from; more changes nothing, and every second is tracked twice
     frame_count: Count = 12  # frames of the first window that the fit uses; more frames repeat the evidence
     height_sigma_m: Positive = 0.01  # m; error of a measured height, which depends on shoes and the time of day
 
@@ -58,13 +58,13 @@ class LearningConfig:
 class VisibilityConfig:
     """Settings of when skin counts as seen."""
 
-    reach_m: Positive = 0.04  # m between skin and reading; clothes, sensor and pose error together reach this
+    reach_m: Positive = 0.04  # m, largest gap between seen skin and its reading: clothes, sensor and pose error
 
 
 @settings
 class UncertaintyConfig:
-    """Corrections of the linear posterior, set on simulated people alone and in clinics (see docs/tracking.md)."""
+    """Corrections of the posterior's sigma, set on simulated people alone and in clinics (see docs/tracking.md)."""
 
-    # m, smallest sigma; joints lie inside the body, and the learnt shape is not more accurate
+    # m, smallest sigma of a joint: joints lie inside the body, and the learnt shape is not more accurate
     floor_m: Positive = 0.0035
-    inflation: Positive = 0.65  # factor on the posterior's sigma; neighbouring nodes share less error than assumed
+    inflation: Positive = 0.65  # factor on the posterior's sigma; below 1, as neighbouring nodes share less error

@@ -16,23 +16,19 @@ from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors
 from anchorpose.surface.surface import Nodes
 
-NORMAL_WEIGHT_M: Final = 0.10  # m; normals that differ by 60 degrees count as this distance
-UNCOVERED_M: Final = 0.03  # m, the spacing of the skin points: a node farther from all of them lies off the body
+NORMAL_WEIGHT_M: Final = 0.10  # m, distance that counts as much as normals that differ by 60 degrees
+UNCOVERED_M: Final = 0.03  # m, the spacing of the skin points: a node farther from all skin points lies off the body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constraints:
-    """Rows ``direction . (skin point - target) = 0``.
+    """Rows ``direction . (skin point - target) = 0``."""
 
-    point (n,) index into the skin points; target_m (n, 3); direction (n, 3) unit; sigma_m (n,) standard deviation;
-    scale_m (n,) residual at which the robust kernel gives a row a quarter of its weight.
-    """
-
-    point: np.ndarray
-    target_m: np.ndarray
-    direction: np.ndarray
-    sigma_m: np.ndarray
-    scale_m: np.ndarray
+    point: np.ndarray  # (n,) index into the skin points
+    target_m: np.ndarray  # (n, 3)
+    direction: np.ndarray  # (n, 3) unit vectors
+    sigma_m: np.ndarray  # (n,) standard deviation
+    scale_m: np.ndarray  # (n,) residual at which the robust kernel reduces a row's weight to a quarter
 
     def where(self, chosen: np.ndarray) -> Constraints:
         """Return the rows where ``chosen`` (n,) bool is True."""
@@ -42,7 +38,7 @@ class Constraints:
     def alike(
         point: np.ndarray, target_m: np.ndarray, direction: np.ndarray, sigma_m: float, scale_m: float
     ) -> Constraints:
-        """Return these rows, all with the same given sigma and scale."""
+        """Return rows that all have the same sigma and scale."""
         count = len(point)
         return Constraints(point, target_m, direction, np.full(count, sigma_m), np.full(count, scale_m))
 
@@ -54,7 +50,7 @@ class Constraints:
         return np.einsum("ij,ij->i", posed.points_m[self.point] - self.target_m, self.direction)
 
     def weights(self, residual_m: np.ndarray) -> np.ndarray:
-        """Return the information (n,) of each row under Geman and McClure's kernel (doi:10.1007/978-1-4612-3732-0)."""
+        """Return the weight (n,), 1/m2, of each row by Geman and McClure's kernel (doi:10.1007/978-1-4612-3732-0)."""
         return 1.0 / (self.sigma_m * (1.0 + (residual_m / self.scale_m) ** 2)) ** 2
 
 
@@ -73,9 +69,9 @@ def surface_constraints(
 ) -> Constraints:
     """Return rows from data to model: each node of the surface pulls the nearest skin point that faces its camera.
 
-    The skin point is pulled onto a plane. The plane's normal is the mean of both normals, which cancels the curvature
-    (Rusinkiewicz 2019, doi:10.1145/3306346.3323037). A node that no skin covers pulls straight to itself: with planes
-    alone, limbs would slide along their own axis.
+    The skin point is pulled onto a plane through the node. The plane's normal is the mean of both normals, so that the
+    curvature cancels (Rusinkiewicz 2019, doi:10.1145/3306346.3323037). A node that no skin covers pulls the point to
+    itself instead: with planes alone, limbs could slide along their axis.
     """
     return rows_of_nodes(posed, surface, cameras, reach_m, config)[0]
 
@@ -98,7 +94,7 @@ def rows_of_nodes(
     return rows, chosen[node]
 
 
-@lru_cache(maxsize=8)  # every step of a registration needs the same nodes
+@lru_cache(maxsize=8)  # all steps of a registration use the same nodes
 def _nodes_for_kernels(surface: Nodes, count: int) -> tuple[np.ndarray, Oriented, np.ndarray]:
     """Return the indices of ``count`` nodes, their places and normals, and the camera that sees each."""
     chosen = thin(len(surface), count)
@@ -115,7 +111,7 @@ def place_constraints(point: np.ndarray, target_m: np.ndarray, sigma_m: float, s
 
 
 def thin(count: int, wanted: int) -> np.ndarray:
-    """Return ``wanted`` indices spread evenly over ``count``; equal arguments give equal indices."""
+    """Return up to ``wanted`` indices spread evenly over ``count``; the result depends only on the arguments."""
     if count <= wanted:
         return np.arange(count)
     return np.linspace(0, count - 1, wanted).astype(np.int64)
@@ -126,7 +122,7 @@ _ANCHOR_SIGMA_M: Final = 0.05  # m, the paper's bound on the localisation error 
 
 @cache
 def anchor_points(points: SkinPoints) -> np.ndarray:
-    """Return the skin points (5,) at the tips where the anchors lie, in the order of ``ANCHOR_NAMES``."""
+    """Return the skin points (5,) at the body's tips (head, hands, feet), in the order of ``ANCHOR_NAMES``."""
     place = points.asset.vertices[points.vertex]
     names = np.array(points.asset.bone_names)[points.part]
     tips = []
@@ -145,6 +141,6 @@ def anchor_points(points: SkinPoints) -> np.ndarray:
 
 
 def anchor_constraints(points: SkinPoints, anchors: Anchors, sigma_m: float = _ANCHOR_SIGMA_M) -> Constraints:
-    """Return constraints that hold the tips at the anchors that were found."""
+    """Return constraints that pull the body's tips to the anchors that were found."""
     found = anchors.found
     return place_constraints(anchor_points(points)[found], anchors.position_m[found], sigma_m, 5.0 * sigma_m)

@@ -1,8 +1,7 @@
-"""Divide the skin into clinical regions, measure where they touch equipment and people, and hold standing feet in
-place.
+"""Divide the skin into clinical regions, find other people near them, and hold standing feet in place.
 
-A leg that a therapist hides is constrained only by the hip, and rows from the outline push it to and fro. Since
-patients in stand training stand, the foot's place on the floor is the best evidence of the leg.
+A leg that a therapist hides is constrained only by the hip, so it would swing. Since patients in stand training stand,
+the foot's place on the floor is the best evidence of the leg.
 """
 
 from __future__ import annotations
@@ -55,12 +54,12 @@ def _all_regions() -> dict[str, tuple[str, ...]]:
 
 
 REGION_BONES: Final = _all_regions()
-"""The bones that each region's skin moves with; chest, belly and pelvis go all around the trunk."""
+"""The bones that move each region's skin; chest, belly and pelvis go all around the trunk."""
 
 REGIONS: Final = tuple(REGION_BONES)
 
 
-KNEE_RADIUS_M: Final = 0.10  # m from the joint's centre; the kneecap and a hand's breadth around the leg
+KNEE_RADIUS_M: Final = 0.10  # m from the joint's centre to the border of the knee's skin: kneecap and a hand's breadth
 
 
 @cache
@@ -99,18 +98,13 @@ def area_of_point(points: SkinPoints) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nearness:
-    """Pairs of a skin point of the patient and another person within ``HAND_M`` of it, sorted by person, then point.
+    """Pairs of a skin point of the patient and another person within ``HAND_M`` of it, sorted by person, then point."""
 
-    person (n,) uint8: pixel label; point (n,) int32: skin point; distance_m (n,) float32: to that person's nearest
-    skin; remembered (n,) bool: whether the other person's skin is hidden now and was seen shortly before. shown (p,)
-    bool: skin points of the patient that some camera sees.
-    """
-
-    person: np.ndarray
-    point: np.ndarray
-    distance_m: np.ndarray
-    remembered: np.ndarray
-    shown: np.ndarray
+    person: np.ndarray  # (n,) uint8, pixel label of the other person
+    point: np.ndarray  # (n,) int32, skin point of the patient
+    distance_m: np.ndarray  # (n,) float32, from the point to the other person's nearest skin
+    remembered: np.ndarray  # (n,) bool, whether that skin was seen shortly before but is hidden now
+    shown: np.ndarray  # (p,) bool, whether some camera sees the skin point of the patient
 
 
 def find_nearness(
@@ -145,7 +139,7 @@ def find_nearness(
 
 
 def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: points no farther than ``HAND_M`` from the box around the other people's points ``box_m``."""
+    """Return (n,) bool: points at most ``HAND_M`` from the box around the other people's points ``box_m``."""
     if not len(box_m):
         return np.zeros(len(points_m), dtype=bool)
     low, high = box_m.min(axis=0) - HAND_M, box_m.max(axis=0) + HAND_M
@@ -154,25 +148,23 @@ def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
 
 SIDES = ("Left", "Right")
 PLACES: Final = 6  # number of skin points that hold a foot's place and rotation
-STILL_S: Final = 0.4  # s for which a foot must be seen standing; during a step the sole is flat on the floor for less
-STILL_M: Final = 0.03  # m; a standing foot stays within it: the noise of a visible ankle
-SIGMA_M: Final = 0.02  # m, uncertainty of the foot's place when it goes out of sight
-DRIFT_M_S: Final = 0.05  # m/s, growth of this uncertainty while unseen: a small step in two seconds
-# m, largest height of a standing foot's sole above the floor; a hidden foot's place is as uncertain
+STILL_S: Final = 0.4  # s that a foot must be seen at rest to count as standing; a step rests for less on a flat sole
+STILL_M: Final = 0.03  # m, largest movement of a standing foot: the noise of a visible ankle
+SIGMA_M: Final = 0.02  # m, uncertainty of the foot's place when the foot becomes hidden
+DRIFT_M_S: Final = 0.05  # m/s, growth of SIGMA_M while the foot is hidden: a small step in two seconds
+# m, largest height of a standing foot's sole above the floor, as large as the uncertainty of a hidden foot's place
 ON_FLOOR_M: Final = 0.10
-DOUBT_M: Final = 0.10  # m; a knee that is seen to move farther takes the foot with it
+DOUBT_M: Final = 0.10  # m; if the visible knee moves farther, the foot follows it (scale of the robust kernel)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stand:
-    """The place where a foot stands. places_m (k, 3): places of its skin points, ankle_m (3,): its ankle, both in the
-    world; since_s: when it was last known to be there; seen: whether it was seen there, or is only assumed to be there.
-    """
+    """The place where a foot stands, in the world."""
 
-    places_m: np.ndarray
-    ankle_m: np.ndarray
-    since_s: float
-    seen: bool
+    places_m: np.ndarray  # (k, 3) places of its skin points
+    ankle_m: np.ndarray  # (3,) place of its ankle
+    since_s: float  # s, time of the last frame that confirmed this place
+    seen: bool  # True: the foot was seen there; False: it is assumed to be there
 
 
 class StandingFeet:
@@ -196,12 +188,12 @@ class StandingFeet:
         time_s: float,
         floor_m: float | None = None,
     ) -> None:
-        """Add one more frame: posed skin points (p, 3), joints (21, 3) and their visibility.
+        """Add one more frame, which decides for a visible foot whether it stands: posed skin points (p, 3), joints (21,
+        3) and their visibility.
 
-        floor_m: height of the floor, None where unknown. For a visible foot, this decides whether it stands. A hidden
-        foot stays where it stood, and a foot whose place cameras see past has gone. A foot that was never seen to
-        stand, but is believed to be on the floor, hardly moves until the next frame, so it does not swing while hip and
-        knee are seen to bend.
+        floor_m: height of the floor, None if unknown. A hidden foot stays where it stood; a foot whose place cameras
+        see past no longer stands there. A hidden foot that was never seen standing, but is on the floor by the pose, is
+        held there until the next frame, so that it does not swing when the visible hip and knee bend.
         """
         for side in SIDES:
             ankle = JOINT_INDEX[f"Ankle{side}"]
@@ -238,14 +230,14 @@ class StandingFeet:
             self._stand.pop(side, None)
 
     def forget(self, joints: Sequence[int]) -> None:
-        """Forget where feet stood if a reviewer corrected their joints (indices)."""
+        """Forget where feet stand if their joints are among ``joints`` (indices), which a reviewer corrected."""
         for side in SIDES:
             if {JOINT_INDEX[f"Ankle{side}"], JOINT_INDEX[f"Foot{side}"]} & set(joints):
                 self._stand.pop(side, None)
                 self._recent[side].clear()
 
     def rows(self, time_s: float) -> Constraints:
-        """Return constraints that hold the standing feet in a frame; none for a foot that does not stand."""
+        """Return constraints that hold the standing feet in a frame; a foot that does not stand gets no rows."""
         held = []
         for side, stand in self._stand.items():
             sigma_m = SIGMA_M + DRIFT_M_S * abs(time_s - stand.since_s)

@@ -13,15 +13,15 @@ from anchorpose.body.skin_points import SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 
-NEAR_M: Final = 0.12  # m; larger gaps are dropped: a hand's length, far beyond every gap that decides a contact
-# m, error of the equipment's surface: docs/guide/equipment.md asks for a tape measure's centimetre
+NEAR_M: Final = 0.12  # m, largest gap that is kept: far above every gap that decides about a contact
+# m, error of the equipment's surface: docs/guide/equipment.md asks for measurements to one centimetre
 MODEL_SIGMA_M: Final = 0.005
 SAMPLING_M: Final = 0.005
-"""Metres by which the nearest skin point is farther from a part than the continuous skin: the mean over hands, arms,
-thighs and pelvis of two simulated clinics (seeds 52001 and 52002), where single regions had -2 to 9 mm.
+"""Metres by which the nearest skin point is farther from a part than the continuous skin between the points. Mean over
+hands, arms, thighs and pelvis in two simulated clinics (seeds 52001 and 52002); single regions had -2 to 9 mm.
 """
 
-FEET: Final = ("foot_left", "foot_right")  # feet, whose contact with the floor and objects on it does not count
+FEET: Final = ("foot_left", "foot_right")  # regions left out: feet always touch the floor and objects on it
 
 _ENDS: Final = {
     "head": ("Head",),
@@ -36,7 +36,7 @@ _ENDS: Final = {
     "knee": ("Knee",),
     "shank": ("Knee", "Ankle"),
 }
-"""The joints that determine where a region's skin is: the skin is as uncertain as the less certain of them."""
+"""The joints that determine where a region's skin is; the skin has the sigma of the less certain joint."""
 
 
 def _joints_of(region: str) -> list[int]:
@@ -51,30 +51,22 @@ REGION_JOINTS: Final = {region: _joints_of(region) for region in REGIONS if regi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentGaps:
-    """Pairs of an equipment part and a body region within ``NEAR_M`` of it, sorted by part, then region.
+    """Pairs of an equipment part and a body region within ``NEAR_M`` of it, sorted by part, then region."""
 
-    part (n,) int16: index into the parts of the model; region (n,) uint8: index into ``REGIONS``. gap_m (n,) float32:
-    least distance of the region's skin to the part's surface, negative inside the part; sigma_m (n,) float32: standard
-    deviation of the gap. area_m2 (n,) float32: area of the region's skin within reach of the part; shown (n,) float32:
-    of that skin, the share of its camera-facing points that is seen; 0 where no point faces a camera.
-    """
-
-    part: np.ndarray
-    region: np.ndarray
-    gap_m: np.ndarray
-    sigma_m: np.ndarray
-    area_m2: np.ndarray
-    shown: np.ndarray
+    part: np.ndarray  # (n,) int16, index into the parts of the equipment model
+    region: np.ndarray  # (n,) uint8, index into ``REGIONS``
+    gap_m: np.ndarray  # (n,) float32, least distance from the region's skin to the part's surface, negative inside it
+    sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
+    area_m2: np.ndarray  # (n,) float32, area of the region's skin within reach of the part
+    shown: np.ndarray  # (n,) float32, seen share of the camera-facing points of that skin; 0 if none faces a camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownSkin:
-    """Visibility of the skin points. faces, seen (p,) bool: points that face some camera, and points that some camera
-    sees.
-    """
+    """Visibility of the skin points."""
 
-    faces: np.ndarray
-    seen: np.ndarray
+    faces: np.ndarray  # (p,) bool, whether the point faces some camera
+    seen: np.ndarray  # (p,) bool, whether some camera sees the point
 
 
 def find_equipment_gaps(
@@ -87,9 +79,8 @@ def find_equipment_gaps(
 ) -> EquipmentGaps:
     """Return the gaps of one frame.
 
-    skin_m (p, 3): the posed skin points, in the frame of the equipment, which is the world. joint_sigma_m (21,): NaN
-    where a joint is lost; its regions then have no gaps. reach_m: skin within this distance of a part counts as
-    touching it, or as evidence of a touch.
+    skin_m (p, 3): the posed skin points in the world. joint_sigma_m (21,): NaN for a lost joint; its regions then have
+    no gaps. reach_m: greatest distance from a part of the skin that counts in ``area_m2`` and ``shown``.
     """
     region, sigma_m = region_of_points(points), region_sigma(joint_sigma_m)
     known = np.flatnonzero(np.isfinite(sigma_m)[region])
@@ -109,10 +100,10 @@ def find_equipment_gaps(
 
 
 def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return part, region and gap (k,) of each region near a part, and how many of the region's points are True in each
-    row of ``counted``.
+    """Return part, region and gap (k,) of each region near a part, and (3, k) how many of the region's points are True
+    in each row of ``counted``.
 
-    distance_m, region (n,): the skin points around the part; counted (3, n) bool. The last array returned is (3, k).
+    distance_m, region (n,): the skin points around the part; counted: (3, n) bool.
     """
     least = np.full(len(REGIONS), np.inf)
     np.minimum.at(least, region, distance_m)
@@ -122,7 +113,7 @@ def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.
 
 
 def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-    """Return (p,) bool: points in a box. Testing one axis after another takes half of the time."""
+    """Return (p,) bool: points in a box. One axis is tested after another, which takes half of the time."""
     inside = (skin_m[:, 0] > low_m[0]) & (skin_m[:, 0] < high_m[0])
     for axis in (1, 2):
         inside &= (skin_m[:, axis] > low_m[axis]) & (skin_m[:, axis] < high_m[axis])
@@ -130,9 +121,9 @@ def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.nda
 
 
 def region_sigma(joint_sigma_m: np.ndarray) -> np.ndarray:
-    """Return the standard deviation (regions,) of each region's skin relative to the equipment; NaN where unknown.
+    """Return the standard deviation (regions,) of each region's skin relative to the equipment; NaN if unknown.
 
-    joint_sigma_m (21,), NaN where lost. Feet are left out, see ``FEET``.
+    joint_sigma_m (21,): NaN for lost joints. Feet are left out, see ``FEET``.
     """
     variance = joint_sigma_m**2
     sigma = [variance[REGION_JOINTS[name]].max() if name in REGION_JOINTS else np.nan for name in REGIONS]

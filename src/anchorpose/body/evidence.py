@@ -1,4 +1,4 @@
-"""Gather the constraints on a pose in one frame: the surface, the outlines, and that body parts do not intersect."""
+"""Gather the constraints on a pose in one frame: surface, outlines, floor, and body parts that must not intersect."""
 
 from __future__ import annotations
 
@@ -22,41 +22,36 @@ from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
 
 OUTLINE_SIGMA_M: Final = 0.020  # m, error of an outline: one to two pixels at 2.5 m, since edges flicker
-# pixels; an object that hides a limb is wider, the rim of lost readings around a silhouette is thinner
+# pixels, least width of an object that may hide a limb; the rim of lost readings around a silhouette is thinner
 THICK_PX: Final = 5
 
 _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint")
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
 _FOOT: Final = ("Foot", "ToeBase")
 _SHANK: Final = ("Leg", *_FOOT)
-# m below the skin; flesh down to this depth stays outside the other shank: half of a shank's thickness
+# m below the skin; down to this depth, a shank must stay outside the other shank: half of a shank's thickness
 _FLESH_M: Final = 0.03
-_DEEPEST_M: Final = 0.15  # m, half a trunk's thickness; for deeper points the nearest skin is not the way out
-_ALLOWED_M: Final = 0.01  # m, depth to which soft tissue gives way
-# m, error of the floor's height at the patient's place, and of the soles of rough bodies
+_DEEPEST_M: Final = 0.15  # m, half a trunk's thickness; deeper points are not pushed, since the nearest skin misleads
+_ALLOWED_M: Final = 0.01  # m, allowed depth inside another body part: soft tissue gives way
+# m, allowed depth of feet under the floor: errors of the floor's height and of the soles of rough bodies
 _ALLOWED_FLOOR_M: Final = 0.03
 _SIGMA_M: Final = 0.01
 _STANDING_M: Final = (
-    0.14  # m, sigma of a foot's height; 95 of 100 feet in rehabilitation stand, so that a raised foot costs 6 nats
+    0.14  # m, sigma of a foot's height: a raised foot costs 6 nats, since 95 of 100 feet in rehabilitation stand
 )
-_IN_THE_AIR_M: Final = 0.5  # m above the floor; the cost of a raised foot grows little beyond it
+_IN_THE_AIR_M: Final = 0.5  # m above the floor, height above which the cost of a raised foot hardly grows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """A person's nodes, and every camera's labelled depth frame with the person's outline in it.
+    """The data of one frame to which a person's body is registered."""
 
-    surface: the seen nodes, with edges if it is the whole seen surface; evidence needs only the nodes. views and
-    outlines: None for a camera without a frame; outlines also None where the person is not in the image. floor_m:
-    height of the floor, None where unknown. label: the person's pixel label.
-    """
-
-    surface: Nodes | Surface
-    views: tuple[View | None, ...]
-    outlines: tuple[np.ndarray | None, ...]
+    surface: Nodes | Surface  # the person's seen nodes; edges are not needed
+    views: tuple[View | None, ...]  # each camera's depth image with labels; None without a frame
+    outlines: tuple[np.ndarray | None, ...]  # as in ``find_outline``; None without a frame, or without the person in it
     cameras: tuple[Camera, ...]
-    floor_m: float | None = None
-    label: int = PixelLabel.PATIENT
+    floor_m: float | None = None  # height of the floor; None if unknown
+    label: int = PixelLabel.PATIENT  # the person's pixel label
 
 
 def gather_evidence(
@@ -70,8 +65,8 @@ def gather_evidence(
 def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Return all constraint rows: nodes pull the skin, wrongly unseen skin is pulled to the outline, limbs stay out of
-    the trunk, feet stand on the floor.
+    """Return all constraint rows: nodes pull the skin; skin that should be seen, but is not, is pulled to the outline;
+    limbs stay out of the trunk; feet stand on the floor.
     """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
@@ -86,12 +81,12 @@ def evidence_rows(
 
 
 def find_outline(view: View) -> np.ndarray | None:
-    """Return (height, width) bool: pixels where the patient is seen, or may be without being seen; None if the patient
-    is not in the view.
+    """Return (height, width) bool: pixels where the patient is seen or may be hidden; None if the patient is not in the
+    view.
 
-    The patient may be at their own pixels, behind equipment, at pixels without a reading, and behind another person.
-    Only background, or a person farther away than the patient, excludes the patient. The thin rim of lost and flying
-    readings along every silhouette counts as background.
+    The patient may be hidden behind equipment, behind another person, and at pixels without a reading. Background, or a
+    person farther away than the patient, excludes the patient. The thin rim of lost and wrong readings along every
+    silhouette counts as background.
     """
     import cv2
 
@@ -111,9 +106,9 @@ def outline_constraints(
 ) -> Constraints:
     """Return rows from model to data, which pull skin that should be seen, but is not, to the patient's outline.
 
-    A skin point in front of background (without a reading where the room was removed) or in front of another person
-    cannot be there. It is pulled across the ray to the nearest pixel where the patient is or may be. Pixels without a
-    reading and pixels of equipment give no row.
+    A skin point in front of background or in front of another person cannot be there, or it would be seen. It is pulled
+    across the ray to the nearest pixel where the patient is or may be. Pixels without a reading and pixels of equipment
+    give no row.
     """
     point, target, direction = _stray_rows(
         posed.points_m, projection_of(camera), view.labels, view.depth_m, outline, camera.pixel_rays(), reach_m
@@ -131,7 +126,9 @@ def _stray_rows(
     rays: np.ndarray,
     reach: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return point, target and unit direction for each stray point within three reaches of a possible place."""
+    """Return point, target and unit direction for each stray point at most three times ``reach`` from a possible
+    place.
+    """
     column, row, distance = pixels_of(points, projection, labels.shape[0], labels.shape[1])
     T_world_camera, focal_px = projection.T_world_camera, max(projection.lens[0], projection.lens[1])
     kept, count = np.empty(len(points), np.int64), 0
@@ -162,9 +159,7 @@ def _stray_rows(
 
 @njit(cache=True, nogil=True)
 def _stray(label: int, depth: float, farthest: float) -> bool:
-    """Return whether a pixel shows the room or another person, at a depth beyond the farthest that the skin may
-    have.
-    """
+    """Return whether a pixel shows the room or another person behind ``farthest``, the greatest depth of the skin."""
     if label != PixelLabel.BACKGROUND and label < PixelLabel.OTHER_PERSON:
         return False
     return depth <= 0.0 or depth > farthest
@@ -181,7 +176,7 @@ def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int)
         if ring * ring >= best:
             break
         for r in range(max(0, row - ring), min(height - 1, row + ring) + 1):
-            # rows between the ring's top and bottom have two pixels
+            # each row between the ring's top and bottom has two pixels
             step = 1 if abs(r - row) == ring else max(1, 2 * ring)
             for c in range(column - ring, column + ring + 1, step):
                 if c < 0 or c >= width or not possible[r, c]:
@@ -212,9 +207,9 @@ def shanks(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
     """Return rows that push body parts out of each other, towards the nearest skin of the other part.
 
-    There is a row for each point of a forearm or hand inside the trunk, and for each point of the left shank and foot
-    whose flesh lies inside the right shank. Without these rows, two shanks that explain the same surface could occupy
-    the same space.
+    There is a row for each point of a forearm or hand inside the trunk. Shanks may touch, so there is a row for each
+    point of the left shank and foot only if a place ``_FLESH_M`` below it lies inside the right shank. Without these
+    rows, two shanks could explain the same surface in the same place.
     """
     (trunk, arms), (left, right) = trunk_and_arms(body.points), shanks(body.points)
     return join([_pushed_out(body, posed, arms, trunk, 0.0), _pushed_out(body, posed, left, right, _FLESH_M)])
@@ -236,9 +231,7 @@ def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarr
 
 
 def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
-    """Return a row, pulling upwards, for each skin point below the floor; feet may sink in as far as a carpet gives
-    way.
-    """
+    """Return a row that pulls upwards for each skin point below the floor, with a small allowed depth."""
     below = np.flatnonzero(posed.points_m[:, 1] < floor_m - _ALLOWED_FLOOR_M)
     target = posed.points_m[below].copy()
     target[:, 1] = floor_m - _ALLOWED_FLOOR_M
@@ -247,8 +240,8 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
 
 
 def standing_rows(body: Body, posed: PosedPoints, floor_m: float, rows_per_observation: float) -> Constraints:
-    """Return a row for each foot, from its lowest skin to the floor. It counts as one observation, and less for a
-    raised foot. By these rows, an unseen leg stands or sits as legs usually do.
+    """Return a row for each foot that pulls its lowest skin to the floor. The row counts as one observation, or as less
+    for a raised foot. So an unseen leg stands or sits as usual.
     """
     feet = [_lowest(posed, foot) for foot in _feet(body.points, body.shape.missing) if len(foot)]
     target = posed.points_m[feet].copy()
@@ -278,8 +271,8 @@ def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.
 def _nearest(
     asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the row of each ``asked`` arm point that has trunk skin nearer than the greatest depth, and the row of its
-    nearest trunk skin.
+    """Return, for each ``asked`` point with trunk skin nearer than ``_DEEPEST_M``, its row and the row of the nearest
+    trunk skin.
     """
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

@@ -23,28 +23,24 @@ from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import View
 
-# m from node to skin, beyond which a node is uncovered: clothes, point spacing and half a forearm
+# m, largest distance from a covered node to the skin: clothes, point spacing and half a forearm
 COVERED_M: Final = 0.06
 NODES: Final = 2500  # nodes that are compared, as many as registration uses
-LEAST_FACING: Final = 8  # skin points; a share of fewer points is not reliable
+LEAST_FACING: Final = 8  # fewest skin points from which a share is computed; of fewer, it would not be reliable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
-    """The measures of how well one pose explains one frame.
+    """How well one pose explains one frame."""
 
-    covered (c,), node (u,) int: covered and uncovered nodes, among every ``thinned``-th node of the surface.
-    uncovered_m2: area of the uncovered nodes, in the camera that sees most of it. seen_past (PARTS,): share of each
-    limb's camera-facing skin that a camera sees past, in the camera where it is largest; NaN where too little of the
-    limb is in view. covering (p,) bool: skin points that cover a node.
-    """
-
-    covered: np.ndarray
-    node: np.ndarray
-    thinned: float
-    uncovered_m2: float
+    covered: np.ndarray  # (c,) int, covered nodes among the examined nodes
+    node: np.ndarray  # (u,) int, uncovered nodes among the examined nodes
+    thinned: float  # number of surface nodes per examined node
+    uncovered_m2: float  # area of the uncovered nodes, in the camera that sees most of it
+    # (PARTS,) share of each limb's camera-facing skin that a camera sees past, in the camera with the largest share;
+    # NaN if too little of the limb is in view
     seen_past: np.ndarray
-    covering: np.ndarray
+    covering: np.ndarray  # (p,) bool, whether the skin point covers a node
 
 
 @lru_cache(maxsize=2)  # registration and the frame's estimate need the same explanation
@@ -63,9 +59,7 @@ def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Expla
 
 
 def node_area_m2(evidence: Evidence) -> np.ndarray:
-    """Return the area (c,), m2, that one node of each camera represents, as if skin faced the camera; 0 without
-    nodes.
-    """
+    """Return (c,) m2, the area of skin facing the camera that one node of each camera represents; 0 without nodes."""
     area = np.zeros(len(evidence.cameras))
     count = np.bincount(evidence.surface.camera, minlength=len(area))
     for number, (view, camera) in enumerate(zip(evidence.views, evidence.cameras, strict=True)):
@@ -79,8 +73,8 @@ def node_area_m2(evidence: Evidence) -> np.ndarray:
 def seen_past(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Return the shares (PARTS,) seen past, as in ``Explanation``. Only skin with a farther reading counts as seen
-    past; hidden skin does not.
+    """Return the shares (PARTS,) seen past, as in ``Explanation``. Skin counts as seen past if the reading at its pixel
+    is farther away; hidden skin does not count.
     """
     most = np.full(PARTS, np.nan)
     for past, counted in _seen_past_counts(points, posed, views, cameras):
@@ -91,8 +85,8 @@ def seen_past(
 def seen_past_by_all(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Return the shares (PARTS,) seen past in all cameras together. It is used because for a body whose direction is
-    only roughly right, the camera that shows its profile sees past more than all others.
+    """Return the shares (PARTS,) seen past in all cameras together. This suits a body with a rough facing: the camera
+    that shows its profile sees past more of it than the other cameras.
     """
     counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
     past, counted = np.sum(counts, axis=0)

@@ -21,8 +21,8 @@ from anchorpose.body.shape_rows import FreeShape, accumulate_shape
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.rotations import inverse_left_jacobian
 
-HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # sigma beyond the limit of a knee, elbow or hip
-LEAST_OBSERVED: Final = 2.0  # observations by which a part counts as seen; a single observation may be an outlier
+HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # rad, standard deviation of a bend beyond the limit of a knee, elbow or hip
+LEAST_OBSERVED: Final = 2.0  # fewest observations for a part to count as seen; a single one may be an outlier
 MAX_TURN: Final = 30.0 * DEGREE  # largest turn of a bone in one step of the solver
 
 Predicted = tuple[Pose, np.ndarray]
@@ -31,11 +31,11 @@ Predicted = tuple[Pose, np.ndarray]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """The system ``hessian @ change = -gradient`` in pose, then shape; cost in units of one observation."""
+    """The system ``hessian @ change = -gradient`` for the parameters of the pose, followed by those of the shape."""
 
     hessian: np.ndarray
     gradient: np.ndarray
-    cost: float
+    cost: float  # sum of squared deviations; 1 = one observation that is off by one standard deviation
 
 
 def pose_equations(
@@ -47,7 +47,7 @@ def pose_equations(
     rows_per_observation: float,
     free: FreeShape | None = None,
 ) -> NormalEquations:
-    """Return the normal equations of one frame from its data and the prior, with shape columns if asked for.
+    """Return the normal equations of one frame from its data and the prior; ``free`` adds columns for the shape.
 
     prior: the prior on the pose, from ``prior_equations``.
     """
@@ -69,8 +69,8 @@ def pose_equations(
 
 
 def hidden_bones(points: SkinPoints, rows: Constraints, rows_per_observation: float) -> tuple[int, ...]:
-    """Return the rows of ``MOVING_BONES`` for the parts of limbs (up to elbow or knee, and beyond) that the constraint
-    rows hardly show.
+    """Return the rows of ``MOVING_BONES`` for the parts of limbs (up to elbow or knee, and beyond) that have too few
+    constraint rows.
     """
     observed = np.bincount(segment_of_points(points)[rows.point], minlength=2 * PARTS) / rows_per_observation
     return _bones_of_segments(tuple((observed < LEAST_OBSERVED).tolist()))
@@ -104,7 +104,7 @@ def range_information(points: SkinPoints, pose: Pose, hidden: tuple[int, ...]) -
 
 @njit(cache=True, nogil=True)
 def _coupled(information: np.ndarray, m: int, n: int) -> bool:
-    """Return whether the information couples two bones. The root, and independent bones, are not coupled."""
+    """Return whether the information couples two bones."""
     for i in range(3):
         for j in range(3):
             if information[m, i, n, j] != 0.0:
@@ -164,7 +164,7 @@ def _range_equations(
 def solve_damped(equations: NormalEquations) -> np.ndarray:
     """Return the Gauss-Newton change with slight Marquardt damping (doi:10.1137/0111030).
 
-    Parameters without observations do not change, such as the place of a body that is not near any node.
+    Parameters without observations, such as the place of a body that is not near any node, do not change.
     """
     diagonal = np.diag(equations.hessian)
     hessian = equations.hessian + np.diag(np.where(diagonal == 0.0, 1.0, 1e-3 * diagonal))
@@ -175,7 +175,7 @@ def solve_damped(equations: NormalEquations) -> np.ndarray:
 
 
 def limited(change: np.ndarray) -> np.ndarray:
-    """Return the change, shortened so that no bone turns farther than allowed in one step."""
+    """Return the change, shortened so that no bone turns farther than ``MAX_TURN``."""
     largest = np.abs(change[: POSE_SIZE - 3]).max()
     return change * min(1.0, MAX_TURN / largest) if largest > 0 else change
 
@@ -183,9 +183,10 @@ def limited(change: np.ndarray) -> np.ndarray:
 def damped_step(
     body: Body, pose: Pose, rows: Constraints, predicted: Predicted | None, rows_per_observation: float
 ) -> Pose:
-    """Return the pose after one Gauss-Newton step; without a prediction the pose may be far off.
+    """Return the pose after one Gauss-Newton step.
 
-    In that case rows may come from another limb than they pull, so no limb counts as seen in ``joint_range``.
+    Without a prediction, rows may pull a limb to another limb's surface. So no limb then counts as seen in
+    ``joint_range``.
     """
     hidden = None if predicted is None else hidden_bones(body.points, rows, rows_per_observation)
     prior = prior_equations(body.points, pose, predicted, hidden)

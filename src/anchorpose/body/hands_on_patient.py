@@ -19,19 +19,21 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.components import JumpLimit, label_components
 from anchorpose.isolation.view import PixelLabel, View
 
-HAND_M: Final = 0.2  # length of a hand, from the finger tips to the wrist
-STANDS_OFF_M: Final = 0.015  # m between a reading and the patient's skin: fingers; most errors of the skin are smaller
-SKIN_REACH_M: Final = 0.10  # m, half a thigh; readings farther from all skin certainly stand off it
-STEP_PX: Final = 2  # step between the rows and columns that are used: 14 mm at 2.5 m, a finger's width
+HAND_M: Final = 0.2  # m, length of a hand from the finger tips to the wrist
+STANDS_OFF_M: Final = 0.015  # m, least height of fingers above the patient's skin; most errors of the skin are smaller
+SKIN_REACH_M: Final = 0.10  # m, half a thigh; a reading farther from all skin is not the patient's
+STEP_PX: Final = 2  # pixels, step between the rows and columns that are used: 14 mm at 2.5 m, a finger's width
 STEEPEST: Final = 8.0
-"""Depth per width between neighbouring pixels of a hand and its arm: 83 degrees, as a forearm that points at the camera
-is seen. With 2, a tenth of the contacts in four clinics for tuning was missed that 8 finds."""
+"""Largest depth difference per width between neighbouring pixels of one arm: 83 degrees, as on a forearm that points at
+the camera. A value of 2 missed a tenth of the contacts in four clinics for tuning that are found with 8."""
 
 
 def find_hands(
     posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return points_m (n, 3) float32 world, and the label (n,) uint8 of the person whose skin each point shows."""
+    """Return points (n, 3) float32 in the world on hands that hold the patient, and the label (n,) uint8 of the person
+    to whom each point belongs.
+    """
     points, owners = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
@@ -52,8 +54,8 @@ def _thinned(image: np.ndarray) -> np.ndarray:
 def _beside_people(
     depth_m: np.ndarray, labels: np.ndarray, camera: Camera
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return world points (n, 3) float32, row and column of the patient's readings within a hand's length of a
-    person's.
+    """Return the readings with the patient's label within a hand's length of another person's readings: world points
+    (n, 3) float32, rows and columns.
     """
     person = (labels >= PixelLabel.OTHER_PERSON).astype(np.uint8)
     if not person.any():
@@ -69,9 +71,7 @@ def _beside_people(
 
 
 def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: places (n, 3) outside the nearest skin by more than a hand's thickness, or far from all
-    skin.
-    """
+    """Return (n,) bool: places (n, 3) that are more than ``STANDS_OFF_M`` outside the nearest skin, or far from it."""
     nearest = nearest_point(posed.points_m, place_m.astype(np.float64), SKIN_REACH_M)
     outwards = np.einsum("ni,ni->n", place_m - posed.points_m[nearest], posed.normals[nearest])
     return np.asarray((nearest < 0) | (outwards > STANDS_OFF_M))

@@ -1,6 +1,6 @@
 """Find the first pose and a first estimate of the shape from the learnt descriptor's matches and the surface.
 
-``find_first_pose`` is for the patient, and estimates the shape too; ``find_rough_pose`` is for unknown people, with a
+``find_first_pose`` is for the patient and also estimates the shape. ``find_rough_pose`` is for other people, with a
 body of given shape. The matches propose poses, and the surface decides between them.
 """
 
@@ -23,25 +23,22 @@ from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
 
 _REACHES_M: Final = (0.20, 0.20, 0.15, 0.15, 0.15, 0.12, 0.12, 0.12)
-"""Reach in metres of each step from the matched pose onto the surface: matches of hands are up to 0.2 m off."""
+"""Reach, in metres, of each registration step after matching; matches of hands have errors of up to 0.2 m."""
 
-# first steps without a change of shape; while the pose is rough, a wrong height would pull limbs to wrong places
+# number of first steps that do not change the shape; while the pose is rough, they would fit a wrong shape
 _RIGID_STEPS: Final = 2
 _ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstPose:
-    """The best first pose among several bodies. log: log probability of pose and shape by the images and the prior,
-    nats; facing: prior log probability of the facing (``facing_nats``).
-
-    others: first poses of the person facing the other way, with the same body, then with a body fitted to that facing.
-    """
+    """A first pose and the body that it was found with."""
 
     pose: Pose
     belief: ShapeBelief
-    log: float
-    facing: float
+    log: float  # nats, log probability of pose and shape, given the images and the prior
+    facing: float  # nats, prior log probability of the facing (``facing_nats``)
+    # first poses with the opposite facing: with the same body, then with a body fitted to that facing
     others: tuple[FirstPose, ...] = ()
 
     @property
@@ -50,11 +47,11 @@ class FirstPose:
         return self.belief.shape
 
     def ahead_of(self, turned: FirstPose) -> float:
-        """Return by how much this pose is likelier than that of the person facing the other way, believed nats."""
+        """Return by how many nats this pose is likelier than a pose with the opposite facing (as in ``believed``)."""
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 
     def facing_as(self, pose: Pose) -> FirstPose:
-        """Return the first pose with the same body that faces as another pose does; this one where none does."""
+        """Return the first pose, with the same body, that has the facing of another pose; ``self`` if there is none."""
         alike = (one for one in self.others if one.shape is self.shape and not pose.faces_away(one.pose))
         other = next(alike, None) if pose.faces_away(self.pose) else None
         return self if other is None else replace(other, others=(self,))
@@ -62,22 +59,20 @@ class FirstPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstShape:
-    """The knowledge of the shape before the first pose.
+    """The knowledge of the shape before the first pose."""
 
-    tried: the shapes to try, each with its prior belief (an adult's or a child's): the patient's learnt shape, or first
-    estimates, which the fit changes if ``may_change``.
-    """
-
+    # shapes to try, each with its prior belief (adult or child): the patient's learnt shape or first estimates
     tried: Sequence[ShapeBelief]
-    may_change: bool
+    may_change: bool  # whether the fit changes these shapes
 
 
 def find_first_pose(
     evidence: Evidence, person: MatchedPerson, shape: FirstShape, config: RegistrationConfig
 ) -> FirstPose:
-    """Fit each body to the matches and the surface, keep the most probable, and also turn it round.
+    """Fit each body to the matches and the surface, and keep the most probable one; then fit it with the opposite
+    facing, too.
 
-    A learnt body is valid only for the facing with which it was learnt; the other facing needs another body.
+    A learnt body is valid only for the facing with which it was learnt; for the other facing, a new body is fitted.
     """
     found = [_fitted(evidence, person.matches, tried, person.pose, shape, config) for tried in shape.tried]
     number = max(range(len(found)), key=lambda k: found[k].log)

@@ -1,4 +1,4 @@
-"""Find poses from joint positions: predicted joints (paper, Section IV), exchanged legs, corrected joints."""
+"""Find poses from joint positions: from predicted joints (paper, Section IV), exchanged legs or corrected joints."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 
 JOINT_SIGMA_M: Final = 0.01  # m; predicted joints are means over whole parts, so a closer fit is not needed
-CONTRADICTED: Final = 3.8  # sigmas of both together, exceeded twice in a thousand; beyond it, a wrong limb was seen
-_STEPS: Final = 3
-_CORRECTION_STEPS: Final = 8  # steps; a limb on the wrong side of the body has far to go
+CONTRADICTED: Final = 3.8  # combined sigmas; a corrected joint this far away (1 in 500) belongs to a misplaced limb
+_STEPS: Final = 3  # solver steps
+_CORRECTION_STEPS: Final = 8  # solver steps for a correction: a limb may have to move across the body
 
 
 def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
@@ -39,14 +39,11 @@ def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectedJoints:
-    """Joints of one frame that a reviewer placed.
+    """Joints of one frame that a reviewer placed."""
 
-    joint (k,): index into ``JOINT_NAMES``; position_m (k, 3): world; sigma_m (k,): standard deviation per axis.
-    """
-
-    joint: np.ndarray
-    position_m: np.ndarray
-    sigma_m: np.ndarray
+    joint: np.ndarray  # (k,) index into ``JOINT_NAMES``
+    position_m: np.ndarray  # (k, 3) world
+    sigma_m: np.ndarray  # (k,) standard deviation per axis
 
 
 def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> bool:
@@ -58,9 +55,7 @@ def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> 
 
 
 def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
-    """Return the belief in which limbs of corrected joints are as uncertain as limbs unseen for long; other limbs do
-    not change.
-    """
+    """Return the belief with the limbs of corrected joints as uncertain as limbs that are unseen for ``UNSEEN_S``."""
     growth = PATIENT_PACE.variance(UNSEEN_S)
     limbs = np.unique(LIMB_OF_JOINTS[corrected.joint])
     growth[:-3] *= np.repeat(np.isin(LIMB_OF_BONES, limbs), 3)
@@ -69,10 +64,10 @@ def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
 
 
 def apply_corrections(body: Body, belief: PoseBelief, corrected: CorrectedJoints, inflation: float = 1.0) -> PoseBelief:
-    """Combine a belief with the corrected joints: the most probable pose by both, with the same bone lengths.
+    """Combine a belief with the corrected joints into the most probable pose, with the same bone lengths.
 
-    inflation: factor from the posterior to sigma (``UncertaintyConfig``), so that the reported sigma of a corrected
-    joint is the given one.
+    inflation: factor from the posterior to sigma (``UncertaintyConfig``); with it, the reported sigma of a corrected
+    joint is the reviewer's.
     """
     worth = np.repeat((corrected.sigma_m / inflation) ** -2, 3)
     expected, pose = (belief.pose, belief.information), belief.pose

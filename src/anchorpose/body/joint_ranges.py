@@ -1,8 +1,9 @@
 """Describe how joints bend in people: the range of each joint, and how the joints of arms and legs bend together.
 
-With ranges alone, a hidden leg of a seated person would hang straight. Joints of one limb bend together, and so do both
-sides. How much was measured on captured people at rehabilitation exercises (``tools/measure_limb_turns.py``). These
-statistics predict hidden parts of limbs and decide which of two poses is likelier; visible parts follow their readings.
+With ranges alone, a hidden leg of a seated person would hang straight. But joints of one limb bend together, and so do
+both sides. These correlations were measured in motion capture of rehabilitation exercises
+(``tools/measure_limb_turns.py``). They predict hidden parts of limbs and decide which of two poses is likelier; visible
+parts follow their readings.
 """
 
 from __future__ import annotations
@@ -21,19 +22,16 @@ from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
 class JointRange(NamedTuple):
     """Distribution of bone rotations in people: one Gaussian on the rotation vectors of all moving bones, and hinge
     limits.
-
-    mean (m, 3) radians; information (m, 3, m, 3): inverse of the covariance, 0 for the root. hinge (m, 3): unit axis
-    of a hinge, or of a hip's flexion, or zero; hinge_limit (m,): least rotation about it, radians.
     """
 
-    mean: np.ndarray
-    information: np.ndarray
-    hinge: np.ndarray
-    hinge_limit: np.ndarray
+    mean: np.ndarray  # (m, 3) rad, rotation vectors
+    information: np.ndarray  # (m, 3, m, 3) inverse of the covariance, 0 for the root
+    hinge: np.ndarray  # (m, 3) unit axis of a hinge or of a hip's flexion; 0 for other bones
+    hinge_limit: np.ndarray  # (m,) rad, least rotation about that axis
 
 
-# Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose, broad on purpose:
-# about half of the passive ranges in the textbooks. They only decide where depth does not.
+# Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose, about half of the
+# passive ranges in the textbooks. They are broad, since they should only decide where depth images do not.
 _SPREAD_DEG: Final = {
     "LowerBack": (8, 8, 14),
     "Spine": (8, 8, 10),
@@ -48,26 +46,26 @@ _SPREAD_DEG: Final = {
     "Foot": (9, 9, 14),
 }
 _SPINE: Final = ("LowerBack", "Spine", "Spine1")
-_HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}  # about the hinge, across, along the bone
+# standard deviations in degrees about the hinge, about the axis across it, and along the bone
+_HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 
-HIP_EXTENSION: Final = 25.0 * DEGREE  # mean 9.4 degrees plus three deviations (Roaas and Andersson 1982)
-OWN_VARIANCE: Final = 0.5  # share of a range's variance that is independent per joint: one raised leg stays probable
-KNEE_EXTENSION: Final = 3.0 * DEGREE  # limit of extension; the rest pose counts as a straight leg
+HIP_EXTENSION: Final = 25.0 * DEGREE  # largest extension: mean 9.4 degrees plus 3 deviations (Roaas and Andersson 1982)
+OWN_VARIANCE: Final = 0.5  # least independent share of a joint's variance, so that one raised leg stays probable
+KNEE_EXTENSION: Final = 3.0 * DEGREE  # largest extension; 0 is the straight leg of the rest pose
 SEEN_SPREAD: Final = 35.0 * DEGREE
-"""Deviation up to which ranges are doubled where readings show a bone: a person may hold it to one side for minutes.
+"""The standard deviations of a visible bone's rotation are doubled, but only up to this value: a person may hold a limb
+to one side for minutes.
 
-It applies to turns about a limb's own axis, abduction and feet: their ranges pulled hips and toes off in every frame.
-Flexions have such wide ranges anyway; with wider ones, thighs of seated people on real depth were off by 2 degrees more
-(UTD-MHAD)."""
+So turns about a limb's own axis, abduction and feet get wider ranges; the narrow ranges displaced hips and toes in
+every frame. Flexions have wide ranges already; still wider ranges increased the error of seated people's thighs on real
+depth by 2 degrees (UTD-MHAD)."""
 
 
 class LimbTurns(NamedTuple):
-    """Statistics of how captured people held arms and legs: mean (k,), radians, and covariance (k, k) of
-    ``captured_turns``.
-    """
+    """Statistics of arm and leg poses in motion capture, of the turns ``captured_turns``."""
 
-    mean: np.ndarray
-    covariance: np.ndarray
+    mean: np.ndarray  # (k,) rad
+    covariance: np.ndarray  # (k, k)
 
 
 @cache
@@ -81,12 +79,11 @@ def limb_turns() -> LimbTurns:
 
 
 def captured_turns() -> np.ndarray:
-    """Return the rows (k, 3 m) that select, from the bones' rotation vectors, the turns that captured skeletons show;
+    """Return the rows (k, 3 m) that select, from the bones' rotation vectors, the turns that motion capture measured;
     left side first.
 
-    These are all turns of the arms, and the flexions of hips and knees. A captured skeleton of joints does not show how
-    a thigh turns about its long axis or where a foot points. It has no lower back, so its thighs bend against the
-    trunk.
+    These are all turns of the arms, and the flexions of hips and knees. Captured joints do not show how a thigh turns
+    about its long axis or where a foot points. Without a lower back in the data, thighs bend relative to the trunk.
     """
     shown = []
     for side in ("Left", "Right"):
@@ -105,8 +102,8 @@ def _limb(name: str) -> str:
 
 
 def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
-    """Return three axes as rows (3, 3), the hinge axis (a positive turn bends the limb), the axis across it and the
-    axis along the bone; and the bend at rest, radians.
+    """Return three axes as rows (3, 3): the hinge axis (a positive turn bends the limb), the axis across it, and the
+    axis along the bone. Also return the bend in the rest pose, radians.
     """
     bone = asset.bone(name)
     parent, child = asset.bone_parents[bone], bone + 1
@@ -124,9 +121,9 @@ def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
 def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> JointRange:
     """Return the joint range of the asset's skeleton; the root is free.
 
-    hidden: rows of ``MOVING_BONES`` for unseen bones. The turns of hidden bones are expected from those of visible
-    bones, as captured people bend their limbs. Visible bones have the textbooks' ranges, twice as wide, about the rest
-    pose. None: all bones are distributed as captured.
+    hidden: rows of ``MOVING_BONES`` for hidden bones. Their turns are predicted from the turns of visible bones, by the
+    statistics of motion capture. Visible bones have the widened ranges of the textbooks (``SEEN_SPREAD``) about the
+    rest pose. None: all bones follow the statistics of motion capture.
     """
     captured = _as_captured(asset)
     if hidden is None:
@@ -152,11 +149,9 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
 
 
 class _Textbook(NamedTuple):
-    """The textbooks' ranges. covariance (3 m, 3 m): covariance of the bones' turns, which are independent of each
-    other, 0 for the root; other fields as in ``JointRange``.
-    """
+    """The ranges of the textbooks; fields without a comment are described in ``JointRange``."""
 
-    covariance: np.ndarray
+    covariance: np.ndarray  # (3 m, 3 m) covariance of the bones' turns, with independent bones; 0 for the root
     hinge: np.ndarray
     hinge_limit: np.ndarray
 
@@ -193,11 +188,11 @@ def _where_seen(asset: BodyAsset) -> np.ndarray:
 
 @cache
 def _as_captured(asset: BodyAsset) -> JointRange:
-    """Return the joint range with ``captured_turns`` as captured, and all other turns by the textbooks.
+    """Return the joint range: ``captured_turns`` by motion capture, all other turns by the textbooks.
 
-    How hips and spine share the flexion between trunk and thighs was not captured. By the ranges of hips and spine, the
-    spine takes a quarter of it (a third in people who sit down, Schoberth 1962), and this share varies by the spine's
-    range.
+    Motion capture does not show how hips and spine share the flexion between trunk and thighs. By their ranges, the
+    spine takes a quarter of it, and this share varies within the spine's range. (In people who sit down, it takes a
+    third, Schoberth 1962.)
     """
     count, shown, turns = len(MOVING_BONES), captured_turns(), limb_turns()
     ranges, hinge, limit = _textbook(asset)
@@ -215,10 +210,10 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
-    """Return the covariance (k, k) of ``captured_turns`` in people: as captured, plus an independent part of each
-    joint.
+    """Return the covariance (k, k) of ``captured_turns`` in people: by motion capture, plus an independent part for
+    each turn. The sum is not below the ranges of the textbooks.
 
-    expected (k, k): covariance by the textbooks' ranges, which are a lower bound.
+    expected (k, k): covariance by the ranges of the textbooks.
     """
     factor = np.linalg.cholesky(expected)
     captured = np.linalg.solve(factor, np.linalg.solve(factor, turns.covariance).T)
@@ -239,14 +234,16 @@ def turns_together(asset: BodyAsset) -> np.ndarray:
     return found
 
 
-RAISED: Final = 30.0 * DEGREE  # elevation of an arm beyond which the shoulder girdle moves too
-RHYTHM: Final = 0.2  # share of the arm's turn beyond it: 30 degrees for an arm that points up (Inman et al. 1944)
+RAISED: Final = 30.0 * DEGREE  # elevation of an arm above which the shoulder girdle moves, too
+# turn of the girdle, as a share of the arm's elevation above RAISED: 30 degrees for an arm that points up (Inman et al.
+# 1944)
+RHYTHM: Final = 0.2
 
 
 def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None = None) -> JointRange:
     """Return ``joint_range`` with the shoulder girdle's mean raised according to the arms in the pose.
 
-    The mean follows the arm without pulling it. Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
+    The raised mean does not pull the arm. Source: Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
     """
     ranges = joint_range(asset, hidden)
     mean = ranges.mean.copy()
@@ -259,8 +256,8 @@ def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None 
 
 @cache
 def _girdles(asset: BodyAsset) -> tuple[tuple[int, int, int, np.ndarray, float], ...]:
-    """Return, for each side, the girdle's row in ``MOVING_BONES`` and bone, the arm's bone and direction, and the sign
-    of "up".
+    """Return, per side, the girdle's row in ``MOVING_BONES``, the girdle's bone, the arm's bone, the arm's direction,
+    and the sign of a turn that raises the girdle.
     """
     found = []
     for side, way in (("Left", 1.0), ("Right", -1.0)):

@@ -1,4 +1,4 @@
-"""Pose a body of one shape by forward kinematics and linear blend skinning (compiled), also without some limbs."""
+"""Pose a body by forward kinematics and linear blend skinning, in compiled code; bodies may lack some limbs."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class BodyMesh:
     def bone_transforms(self, rotations: np.ndarray, root_m: np.ndarray) -> np.ndarray:
         """Compute the rigid motion of each bone from rest to posed body (forward kinematics).
 
-        rotations : (b, 3, 3), each bone's rotation relative to its parent, in the axes of the rest pose. root_m : (3,),
-        place of the root bone's head.
+        rotations : (b, 3, 3), each bone's rotation relative to its parent, in the axes of the rest pose. root_m : (3,)
+        m, the root bone's head in the world.
         Returns T_world_rest : (b, 4, 4).
         """
         return forward(self.asset.bone_parents, self.bone_heads, rotations, root_m)
@@ -50,9 +50,7 @@ class BodyMesh:
         return joints
 
     def joints(self, transforms: np.ndarray) -> np.ndarray:
-        """Return the joints (21, 3) in a pose, in the order of ``JOINT_NAMES``: the rule J of the paper's Section
-        III.
-        """
+        """Return the joints (21, 3) in a pose, in the order of ``JOINT_NAMES``: rule J of the paper, Section III."""
         moved = transforms[joint_bones(self.asset)]
         return np.einsum("jab,jb->ja", moved[:, :3, :3], self.rest_joints()) + moved[:, :3, 3]
 
@@ -101,8 +99,8 @@ def forward(parents: np.ndarray, heads: np.ndarray, rotations: np.ndarray, root:
 def skin(
     bones: np.ndarray, weights: np.ndarray, transforms: np.ndarray, rest_m: np.ndarray, rest_normals: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return points and unit normals (p, 3) by linear blend skinning. bones, weights (p, w): heaviest first, 0 ends a
-    row.
+    """Return points and unit normals (p, 3) by linear blend skinning. bones, weights (p, w): largest weight first; a
+    weight of 0 ends the row.
     """
     points, normals = np.empty_like(rest_m), np.empty_like(rest_normals)
     blend = np.empty((3, 4))
@@ -133,7 +131,7 @@ def skin(
 def joint_frames(
     transforms: np.ndarray, heads: np.ndarray, parents: np.ndarray, moving: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return pivot (m, 3), the head of each moving bone in the world, and frame (m, 3, 3), the parent's axes about
+    """Return pivot (m, 3): the head of each moving bone in the world; and frame (m, 3, 3): the parent's axes, about
     which the bone turns.
     """
     pivot, frame = np.empty((len(moving), 3)), np.empty((len(moving), 3, 3))
@@ -154,8 +152,8 @@ def joint_frames(
 def joint_derivative(
     pivot: np.ndarray, frame: np.ndarray, below: np.ndarray, bones: np.ndarray, joints_m: np.ndarray
 ) -> np.ndarray:
-    """Return the derivative (n, 3, 3 m + 3) of ``joint_jacobian``: axis k of a bone's frame, crossed with the arm from
-    its pivot.
+    """Return the derivative (n, 3, 3 m + 3) of ``joint_jacobian``: for axis k of a bone's frame, the cross product of
+    the axis with the vector from the bone's pivot to the joint.
     """
     moving = len(pivot)
     jacobian = np.zeros((len(bones), 3, 3 * moving + 3))
@@ -194,8 +192,8 @@ def below(asset: BodyAsset, bone: int) -> np.ndarray:
 
 
 def without_parts(mesh: BodyMesh, parts: Sequence[str]) -> BodyMesh:
-    """Return the body without some parts: each part collapses into the joint where it would begin, so that no rotation
-    moves it.
+    """Return the body without some parts: each part collapses into the joint where it would begin. So no rotation of
+    its bones moves anything.
     """
     vertices, heads, tails = mesh.vertices.copy(), mesh.bone_heads.copy(), mesh.bone_tails.copy()
     for part in parts:
@@ -207,14 +205,12 @@ def without_parts(mesh: BodyMesh, parts: Sequence[str]) -> BodyMesh:
 
 
 def missing_points(asset: BodyAsset, part_of_points: np.ndarray, parts: Sequence[str]) -> np.ndarray:
-    """Return (p,) bool: points that move most with a missing bone; part_of_points (p,) gives each point's bone."""
+    """Return (p,) bool: points on missing parts. part_of_points (p,): the bone that moves each point most."""
     return np.isin(part_of_points, np.flatnonzero(_missing_bones(asset, parts)))
 
 
 def missing_joints(asset: BodyAsset, parts: Sequence[str]) -> np.ndarray:
-    """Return (21,) bool: missing joints, which lie beyond the stumps. The joint where a missing part would begin
-    exists.
-    """
+    """Return (21,) bool: the missing joints. The joint where a missing part would begin is not missing."""
     bones = joint_bones(asset)
     stumps = [stump_of(asset, part) for part in parts]
     outermost = [stump for stump in stumps if not any(below(asset, other)[stump] for other in stumps if other != stump)]

@@ -23,8 +23,8 @@ from anchorpose.body.standing_off import BONE_SHARE, standing_off
 from anchorpose.joints import JOINT_INDEX
 
 REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)  # m, reach of each step; three more steps left the bones unchanged
-REFINING_M: Final = (0.07, 0.06)  # m, reach of each step where the shape is known from earlier frames
-LARGEST_STEP: Final = 1.0  # largest change of a coefficient in one step of the solver, in standard deviations
+REFINING_M: Final = (0.07, 0.06)  # m, reach of each step if the shape is known from earlier frames
+LARGEST_STEP: Final = 1.0  # standard deviations, largest change of a coefficient in one step of the solver
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,11 +44,11 @@ def learn_body(
     config: RegistrationConfig,
     reaches_m: Sequence[float] = REACHES_M,
 ) -> LearnedBody:
-    """Fit one shape to all frames, with each frame's own pose: alternate correspondences and a joint Gauss-Newton step.
+    """Fit one shape to all frames, and a pose to each frame: alternate between finding correspondences and a
+    Gauss-Newton step on the shape and all poses.
 
-    shape: the initial shape. known: the belief without these frames, from a prior or from earlier frames. Where this
-    belief is certain, the frames hardly change it; where it is uncertain, the frames decide. Raises ValueError when no
-    frame is given.
+    shape: the initial shape. known: the belief without these frames, from a prior or from earlier frames. The more
+    certain this belief is, the less the frames change it. Raises ValueError if no frame is given.
     """
     if not poses:
         raise ValueError("a body needs at least one frame to be learnt from")
@@ -66,8 +66,8 @@ def learn_body(
 def most_different(points: SkinPoints, poses: Sequence[Pose], count: int) -> list[int]:
     """Return increasing indices of up to ``count`` poses whose limbs are bent and turned most differently.
 
-    Each next pose is as far as possible from the poses chosen before it: bent limbs show where they turn, and similar
-    poses show nothing new.
+    Each pose is as far as possible from the poses chosen before it. Bent limbs show where their joints are, and similar
+    poses add nothing.
     """
     limbs = [row for row, bone in enumerate(MOVING_BONES) if bone.endswith(("Arm", "UpLeg", "Leg"))]
     turns = np.array([pose.rotation_vectors(points.moving)[limbs].ravel() for pose in poses])
@@ -82,7 +82,7 @@ def most_different(points: SkinPoints, poses: Sequence[Pose], count: int) -> lis
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeFrame:
-    """One frame that is used for learning the shape: its present pose and its constraints."""
+    """One frame to learn the shape from: its current pose and its constraints."""
 
     pose: Pose
     constraints: Constraints
@@ -97,7 +97,8 @@ def learn_shape_step(
 ) -> tuple[ShapeBelief, list[Pose]]:
     """Take one Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
 
-    known: the belief without these frames. Return the belief with these frames, linearised at ``shape``, and the poses.
+    known: the belief without these frames. Return the belief that includes them, linearised at ``shape``, and the
+    poses.
     """
     body, count = build_body(points, shape), known.free.coefficients
     seen, slope = np.zeros_like(known.seen), np.zeros_like(known.pull)
@@ -134,21 +135,21 @@ BONES: Final = tuple(
     )
     for side in ("Left", "Right")
 )
-"""Bones as a name and the joints at both ends; these are heads of successive bones, so lengths are the same in all
-poses.
+"""Each bone's name and the joints at both ends. These joints are heads of successive bones of the skeleton, so that the
+length is the same in all poses.
 """
 
 
-LEAST_BONE_M: Final = 1e-6  # a missing bone has no length
+LEAST_BONE_M: Final = 1e-6  # m; a shorter bone is missing
 SYSTEMATIC_M: Final = {"upper_arm": 0.004, "forearm": 0.008, "thigh": 0.009, "shank": 0.008}
-"""Systematic error of a bone's length from clothes, folds and bodies unlike the model, however many frames were seen;
-set on suite ``bodies`` of ``benchmarks/run.py``.
+"""Systematic error (m) of a bone's length, from clothes, folds and bodies unlike the model; more frames do not reduce
+it. Set on suite ``bodies`` of ``benchmarks/run.py``.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class BoneLength:
-    """Length of a bone from joint to joint, with one standard deviation."""
+    """Length of a bone from joint to joint, with its standard deviation."""
 
     bone: str
     length_m: float
@@ -156,7 +157,7 @@ class BoneLength:
 
 
 def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...]:
-    """Return every bone of ``BONES`` that the most likely body has; sigma follows from the information on the shape."""
+    """Return the lengths of all bones of ``BONES`` that the body has; sigma follows from the belief in the shape."""
     span = _spans(asset, belief.shape)
     length_m = np.linalg.norm(span, axis=1)
     start, end = _ends(asset)

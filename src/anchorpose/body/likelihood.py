@@ -1,8 +1,8 @@
 """Compute the likelihood of depth readings given a body's pose, and how well each limb is explained.
 
-The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or what
-is behind it; the score is the logarithm of how much more probable the readings are with the body than without it. Skin
-that explains a reading raises the score, skin that a camera sees past lowers it, and hidden skin does not change it.
+The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or
+something behind it. The score is the log likelihood ratio of the readings with and without the body. Skin that explains
+a reading raises the score, skin that a camera sees past lowers it, and hidden skin does not change it.
 """
 
 from __future__ import annotations
@@ -24,33 +24,31 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import pixel_of_ray
 
 FOOTPRINT_M: Final = 0.02  # m, width of a pixel at reduced resolution: half of a wrist's width
-SKIN_SIGMA_M: Final = 0.02  # m between rendered skin and reading: clothes, and the coarse sampling of the skin
-ALIKE_M: Final = 0.05  # m, side of a patch whose readings share an error from clothes and folds, not from the sensor
+SKIN_SIGMA_M: Final = 0.02  # m, error between rendered skin and reading: clothes, and the coarse sampling of the skin
+ALIKE_M: Final = 0.05  # m, side of a patch whose readings share one error: of clothes and folds, not of the sensor
 RANGE_M: Final = 4.0  # m, range of a depth camera; an unknown object may be anywhere within it
 CLUTTER: Final = 0.1  # share of the pixels that show an unknown object
 PAST: Final = 0.05  # share of the rendered skin that cameras see past in a correct pose, since outlines are rough
-LEAST_SEEN: Final = 1.0  # explained observations by which a part counts as seen: 25 cm2, three fingers
-LEAST_SHARE: Final = 0.15  # explained share by which a part counts as seen; a strip of a thigh does not show its knee
+LEAST_SEEN: Final = 1.0  # fewest explained observations for a part to count as seen: 25 cm2, three fingers
+LEAST_SHARE: Final = 0.15  # least explained share for a part to count as seen; a strip of thigh does not show the knee
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likelihood:
-    """The likelihood of the readings of each limb, as in ``LIMB_OF_BONES``, up to elbow or knee and beyond; (PARTS, 2)
-    each.
+    """The likelihood of the readings of each limb (``LIMB_OF_BONES``). All arrays are (PARTS, 2): a column for the part
+    up to elbow or knee, and a column for the part beyond.
 
-    log: log likelihood ratio in nats, by how much the readings of its pixels are more probable with the body than
-    without it. explained, past, hidden: numbers of independent observations, patches of ``ALIKE_M``, that show its
-    skin, something behind it, or something in front of it.
+    The last three count independent observations, which are patches of side ``ALIKE_M``.
     """
 
-    log: np.ndarray
-    explained: np.ndarray
-    past: np.ndarray
-    hidden: np.ndarray
+    log: np.ndarray  # nats, log likelihood ratio of the readings with and without the body
+    explained: np.ndarray  # number of observations that show the skin
+    past: np.ndarray  # number of observations that show something behind the skin
+    hidden: np.ndarray  # number of observations that show something in front of the skin
 
     @property
     def seen(self) -> np.ndarray:
-        """Return (PARTS, 2) bool: parts of limbs that the readings show where the pose puts them."""
+        """Return (PARTS, 2) bool: parts of limbs that are seen where the pose puts them."""
         turned = self.explained + self.past + self.hidden
         return np.asarray((self.explained >= LEAST_SEEN) & (self.explained >= LEAST_SHARE * turned))
 
@@ -72,27 +70,26 @@ def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
 
 
 def most_nats(area_m2: float) -> float:
-    """Return the log likelihood that a surface of this area, seen by one camera, would gain if skin lay on it."""
+    """Return the nats that a surface of this area, seen by one camera, adds to the log likelihood ratio if skin lies on
+    it.
+    """
     skin = (1.0 - CLUTTER) / (np.pi * SKIN_SIGMA_M) + PAST / RANGE_M
     return float(np.log(skin * RANGE_M / CLUTTER)) * area_m2 / ALIKE_M**2
 
 
 class RenderedSkin(NamedTuple):
-    """The skin rendered at every ``step``-th row and column of an image. depth_m (h, w) float64: depth of the nearest
-    skin, infinite without skin; point (h, w) int64: its skin point, else -1. patches: how many patches of ``ALIKE_M`` a
-    pixel covers, at most one.
-    """
+    """The skin rendered at every ``step``-th row and column of an image."""
 
     step: int
-    depth_m: np.ndarray
-    point: np.ndarray
-    patches: float
+    depth_m: np.ndarray  # (h, w) float64, depth of the nearest skin; inf without skin
+    point: np.ndarray  # (h, w) int64, the skin point there; -1 without skin
+    patches: float  # share of a patch of side ``ALIKE_M`` that a pixel covers, at most 1
 
 
 def render_skin(
     points: SkinPoints, skin_m: np.ndarray, camera: Camera, footprint_m: float = FOOTPRINT_M
 ) -> RenderedSkin | None:
-    """Render the skin as a camera sees it, in pixels of about ``footprint_m``; None behind the camera.
+    """Render the skin as a camera sees it, in pixels of about ``footprint_m``; None if it is behind the camera.
 
     skin_m (p, 3): the skin points in the world.
     """
@@ -108,7 +105,7 @@ def render_skin(
 
 
 def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
-    """Return the likelihood (4, 2 PARTS) by one camera, for ``SEGMENT_OF_BONES``; rows as in ``Likelihood``."""
+    """Return one camera's likelihood (4, 2 PARTS): rows as in ``Likelihood``, columns as in ``SEGMENT_OF_BONES``."""
     skin = render_skin(points, skin_m, camera)
     if skin is None:
         return np.zeros((4, 2 * PARTS))
@@ -118,8 +115,8 @@ def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camer
 
 @cache
 def skin_faces(points: SkinPoints) -> np.ndarray:
-    """Return triangles (f, 3) between skin points: each vertex of the asset's skin is assigned to its nearest skin
-    point.
+    """Return triangles (f, 3) between skin points, made from the asset's faces: each vertex is replaced by its nearest
+    skin point.
     """
     from scipy.spatial import cKDTree
 
@@ -187,7 +184,7 @@ def _scored(
     own: int,
     step: int,
 ) -> np.ndarray:
-    """Return (4, 2 PARTS): log likelihood ratio, and the numbers of pixels explained, seen past and hidden."""
+    """Return (4, 2 PARTS): log likelihood ratio, then the numbers of pixels explained, seen past and hidden."""
     sums = np.zeros((4, 2 * PARTS))
     past = np.log(PAST)
     for r in range(skin_m.shape[0]):

@@ -1,8 +1,8 @@
 """Propose poses with one limb moved: onto uncovered skin, or along the path of an anchor.
 
-The proposals depend on a prediction only through the trunk, for which there are proposals too (``exchanged``). The end
-of a limb shows where the limb is even if the body leaves no skin uncovered. For example, an arm fitted to the wrong
-side of a walker covers the walker's rail.
+Proposals depend on the prediction only through the trunk, and ``exchanged`` also proposes another trunk. An anchor
+shows where a limb ends even if no skin is uncovered: for example, an arm fitted to the wrong side of a walker covers
+the walker's rail.
 """
 
 from __future__ import annotations
@@ -30,25 +30,23 @@ from anchorpose.geodesics.center import center_field, limb_path
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_INDEX
 
 SIDES: Final = ("Left", "Right")
-NEIGHBOUR_M: Final = 0.05  # m between thinned nodes of one piece: twice their spacing
-SMALLEST_M2: Final = 0.002  # a few fingers: smaller uncovered pieces are clothes
-MOST_PIECES: Final = 3  # pieces at a time: two arms and a leg; further pieces are examined after these limbs were found
-TURNS: Final = 4  # solver turns of three steps each: a limb may have to move by half a circle
-SETTLED_M: Final = 0.01  # m; the solver stops when joints move less, since a proposal is registered afterwards
-# m by which a tip may lie beyond the limb's length, since the trunk leans and the shoulder moves
+NEIGHBOUR_M: Final = 0.05  # m, largest distance between neighbouring nodes of one piece: twice their spacing
+SMALLEST_M2: Final = 0.002  # m2, a few fingers: smaller uncovered pieces are clothes
+MOST_PIECES: Final = 3  # pieces examined at a time: two arms and a leg; other pieces follow once these are covered
+TURNS: Final = 4  # rounds of three solver steps: a limb may have to move by half a circle
+SETTLED_M: Final = 0.01  # m; the solver stops when joints move less, since the proposal is then registered anyway
+# m by which a tip may lie beyond the limb's reach, since the trunk leans and the shoulder moves
 REACH_SLACK_M: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """A limb listed from its end: its joints, the distance of each along the skin from the tip at rest, and its depth
-    below the skin.
-    """
+    """A limb; all tuples begin at its end (hand or foot)."""
 
     bones: tuple[str, ...]
     joints: tuple[str, ...]
-    depth_m: tuple[float, ...]
-    root: str
+    depth_m: tuple[float, ...]  # depth of each joint below the skin
+    root: str  # the joint at the trunk
 
 
 CHAINS: Final = tuple(
@@ -68,22 +66,19 @@ _SIDED: Final = tuple(JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "H
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimbPath:
-    """The axis of an uncovered piece of surface. places_m (k, 3): places on the skin, from the piece's tip to where it
-    meets the body; inward (k, 3): unit vectors into the limb; along_m (k,): distance from the tip. area_m2: area of the
-    piece, 0 where not measured.
-    """
+    """The path along an uncovered piece of surface, from its tip to where it meets the body."""
 
-    places_m: np.ndarray
-    inward: np.ndarray
-    along_m: np.ndarray
-    area_m2: float = 0.0
+    places_m: np.ndarray  # (k, 3) places on the skin
+    inward: np.ndarray  # (k, 3) unit vectors into the limb
+    along_m: np.ndarray  # (k,) distance from the tip
+    area_m2: float = 0.0  # area of the piece; 0 if not measured
 
 
 def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPath]:
-    """Return the axis of each large piece of seen skin that the body does not cover, the largest piece first.
+    """Return the path of each large piece of seen skin that the body does not cover, the largest piece first.
 
-    The root of a piece is where it meets covered skin or, if a bar cuts it off, the node nearest to covered skin. The
-    tip is the node farthest from the root along the piece.
+    A path begins at the piece's tip and ends at its root. The root is the node nearest to covered skin; usually the
+    piece meets that skin, but a bar may be in between. The tip is the node farthest from the root along the piece.
     """
     surface, bare = evidence.surface, explanation.node
     if len(bare) < 2:
@@ -137,8 +132,8 @@ def _path(
 def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] = CHAINS) -> Iterator[Pose]:
     """Yield the pose with one limb laid along a path, for each of the chains that can reach the path's tip.
 
-    Joints within the path's length lie on the path. Joints beyond its end follow the joint ranges, from a limb at rest,
-    or stay where they are.
+    Joints within the path's length are placed on the path. The other joints of the limb either stay where they are or
+    follow the joint ranges, from a limb at rest.
     """
     joints = body.joints(pose)
     lengths = limb_lengths(body)
@@ -160,7 +155,8 @@ def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] =
 def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
     """Yield the pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
 
-    Limbs keep their places and exchange their names. The skin fits as well then, but joints and feet do not.
+    Limbs keep their places and exchange left and right. The skin then fits as well, but the bending of joints and the
+    direction of feet decide.
     """
     joints = body.joints(pose)
     asset = body.points.asset
@@ -191,9 +187,7 @@ def _mirrored() -> np.ndarray:
 
 
 def limb_lengths(body: Body) -> list[tuple[np.ndarray, float]]:
-    """Return, for each of ``CHAINS``, the length in metres from the tip to each of its joints, and from the tip to the
-    limb's root.
-    """
+    """Return, for each of ``CHAINS``, the lengths (m) from the tip to its joints, and from the tip to its root."""
     asset, rest = body.points.asset, body.mesh.rest_joints()
     found = []
     for chain in CHAINS:
@@ -223,9 +217,7 @@ def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
 
 
 def _held_but(joints: np.ndarray, limbs: Sequence[Chain]) -> np.ndarray:
-    """Return wanted joints (21, 3): the present places, with NaN for the joints of some limbs, which the caller fills
-    in.
-    """
+    """Return wanted joints (21, 3): the present places, but NaN for the joints of ``limbs``, which the caller sets."""
     wanted = joints.copy()
     wanted[[JOINT_INDEX[name] for chain in limbs for name in chain.joints]] = np.nan
     return wanted
@@ -239,8 +231,8 @@ def _place(path: LimbPath, at_m: float, depth_m: float) -> np.ndarray:
 
 
 def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
-    """Return the pose with joints as near to the wanted places as possible, solved in several turns since it starts far
-    off.
+    """Return the pose with joints as near to the wanted places as possible, solved in several rounds from a distant
+    start.
     """
     found, joints = start, body.joints(start)
     for _ in range(TURNS):
@@ -251,17 +243,17 @@ def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
     return found
 
 
-CONTRADICTED_M: Final = 0.15  # m from an anchor to the tip of its limb that makes a proposal worth trying
-# m by which an anchor lies nearer to the body's centre than its limb's tip: half of a cap's depth
+CONTRADICTED_M: Final = 0.15  # m; an anchor farther from the tip of its limb contradicts the pose
+# m by which an anchor lies nearer to the body's centre than the tip of its limb
 INSIDE_TIP_M: Final = 0.03
 
 
 def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[LimbPath, tuple[Chain, ...]]]:
-    """Yield the paths of hands and feet that contradict the pose, and of free ends, each with the limbs it may belong
-    to.
+    """Yield the paths of hand and foot anchors that contradict the pose, and of free ends, each with the limbs that it
+    may belong to.
 
-    A hand may belong to either arm and a foot to either leg, since a wrong facing of the body exchanges the sides. A
-    free end may belong to any limb.
+    A hand may belong to either arm and a foot to either leg, since a wrong facing exchanges left and right. A free end
+    may belong to any limb.
     """
     anchors, elsewhere = seen.anchors, contradicted_by(body, pose, seen.anchors, CONTRADICTED_M)
     ends = [
@@ -281,7 +273,7 @@ def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[Li
 
 
 def contradicted_by(body: Body, pose: Pose, anchors: Anchors, beyond_m: float) -> np.ndarray:
-    """Return (5,) bool: anchors farther than ``beyond_m`` from their tips in the pose; False for missed anchors."""
+    """Return (5,) bool: anchors farther than ``beyond_m`` from the body's tips in the pose; False if missed."""
     tips = pose_points(body, pose).points_m[anchor_points(body.points)]
     away_m = np.linalg.norm(anchors.position_m - tips, axis=1)  # NaN for a missed anchor
     return np.asarray(away_m > beyond_m)

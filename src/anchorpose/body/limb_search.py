@@ -26,38 +26,33 @@ from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
 
-# m2 of seen, uncovered skin that start a search: half a hand; clothes and grips leave no more uncovered
+# m2, area of seen skin that the body leaves uncovered, from which a search starts: half a hand, more than clothes and
+# grips leave uncovered
 LOOK_AGAIN_M2: Final = 0.005
-ROUNDS: Final = 4  # rounds, one for each limb
-TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # m from a proposed limb to the seen limb, in each step
-TRIAL_NODES: Final = 800  # nodes used; a third of all nodes suffice to tell a good pose from a bad one
-REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
+ROUNDS: Final = 4  # most rounds: one for each limb
+TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # m, reach of each step from a proposed limb to the seen limb
+TRIAL_NODES: Final = 800  # nodes used for a trial: a third of all nodes is enough to separate good poses from bad ones
+REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)  # m, reach of each step of the best few poses
 SAME_M: Final = 0.04  # m; poses with all joints nearer than this lead to the same registration
-BEST: Final = 3  # poses kept: the present pose, registered again, and two others
+BEST: Final = 3  # poses per round that are registered more finely; one of them may be the present pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
-    """The result of a search.
+    """The result of a search."""
 
-    registration: registration of the best pose; taken: whether the best pose differs from the given pose. rivals: other
-    poses that the frame cannot exclude.
-    """
-
-    registration: Registration
-    taken: bool
-    rivals: tuple[Rival, ...] = ()
+    registration: Registration  # of the best pose
+    taken: bool  # whether the best pose differs from the given pose
+    rivals: tuple[Rival, ...] = ()  # other poses that the frame cannot exclude
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tried:
-    """A tried pose and its log probabilities, nats. images: log probability by the images and the body priors; moved:
-    cost of being elsewhere than expected.
-    """
+    """A tried pose and its log probabilities."""
 
     pose: Pose
-    images: float
-    moved: float
+    images: float  # nats, log probability given the images and the body priors
+    moved: float  # nats, cost of the distance from the expected pose
 
     @property
     def log(self) -> float:
@@ -74,14 +69,14 @@ class Expected:
     sigma_m: np.ndarray
 
     def tried(self, pose: Pose, evidence: Evidence) -> Tried:
-        """Evaluate a pose by the images and by the distance of each limb, and of the trunk, from its expected place."""
+        """Evaluate a pose by the images and by the distance of each limb and the trunk from its expected place."""
         return Tried(pose, log_probability(self.body, pose, evidence), self.moved(self.body.joints(pose)))
 
     def moved(self, joints_m: np.ndarray) -> float:
-        """Return the cost of joints (21, 3) that are elsewhere than expected, nats.
+        """Return the cost, in nats, of the distance of joints (21, 3) from their expected places.
 
-        The cost has the tails of a Cauchy distribution: a lost limb may be anywhere, but a known limb does not turn
-        round between two frames, and a body that turns round pays for all limbs and the trunk.
+        Each limb, and the trunk, adds the cost of its farthest joint. The cost has the tails of a Cauchy distribution,
+        since a lost limb may be anywhere. A body that turns round pays for all limbs and the trunk.
         """
         away = np.linalg.norm(joints_m - self.joints_m, axis=1) / self.sigma_m
         farthest = np.zeros(PARTS)
@@ -90,7 +85,7 @@ class Expected:
 
 
 def expected_joints(body: Body, belief: PoseBelief) -> Expected:
-    """Return where a belief expects the joints, and their sigma, at least ``SAME_M``."""
+    """Return the joints of a belief's pose and their sigma, which is at least ``SAME_M``."""
     transforms = body.transforms(belief.pose)
     joints = body.mesh.joints(transforms)
     jacobian = joint_jacobian(body, transforms, joint_bones(body.points.asset), joints)
@@ -99,8 +94,8 @@ def expected_joints(body: Body, belief: PoseBelief) -> Expected:
 
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
-    """Return whether the images show that a limb is elsewhere. hidden: whether some limb covers nothing, so that less
-    uncovered area suffices.
+    """Return whether so much seen skin is uncovered that a limb may be misplaced. hidden: whether some limb covers no
+    node; then half of the area is enough.
     """
     return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
 
@@ -115,15 +110,15 @@ def search_limbs(
 ) -> Search:
     """Move limbs to where they are seen, as long as that explains the frame better; return the best registration.
 
-    predicted: the expected pose. A limb found elsewhere shows that this expectation was wrong, so it gets as little
-    weight as after ``UNSEEN_S`` without sight. anchors: anchors of the frame, None for a first pose.
+    predicted: the expected pose. A limb that is found in another place shows that the expectation was wrong, so the
+    expectation gets as little weight as after ``UNSEEN_S`` unseen. anchors: the frame's anchors, None for a first pose.
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
     now, best = expected.tried(found.belief.pose, evidence), list[Tried]()
     pose = now.pose
     for number in range(ROUNDS):
-        # the descriptor's proposal does not depend on the pose in doubt, so one round with it is enough
+        # the descriptor's proposal does not depend on the pose in doubt, so it is tried in one round only
         sources = [source for source in config.sources if number == 0 or source is not Source.DESCRIPTOR]
         proposed = proposals(Doubted(body, pose, evidence, anchors), sources)
         tried = _register_all(expected, _distinct(body, [pose, *proposed]), uncertain, evidence, trial)
@@ -146,7 +141,7 @@ def _decided(
     evidence: Evidence,
     config: RegistrationConfig,
 ) -> Search:
-    """Decide, by one frame, between ``now``, the pose that was found, and other poses."""
+    """Decide, by one frame, between ``now`` (the pose before the search) and other poses."""
     ways, places_m = list[tuple[Registration, Rival]](), list[np.ndarray]()
     for one, lag in sorted(_compared(body, now, others, evidence), key=lambda way: way[1] + way[0].moved):
         joints_m = body.joints(one.pose)
@@ -164,7 +159,7 @@ def _decided(
 
 
 def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
-    """Yield the other poses, each with the believed nats by which it explains the images worse than the best."""
+    """Yield the other poses, each with the nats (see ``believed``) by which ``now`` explains the images better."""
     for one in others:
         if one.pose is not now.pose:
             parts = parts_apart(body.joints(one.pose), body.joints(now.pose))
@@ -173,7 +168,7 @@ def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidenc
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
-    """Return the poses without near-duplicates, which registration would bring to the same place."""
+    """Return the poses without near-duplicates, which registration would make equal."""
     kept, joints = list[Pose](), np.empty((len(poses), JOINT_COUNT, 3))
     for pose in poses:
         at = body.joints(pose)
@@ -186,9 +181,9 @@ def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
 def _register_all(
     expected: Expected, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """Return the first pose unchanged and all poses after a short registration, with their probabilities.
+    """Return the first pose unchanged, then all poses after a short registration, with their probabilities.
 
-    The first pose is registered as well, so that limbs which only lag behind do not favour a body that is turned round.
+    The first pose is registered as well, so that it does not lose to a turned body only because its limbs lag behind.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
     return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])
@@ -201,7 +196,7 @@ def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, 
 def _best_few(
     expected: Expected, tried: Sequence[Tried], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """Register the first pose and the best other poses in the same way; return them, the best first."""
+    """Return the first pose unchanged and the best other poses after a finer registration, the best first."""
     body, refining = expected.body, replace(config, reaches_m=REFINED_REACHES_M)
     others = sorted(tried[1:], key=lambda one: -one.log)[:BEST]
     refined = each(lambda one: _settled(body, one.pose, uncertain, evidence, refining), others)

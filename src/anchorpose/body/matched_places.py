@@ -24,45 +24,42 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import described
 from anchorpose.isolation.view import View
 
-LEAST_MATCHES: Final = 30  # matches; 60 cm2 at two metres, a hand
-MATCHES: Final = 800  # matches used; a person at two metres has 2,000, but more of them only cost time
-LEAST_SIGMA_M: Final = 0.03  # m, smallest error of a match: skin points are as far apart, and clothes as thick
-MATCHES_PER_OBSERVATION: Final = 10.0  # the network is wrong about whole parts, not about single pixels
+LEAST_MATCHES: Final = 30  # fewest matches for a pose: 60 cm2 at two metres, a hand
+MATCHES: Final = 800  # most matches used; a person at two metres has 2,000, but more only cost time
+LEAST_SIGMA_M: Final = 0.03  # m, smallest error of a match: the spacing of skin points, and clothes
+MATCHES_PER_OBSERVATION: Final = 10.0  # matches that count as one, since the network's errors concern whole body parts
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
-"""Distance at which a match counts a quarter, in each step: from a limb's length down to a limb's width."""
+"""Distance (m) at which a match counts a quarter, per step: from a limb's length down to a limb's width."""
 
-MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20  # m, of an unknown person, adults and children together
-STATURES_M: Final = (0.90, 2.15)  # m; one person in a thousand is shorter or taller, including the error of one frame
-_SCALINGS: Final = 3  # number of scalings; after each, the stature is off by 4, 3 and 2 % in the median
-_AGAIN: Final = 4  # steps from a pose that already fits
-_NO_KERNEL_M: Final = 1e3  # m, so large that the kernel has no effect, since the rows' weights are robust already
+MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20  # m, stature of an unknown person, adult or child
+STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature, which one person in a thousand exceeds
+_SCALINGS: Final = 3  # number of scalings; the median error of the stature after them is 4, 3 and 2 %
+_AGAIN: Final = 4  # number of steps from a pose that already fits
+_NO_KERNEL_M: Final = 1e3  # m, so large that the kernel has no effect: the rows' weights are robust already
 _ALIGNING: Final = 8  # steps of the reweighted alignment of the trunk
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """Matches between pixels and places on the body. place (n, 3): place on the standing mean adult of stature 1, X
-    forward, Y up from the floor, Z right; target_m (n, 3): place of the pixel in the world; error (n,): expected error
-    of ``place``, in statures.
-    """
+    """Matches between pixels and places on the body."""
 
-    place: np.ndarray
-    target_m: np.ndarray
-    error: np.ndarray
+    place: np.ndarray  # (n, 3) on the standing mean adult of stature 1: X forward, Y up from the floor, Z right
+    target_m: np.ndarray  # (n, 3) place of the pixel in the world
+    error: np.ndarray  # (n,) expected error of ``place``, in statures
 
     def __len__(self) -> int:
         return len(self.place)
 
     @property
     def turned(self) -> Matches:
-        """Return the matches as if the person faced the other way; mistaking the facing is the network's most frequent
+        """Return the matches as if the person faced the other way: a wrong facing is the network's most frequent
         error.
         """
         return replace(self, place=self.place * [-1.0, 1.0, -1.0])
 
 
 def matches_of(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Matches:
-    """Return the matches of all pixels with a label in which the descriptor sees a person."""
+    """Return the matches of all pixels that have the label and show a person by the descriptor."""
     found = [_matches_of(view, camera, label) for view, camera in zip(views, cameras, strict=True) if view is not None]
     if not found:
         return Matches(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
@@ -79,19 +76,18 @@ def _matches_of(view: View, camera: Camera, label: int) -> Matches:
 
 
 class MatchedPerson(NamedTuple):
-    """Matches and their results. stature_m: the standing height (within 3 % in half of all single frames); pose: the
-    pose of an ordinary adult of this height.
-    """
+    """A person's matches, and the stature and pose found from them."""
 
     matches: Matches
-    stature_m: float
-    pose: Pose
+    stature_m: float  # standing height; its error is below 3 % in half of all single frames
+    pose: Pose  # pose of an average adult of this height
 
 
 def match_person(matches: Matches) -> MatchedPerson:
-    """Fit an ordinary body to the matches, and scale it so that distances on both agree; repeat this alternately.
+    """Fit an average body to the matches, and scale it so that distances on the body and between matches agree; repeat
+    both steps.
 
-    The distribution of statures is a prior, since few or uncertain matches determine a stature poorly. Raises
+    The distribution of statures serves as a prior, since few or uncertain matches determine a stature poorly. Raises
     ValueError for fewer than ``LEAST_MATCHES``.
     """
     points, stature_m, pose = body_points(), MEAN_STATURE_M, None
@@ -109,7 +105,7 @@ def _adult(points: SkinPoints, stature_cm: int) -> Body:
 
 
 def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
-    """Return the most probable stature, by the prior and by matches on a body of the present stature."""
+    """Return the most probable stature, given the prior and matches on a body of stature ``now_m``."""
     point, target_m, sigma_m = _chosen(body, matches)
     own_m = pose_points(body, pose).points_m[point]
     weight = (sigma_m * (1.0 + (np.linalg.norm(own_m - target_m, axis=1) / SCALES_M[-1]) ** 2)) ** -2
@@ -122,9 +118,9 @@ def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
 
 
 def fit_matches(body: Body, matches: Matches, start: Pose | None = None) -> Pose:
-    """Return the pose that brings the skin closest to its matched places; outliers lose their weight.
+    """Return the pose that brings the skin closest to its matched places, with robust weights.
 
-    start: a pose fitted to the same matches on a body of another shape. Raises like ``match_person``.
+    start: a pose fitted to the same matches on a body of another shape. Raises ValueError like ``match_person``.
     """
     if len(matches) < LEAST_MATCHES:
         raise ValueError(f"a pose needs {LEAST_MATCHES} matches, these are {len(matches)}")
@@ -137,8 +133,8 @@ def fit_matches(body: Body, matches: Matches, start: Pose | None = None) -> Pose
 
 
 def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return skin point (n,), place in the world (n, 3) and standard deviation (n,) in metres of ``MATCHES``
-    matches.
+    """Return, for up to ``MATCHES`` matches, skin point (n,), place in the world (n, 3) and standard deviation (n,)
+    in metres.
     """
     chosen = thin(len(matches), MATCHES)
     sigma_m = np.maximum(matches.error[chosen] * np.ptp(body.rest_m[:, 1]), LEAST_SIGMA_M)
@@ -148,7 +144,7 @@ def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.nd
 def _rows(
     posed_m: np.ndarray, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray, scale_m: float
 ) -> Constraints:
-    """Return three rows per match, which share one robust weight (Geman and McClure) by the match's distance."""
+    """Return three rows per match; they share a robust weight (Geman and McClure) that falls with its distance."""
     away_m = np.linalg.norm(posed_m[point] - target_m, axis=1)
     spread_m = np.repeat(sigma_m * (1.0 + (away_m / scale_m) ** 2), 3)
     direction = np.tile(np.eye(3), (len(point), 1))
@@ -171,8 +167,8 @@ def _skin_at(points: SkinPoints, place: np.ndarray) -> np.ndarray:
 
 
 def _aligned(body: Body, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray) -> Pose:
-    """Return the rest pose, aligned so that the trunk lies on its matches, or the whole body if the trunk has too few
-    matches.
+    """Return the rest pose, placed so that the trunk lies on its matches; if the trunk has too few matches, the whole
+    body is used.
     """
     asset = body.points.asset
     rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))

@@ -7,21 +7,17 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-MAX_VOXELS: Final = 1_000_000  # 8 MB of row starts; nodes that are spread wider than a room get coarser voxels
+MAX_VOXELS: Final = 1_000_000  # 8 MB of row starts; nodes that extend beyond a room get larger voxels
 
 
 class Voxels(NamedTuple):
-    """Nodes sorted into voxels. order (n,) int32: nodes, voxel by voxel; start (x * y * z + 1,) int32: where each voxel
-    begins in it. origin_m (3,) float64: lowest corner of the first voxel; side_m: length of a side; shape (3,) int64.
+    """Nodes sorted into voxels."""
 
-    origin_m (3,) float64: lowest corner of the first voxel; side_m: length of a side; shape (3,) int64.
-    """
-
-    order: np.ndarray
-    start: np.ndarray
-    origin_m: np.ndarray
-    side_m: float
-    shape: np.ndarray
+    order: np.ndarray  # (n,) int32, the nodes, voxel by voxel
+    start: np.ndarray  # (x * y * z + 1,) int32, where each voxel begins in ``order``
+    origin_m: np.ndarray  # (3,) float64, lowest corner of the first voxel
+    side_m: float  # length of a voxel's side
+    shape: np.ndarray  # (3,) int64, number of voxels along each axis: x, y, z
 
 
 def sort_into_voxels(points_m: np.ndarray, radius_m: float) -> Voxels:
@@ -59,39 +55,36 @@ def sort_by_cell(
     return order, start
 
 
-CELL_M: Final = 0.08  # m; a few skin points per cell: smaller cells cost more by empty rows than by points
+CELL_M: Final = 0.08  # m, side of a cell, with a few skin points each: smaller cells lose time on empty rows
 
 
 class Oriented(NamedTuple):
-    """Points of a surface: places_m (n, 3) and unit normals (n, 3)."""
+    """Points of a surface."""
 
-    places_m: np.ndarray
-    normals: np.ndarray
+    places_m: np.ndarray  # (n, 3)
+    normals: np.ndarray  # (n, 3) unit normals
 
 
 class Grid(NamedTuple):
-    """Points sorted by cell, contiguous in memory.
+    """Points sorted by cell, contiguous in memory."""
 
-    order (k,): the original row of each point; skin (k, 6): place and normal of each point; start: where each cell
-    begins; origin (3,): the lowest corner; shape (3,): number of cells along each axis.
-    """
-
-    order: np.ndarray
-    skin: np.ndarray
-    start: np.ndarray
-    origin: np.ndarray
-    shape: np.ndarray
+    order: np.ndarray  # (k,) the original row of each point
+    skin: np.ndarray  # (k, 6) place and normal of each point
+    start: np.ndarray  # where each cell begins
+    origin: np.ndarray  # (3,) the lowest corner
+    shape: np.ndarray  # (3,) number of cells along each axis
 
 
 @njit(cache=True, nogil=True)
 def nearest_facing(
     skin: Oriented, nodes: Oriented, seen_from: np.ndarray, eyes: np.ndarray, reach: float, normal_weight: float
 ) -> np.ndarray:
-    """Return the skin point (n,) int64 nearest to each node, -1 where no skin point is nearer than reach.
+    """Return the skin point (n,) int64 nearest to each node, -1 if no skin point is nearer than reach.
 
-    The distance is between vectors of six numbers: the place, and the normal times ``normal_weight``. seen_from (n,):
-    the camera that saw each node; eyes (c, 3): positions of the cameras. The result is exact: only cells that are
-    farther away than the best point so far are left out. The match of the previous node is the first guess.
+    Only skin that faces the node's camera is used. The distance is between vectors of six numbers: the place, and the
+    normal times ``normal_weight``. seen_from (n,): the camera that saw each node; eyes (c, 3): the cameras' positions.
+    The result is exact: only cells farther away than the best point so far are skipped. The search of each node begins
+    with the match of the previous node.
     """
     nearest = np.full(len(nodes.places_m), -1, np.int64)
     for camera in range(len(eyes)):
@@ -122,9 +115,10 @@ def facing_rows(
     normal_weight: float,
     uncovered: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return skin point (m,), node (m,) and unit direction (m, 3) for every node that has a nearest point.
+    """Return skin point (m,), node (m,) and unit direction (m, 3) for every node with a skin point within reach.
 
-    The direction is the mean of both normals, or points straight to the node if it is farther away than ``uncovered``.
+    The direction is the mean of both normals. If the node is farther away than ``uncovered``, the direction is straight
+    to the node.
     """
     nearest = nearest_facing(skin, nodes, seen_from, eyes, reach, normal_weight)
     point, found, count = np.empty(len(nearest), np.int64), np.empty(len(nearest), np.int64), 0
@@ -150,9 +144,7 @@ def facing_rows(
 
 @njit(cache=True, nogil=True)
 def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.ndarray:
-    """Return (n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 where no point is nearer than
-    reach.
-    """
+    """Return (n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 if none is within reach."""
     nearest = np.full(len(nodes), -1, np.int64)
     grid, places = _grid(Oriented(points, points), np.arange(len(points))), Oriented(nodes, nodes)
     for node in range(len(nodes)):
@@ -206,7 +198,7 @@ def _distance2(skin: np.ndarray, spot: int, nodes: Oriented, node: int, normal_w
 
 @njit(cache=True, nogil=True)
 def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: float) -> int:
-    """Return the row of ``grid.skin`` nearest to a node, if it is nearer than the square root of ``best``, else -1.
+    """Return the row of ``grid.skin`` nearest to a node, if its squared distance is less than ``best``, else -1.
 
     The node's own cell is searched first, since a point found there narrows the search around it.
     """

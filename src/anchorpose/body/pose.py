@@ -34,7 +34,7 @@ MOVING_BONES: Final = (
     "RightLeg",
     "RightFoot",
 )
-"""The bones whose rotation is estimated; fingers, toes and the pelvis' two stubs keep the rest pose."""
+"""The bones whose rotation is estimated. Fingers, toes and the two hip bones of the pelvis keep the rest pose."""
 
 POSE_SIZE: Final = 3 * len(MOVING_BONES) + 3
 """Parameters of a pose change: one rotation vector per moving bone, then the translation of the root."""
@@ -44,16 +44,14 @@ DEGREE: Final = np.pi / 180.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """A pose. rotations (b, 3, 3): rotation of each bone relative to its parent, in the axes of the rest pose. root_m
-    (3,): the root bone's head, world.
-    """
+    """A pose of the body."""
 
-    rotations: np.ndarray
-    root_m: np.ndarray
+    rotations: np.ndarray  # (b, 3, 3) rotation of each bone relative to its parent, in the axes of the rest pose
+    root_m: np.ndarray  # (3,) the root bone's head in the world
 
     def moved(self, change: np.ndarray, moving: np.ndarray) -> Pose:
-        """Return the pose after a change (POSE_SIZE,): ``exp(change) @ rotation`` in the parent's frame, then
-        translation.
+        """Return the pose after a change (POSE_SIZE,): each rotation becomes ``exp(change) @ rotation`` in the parent's
+        frame, and the root moves by the last three values.
         """
         rotations = self.rotations.copy()
         rotations[moving] = rotation_matrices(change[:-3].reshape(-1, 3)) @ rotations[moving]
@@ -120,11 +118,11 @@ LIMB_OF_BONES: Final = _limb_of_bones()
 LIMB_OF_JOINTS: Final = _limb_of_joints()
 _BEYOND: Final = ("ForeArm", "Hand", "tLeg", "Foot", "Spine", "Spine1", "Neck", "Neck1", "Head")
 SEGMENT_OF_BONES: Final = 2 * LIMB_OF_BONES + np.array([bone.endswith(_BEYOND) for bone in MOVING_BONES])
-"""Segment (m,) of each moving bone: twice its limb, plus one beyond elbow or knee, and for chest, neck and head."""
+"""Segment (m,) of each moving bone: twice its limb; plus one beyond elbow or knee, and for chest, neck and head."""
 SEGMENT_OF_JOINTS: Final = 2 * LIMB_OF_JOINTS + np.array(
     [name.startswith(("Wrist", "Hand", "Ankle", "Foot", "SpineM", "SpineS", "Neck", "Head")) for name in JOINT_NAMES]
 )
-"""Segment (21,) of each joint, likewise."""
+"""Segment (21,) of each joint, defined in the same way."""
 PARTS: Final = len(_LIMBS) + 1
 
 TRUNK: Final = 0

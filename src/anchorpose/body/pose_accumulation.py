@@ -1,8 +1,8 @@
 """Compute Hessian and gradient of many rows with respect to the pose, without storing their Jacobian.
 
-A row of a point x on a rigid bone moves with the bone's turn by ``(x - pivot) x direction``, which is linear in the six
-numbers ``(x x direction, direction)``. So rows are first summed by skin point (3 x 3), then by pairs of moving bones
-that carry a point together (6 x 6), then down the skeleton, and only then turned into parameters.
+The derivative of a row with respect to a bone's turn is ``(x - pivot) x direction``, where x is the row's skin point.
+It is linear in the six numbers ``(x x direction, direction)``. So rows are first summed by skin point (3 x 3), then by
+pairs of moving bones that carry a point together (6 x 6), then along the skeleton, and last converted to parameters.
 ``skin_points.pose_jacobian`` is the reference implementation.
 """
 
@@ -35,11 +35,11 @@ def accumulate_pose(
 @cache
 def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
     """Return the row (b,) of the moving bone that carries each bone, and the row (m,) of the moving bone above each
-    moving bone; both are -1 for the root.
+    moving bone, -1 if there is none.
 
     Moving bones are numbered as in ``SkinPoints.moving``, parents before children.
     """
-    # the last moving bone that is the bone itself or above it
+    # the last moving bone that is the bone itself or one of its ancestors
     carrier = len(points.moving) - 1 - points.below[::-1].argmax(axis=0)
     parents = points.asset.bone_parents[points.moving]
     return carrier, np.where(parents >= 0, carrier[parents], -1)
@@ -49,8 +49,8 @@ def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 def _by_point(
     count: int, index: np.ndarray, direction: np.ndarray, residual: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return sums over the rows of each skin point: weight x direction x direction^T (p, 3, 3), and its product with
-    the residual (p, 3).
+    """Return two sums over the rows of each skin point: of weight * direction * direction^T (p, 3, 3), and of weight *
+    direction * residual (p, 3).
     """
     spread, pull = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for r in range(len(index)):
@@ -74,8 +74,8 @@ def _by_bones(
     spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the moments (m, m, 6, 6) of each pair of carriers, and the force (m, 6) on each carrier: torque about the
-    origin, then force.
+    """Return the moments (m, m, 6, 6) of each pair of carriers (moving bones that carry a point), and the torque about
+    the origin and force (m, 6) on each carrier.
 
     Each pair of carriers is stored once; ``_mirror`` adds the other half of the moments.
     """
@@ -144,7 +144,7 @@ def _mirror(pairs: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarray) -> None:
-    """Add to each bone, in place, the sums of its descendants. Parents come before children."""
+    """Add the sums of its descendants to each bone, in place. Parents come before children."""
     for bone in range(len(parents) - 1, 0, -1):  # slices would take seconds to compile
         for i in range(6):
             forces[parents[bone], i] += forces[bone, i]
@@ -163,8 +163,8 @@ def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarra
 def _by_parameter(
     pivot: np.ndarray, frame: np.ndarray, pairs: np.ndarray, forces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Convert moments about the origin to pose parameters: rotations about the pivots in the parents' axes, then the
-    root's translation as the last three.
+    """Convert moments about the origin to pose parameters: first rotations about the pivots in the parents' axes, then
+    the root's translation.
     """
     count = len(pivot)
     screws = _screws(pivot, frame)
@@ -195,7 +195,7 @@ def _by_parameter(
 
 @njit(cache=True, nogil=True)
 def _screws(pivot: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Return each parameter (m + 1, 3, 6) as a rotation about the origin and a translation."""
+    """Return (m + 1, 3, 6): each parameter as a rotation about the origin (3) and a translation (3)."""
     count = len(pivot)
     screws = np.zeros((count + 1, 3, 6))
     for m in range(count):

@@ -1,9 +1,9 @@
 """Compute the probability of a pose, given a frame and prior knowledge of bodies, to decide between poses.
 
-Readings give the distance of skin, the learnt descriptor gives its place on the body. The descriptor is needed because
-a body that is turned round, or two legs on the pixels of one, cover as much surface as the correct pose. Its errors
-concern whole limbs at a time, so it counts as one observation per large patch. It is only one term of the sum, and
-readings can overrule it.
+Readings give the distance of the skin; the learnt descriptor gives its place on the body. The descriptor is needed
+because a body that faces the wrong way, or two legs on the pixels of one leg, cover as much surface as the correct
+pose. Its errors concern whole limbs at a time, so it counts as one observation per large patch, and readings can
+overrule it.
 """
 
 from __future__ import annotations
@@ -26,26 +26,25 @@ from anchorpose.descriptor.learnt import described, nearest_rays
 from anchorpose.isolation.view import View
 
 SPACING_M: Final = 0.028  # m, spacing of skin points
-# m, width of a pixel whose place is compared: the descriptor's own grid at two to four metres
+# m, width of a pixel whose place is compared: the spacing of the descriptor's grid at two to four metres
 NAMED_FOOTPRINT_M: Final = 0.04
-NAMED_ALIKE_M: Final = 0.25  # m, side of a patch whose places share an error: the integral of their correlation
+NAMED_ALIKE_M: Final = 0.25  # m, side of a patch whose places share one error: the integral of the errors' correlation
 WRONGLY_NAMED: Final = (
-    0.03  # share of the places that are off by more than three deviations, simulated and real (UTD-MHAD)
+    0.03  # share of the places with errors above three deviations, in simulated and real images (UTD-MHAD)
 )
 FROM_BEFORE: Final = 20.0
-"""Ratio: how much more often a single camera stands before the patient than behind.
+"""How many times as often a single camera stands in front of the patient as behind.
 
-docs/guide/cameras.md asks for it, and the subjects of UTD-MHAD and MSR Action3D face their cameras. The value is
-assumed, not measured: it decides only where the images do not."""
+docs/guide/cameras.md asks users to place it in front, and the subjects of UTD-MHAD and MSR Action3D face their cameras.
+The value is assumed, not measured; it decides only where the images do not."""
 
 SKIN_AREA: Final = 0.6  # an adult's skin area, in statures squared: 1.8 m2 at 1.7 m (Du Bois and Du Bois 1916)
 
 
 def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
-    """Return the log probability of a pose by readings, descriptor and prior knowledge of bodies, nats.
+    """Return the log probability, in nats, of a pose, given readings, descriptor and prior knowledge of bodies.
 
-    The prior knowledge is that joints bend as in people, that limbs do not intersect (patches of skin count as
-    independent), and that feet stand.
+    The prior knowledge is that joints bend as in people, that limbs do not intersect, and that feet stand.
     """
     posed = pose_points(body, pose)
     known = prior_equations(body.points, pose, None).cost
@@ -57,10 +56,8 @@ def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
 
 
 def facing_nats(body: Body, pose: Pose, cameras: Sequence[Camera]) -> float:
-    """Return the prior log probability of the body's facing relative to a single camera, nats; 0 with several
-    cameras.
-
-    It is separate from ``log_probability``, since errors of shape and clothes do not affect it.
+    """Return the prior log probability, in nats, of the body's facing relative to a single camera; 0 with several
+    cameras. Errors of shape and clothes do not affect it, so ``log_probability`` does not include it.
     """
     if len(cameras) != 1:
         return 0.0
@@ -77,10 +74,8 @@ def _cost(rows: Constraints, posed: PosedPoints) -> float:
 
 
 def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
-    """Return by how much the descriptor's places are more probable with each limb in its pose than with any other skin
-    there.
-
-    The result is (PARTS, 2) nats, as in ``Likelihood``, over the person's readings that the skin explains.
+    """Return (PARTS, 2) nats, as in ``Likelihood``: by how much the descriptor's places are more probable with each
+    limb in its pose than with any other skin there. Only the person's readings that the skin explains are used.
     """
     skin_m, nats = pose_points(body, pose).points_m, np.zeros(2 * PARTS)
     for view, camera in zip(evidence.views, evidence.cameras, strict=True):
@@ -101,7 +96,7 @@ def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera
     said = described(view.depth_m, camera)
     place, error = said.place[row[shown], column[shown]], said.error[row[shown], column[shown]]
     named = np.isfinite(error)
-    # variance along each axis
+    # the variance along each axis
     point, variance = skin.point[shown][named], 2.0 / np.pi * error[named].astype(np.float64) ** 2
     away2 = ((place[named] - places(points)[point]) ** 2).sum(axis=1)
     right = SKIN_AREA / (2.0 * np.pi * variance) * np.exp(-0.5 * away2 / variance)

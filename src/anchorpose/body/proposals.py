@@ -1,6 +1,6 @@
-"""Propose poses from the images, each source independently, without using the predicted pose.
+"""Propose poses from the images, from each source independently.
 
-They depend on a prediction only through the trunk, for which there are proposals too.
+Proposals depend on the predicted pose only through the trunk, and other places of the trunk are proposed, too.
 """
 
 from __future__ import annotations
@@ -21,27 +21,24 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.isolation.view import PixelLabel
 
-# sum of squared deviations from joint ranges by which a proposal may exceed the pose in doubt
+# largest increase of the sum of squared deviations from joint ranges, from the pose in doubt to a proposal
 MOST_UNUSUAL: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Doubted:
-    """A pose in doubt and the frame's evidence.
-
-    anchors: None for a first pose, which the descriptor gives before anchors are searched for.
-    """
+    """A pose in doubt and the frame's evidence."""
 
     body: Body
     pose: Pose
     evidence: Evidence
-    anchors: SeenAnchors | None
+    anchors: SeenAnchors | None  # None for a first pose: anchors are searched for later
 
 
 def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
-    """Yield the poses that the sources propose, except those with limbs bent much more than in the doubted pose.
+    """Yield the poses that the sources propose, without poses that are much rarer than the pose in doubt.
 
-    Without this exception a hidden leg could be laid along an arm. A limb's side is decided by the images alone.
+    For example, a hidden leg is not laid along an arm. Exchanged sides are always proposed: the images alone decide.
     """
     most = rarity(doubted.body, doubted.pose) + MOST_UNUSUAL
     for source in sources:
@@ -72,8 +69,8 @@ def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
-    """Yield the pose of the whole body by the learnt descriptor, then with front and back exchanged, the descriptor's
-    most frequent mistake.
+    """Yield the pose of the whole body by the learnt descriptor; then the pose with the opposite facing, since a wrong
+    facing is the descriptor's most frequent mistake.
     """
     if doubted.anchors is None:
         return
@@ -84,7 +81,7 @@ def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _exchanged(doubted: Doubted) -> Iterator[Pose]:
-    """Yield the pose with arms, legs or all sides exchanged: limbs stay in place and exchange their names."""
+    """Yield the poses with arms, legs or all sides exchanged: limbs stay in place, left becomes right."""
     yield from exchanged(doubted.body, doubted.pose)
 
 

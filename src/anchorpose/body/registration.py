@@ -19,29 +19,24 @@ from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
 
-LEAST_EXPLAINED: Final = 0.3  # share of nodes near the body; below it the surface is not this body's
+LEAST_EXPLAINED: Final = 0.3  # least share of nodes near the body; with less, the surface belongs to another person
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """The registered pose.
+    """The registered pose."""
 
-    belief: the belief in the pose; explained: share of the surface's nodes near the body, 0 where nothing was seen;
-    found: False where too little was seen or the surface does not belong to this body. The belief is then the unchanged
-    prediction.
-    """
-
-    belief: PoseBelief
-    explained: float
-    found: bool
+    belief: PoseBelief  # if not found, the unchanged prediction
+    explained: float  # share of the surface's nodes near the body; 0 if nothing was seen
+    found: bool  # False if too little was seen or the surface does not belong to this body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Held:
-    """Constraint rows besides the evidence. first: rows used in the first steps; always: rows used in all steps."""
+    """Constraint rows besides the evidence."""
 
-    first: Constraints
-    always: Constraints
+    first: Constraints  # used in the first steps
+    always: Constraints  # used in all steps
 
 
 def register(
@@ -52,8 +47,8 @@ def register(
     config: RegistrationConfig,
     fixed: Constraints | None = None,
 ) -> Registration:
-    """Register all parts of the body at once: they stay joined, and bones keep their length. This is tau-hat = ICP(tau,
-    phi).
+    """Register all parts of the body together; they stay joined, and bones keep their length. This is the paper's
+    tau-hat = ICP(tau, phi).
 
     held: rows of the tree and the anchors, used only in the first steps. fixed: rows used in all steps; they do not
     reduce the uncertainty, since they are not observations.
@@ -68,9 +63,9 @@ def register(
 def posterior(
     body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> Registration:
-    """Return the belief in a pose given the evidence, and whether the surface belongs to this body.
+    """Return the belief in a pose, given the evidence, and whether the surface belongs to this body.
 
-    Only seen skin makes a pose more certain. The constraint that a limb is not in front of visible background is
+    Only seen skin makes a pose more certain. Visible background shows that no limb is there; this constraint is
     one-sided, so it is left out of the covariance.
     """
     posed = pose_points(body, pose)
@@ -88,9 +83,7 @@ def posterior(
 
 
 def node_parts(body: Body, pose: Pose, nodes_m: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest skin point (n,) of each node, -1 beyond reach, and the bone (n,) that moves it, also -1
-    there.
-    """
+    """Return the nearest skin point (n,) of each node and the bone (n,) that moves it; both are -1 beyond reach."""
     point = nearest_point(pose_points(body, pose).points_m, nodes_m, reach_m)
     return point, np.where(point >= 0, body.points.part[point], -1)
 

@@ -1,8 +1,8 @@
-"""Follow rivals, which are poses that explain the images almost as well as the best pose, until the images decide
-(paper, Section IV-D).
+"""Follow rivals until the images decide (paper, Section IV-D). Rivals are poses that explain the images almost as well
+as the best pose.
 
-The best pose and its rivals are registered to every frame side by side. A rival that explains the last frames clearly
-better replaces the best pose; until then each rival increases sigma.
+The best pose and its rivals are registered to every frame. A rival that explains the last frames clearly better
+replaces the best pose; until then each rival increases sigma.
 """
 
 from __future__ import annotations
@@ -24,43 +24,42 @@ from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
-# m; poses with all joints nearer than this count as the same pose: clothes and grips move as much
+# m; two poses with all joints nearer than this are the same pose: clothes and grips move joints as much
 APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
-"""Nats by which errors of shape and clothes change a comparison of poses, per limb, or trunk, that differs.
+"""Nats, standard deviation of a comparison of two poses from errors of shape and clothes, per limb (or trunk) that has
+another place.
 
-Where only head and arms of a body were visible, the right body and the same body turned round differed by 3 and 5 nats
-in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
+If only head and arms of a body were visible, the correct pose and the pose with the opposite facing differed by 3 and 5
+nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
 OWN_BODY_ERROR: Final = 6.0
-"""The same where each pose has a body that was fitted to it: 30 nats for all five parts, in 18 windows of 9 hard
-scenes."""
+"""Nats, the same error if each pose has a body that was fitted to it: 30 nats for all five parts, measured in 18
+windows of 9 hard scenes."""
 
-MEMORY_S: Final = 0.3  # s after which a frame has a third of its weight, since limbs have moved
-# s, the same for a rival with its own body: errors of shape last, so its lead is averaged as long as in learning
+MEMORY_S: Final = 0.3  # s, after which the weight of a frame has fallen to a third, since limbs have moved
+# s, the same for a rival with a body of its own: errors of shape persist, so its lead is averaged over longer
 OWN_MEMORY_S: Final = 4.0
-LEAST_GAIN: Final = 3.0  # nats; a new pose must be twenty times as likely
-# nats; a rival e^6 times less likely than the best pose is dropped, a rival e^6 times likelier takes over
+LEAST_GAIN: Final = 3.0  # nats by which a new pose must be likelier: twenty times as likely
+# nats (a factor of e^6); a rival this much less likely is dropped, a rival this much likelier becomes the best pose
 DECIDED: Final = 6.0
-MOST: Final = 3  # rivals; each costs as much as the registration
+MOST: Final = 3  # most rivals; each costs as much time as the registration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rival:
     """A pose that competes with the best pose.
 
-    lag: by how much it explains the last frames worse, a mean in believed nats; moved: the remaining cost of being
-    elsewhere than expected, nats. body: the rival's own body, None if it is the best pose's body. A rival with its own
-    body never becomes the best, since bones keep their length; it only increases sigma.
+    A rival with a body of its own never becomes the best pose, since bones keep their length; it only increases sigma.
     """
 
     belief: PoseBelief
-    lag: float
-    moved: float = 0.0
-    body: Body | None = None
+    lag: float  # nats (see ``believed``) by which it explains the last frames worse, a weighted mean
+    moved: float = 0.0  # nats, cost of its distance from the expected pose, which decays with time
+    body: Body | None = None  # the rival's own body; None if it has the body of the best pose
 
     @property
     def behind(self) -> float:
-        """Return how much less likely the rival is than the best pose, nats."""
+        """Return by how many nats the rival is less likely than the best pose."""
         return self.lag + self.moved
 
     def joints_m(self, body: Body) -> np.ndarray:
@@ -68,14 +67,14 @@ class Rival:
         return (self.body or body).joints(self.belief.pose)
 
     def beside(self, best: Rival) -> Rival:
-        """Return the same rival with its lag behind another pose, which becomes the best pose."""
+        """Return the same rival relative to another pose, which becomes the best pose."""
         return replace(self, lag=self.lag - best.lag, moved=self.moved - best.moved)
 
 
 def believed(lead: float, parts: int, error: float = LIMB_ERROR) -> float:
-    """Convert a lead in nats to believed nats: the logarithm of the odds that the lead is right.
+    """Reduce a lead in nats to the log odds that its sign is correct, given errors of shape and clothes.
 
-    parts: number of parts (limbs or trunk) in other places; each adds errors of shape and clothes (error, nats).
+    parts: number of parts (limbs or trunk) in other places. The lead's standard deviation is ``error`` nats per part.
     """
     deviations = abs(lead) / (error * max(parts, 1))
     odds = float(log_ndtr(deviations) - log_ndtr(-deviations))
@@ -83,7 +82,7 @@ def believed(lead: float, parts: int, error: float = LIMB_ERROR) -> float:
 
 
 def parts_apart(one_m: np.ndarray, other_m: np.ndarray) -> int:
-    """Count the limbs, or trunk, whose places differ between two poses' joints (21, 3)."""
+    """Count the parts (limbs or trunk) whose places differ between the joints (21, 3) of two poses."""
     away_m = np.linalg.norm(one_m - other_m, axis=1)
     return len(np.unique(LIMB_OF_JOINTS[away_m > APART_M]))
 
@@ -96,9 +95,7 @@ def follow_rivals(
     elapsed_s: float,
     config: RegistrationConfig,
 ) -> tuple[Registration, tuple[Rival, ...]]:
-    """Return a frame's best registration and its remaining rivals; a clearly likelier rival takes the best pose's
-    place.
-    """
+    """Return a frame's best registration and its remaining rivals. A clearly likelier rival replaces the best pose."""
     if not rivals:
         return best, ()
     most, followed = log_probability(body, best.belief.pose, evidence), list[tuple[Registration, Rival]]()
@@ -128,8 +125,8 @@ def follow_rivals(
 def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Rival, ...]:
     """Return the few other poses that matter most.
 
-    They are not excluded by the images, and differ from the best pose and from each other. They are ranked by their
-    effect on sigma: a body that is turned round matters more than a likelier place of a hand.
+    The images do not exclude them, and they differ from the best pose and from each other. They are ranked by their
+    effect on sigma: a body with the opposite facing matters more than a likelier place of a hand.
     """
     kept, places_m = list[Rival](), [body.joints(best.pose)]
     for rival in sorted(others, key=lambda one: one.behind):
@@ -145,7 +142,7 @@ def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Ri
 def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: Sequence[Rival]) -> np.ndarray:
     """Return sigma (21,) of the mixture of the best pose's joints (21, 3) with its rivals, per axis.
 
-    A rival's weight is its likelihood. Its own spread is assumed to equal that of the best pose.
+    A rival's weight is its likelihood. Its own spread is assumed to be the same as that of the best pose.
     """
     weight = np.exp(-np.array([0.0, *(rival.behind for rival in rivals)]))
     weight /= weight.sum()

@@ -1,9 +1,9 @@
-"""Define shape directions in which single people differ: length and girth of each limb segment, left and right apart,
-and of the trunk.
+"""Define shape directions for single segments: length and girth of the trunk and of each limb segment, left and right.
 
-The statistical components of the asset move all segments together, left equal to right. Each direction here changes one
-segment of the mean adult: a length stretches the segment along its axis and shifts everything beyond its end; a girth
-moves the skin away from the axis. One unit is one standard deviation among people of the same height (``shape_prior``).
+The statistical components of the asset change all segments together, left and right equally. Each direction here
+changes one segment of the mean adult: a length stretches the segment along its axis and shifts everything beyond its
+end; a girth moves the skin away from the axis. One unit is one standard deviation among people of the same height
+(``shape_prior``).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ ANSUR II (Gordon et al. 2014, NATICK/TR-15/007, public data), regressed on the l
 acromion-radiale, radiale-stylion, trochanterion to lateral femoral epicondyle, epicondyle to lateral malleolus."""
 
 END_SIGMA: Final = {"hand": 0.039, "foot": 0.034, "head": 0.035}
-"""Standard deviation of the logarithm of hand, foot and head size; these grow as a whole about wrist, ankle and head
-joint.
+"""Standard deviation of the logarithm of hand, foot and head size. They are scaled as a whole, about the wrist, ankle
+or head joint.
 """
 
 GIRTH_SIGMA: Final = {"upper_arm": 0.06, "forearm": 0.06, "thigh": 0.09, "shank": 0.09}
@@ -50,21 +50,19 @@ _TRUNK_LENGTHS: Final = {
     "shoulder_breadth": ((("LeftShoulder", "LeftArm"), ("RightShoulder", "RightArm")), 0.040),
     "hip_breadth": ((("LHipJoint", "LeftUpLeg"), ("RHipJoint", "RightUpLeg")), 0.062),
 }
-"""Spans that grow together, and their standard deviation: sitting height, biacromial and bicristal breadth of ANSUR
-II.
+"""Spans that grow together, and the standard deviation of their logarithm: sitting height, biacromial and bicristal
+breadth of ANSUR II.
 """
 
 
 class _Bulge(NamedTuple):
-    """A region of trunk skin that moves along an axis (0 forward, 2 sideways). towards: 1 or -1 for its direction; 0:
-    both sides move apart.
-    """
+    """A region of trunk skin that moves along an axis."""
 
-    axis: int
-    towards: int
-    height_m: float
+    axis: int  # 0 = forward, 2 = sideways
+    towards: int  # direction along the axis, 1 or -1; 0 = both sides move apart
+    height_m: float  # height of its middle on the mean adult
     spread_m: float
-    sigma_m: float
+    sigma_m: float  # movement by one unit
 
 
 _BULGES: Final = {
@@ -76,25 +74,25 @@ _BULGES: Final = {
     "seat_depth": _Bulge(0, -1, 0.88, 0.08, 0.005),
     "seat_breadth": _Bulge(2, 0, 0.88, 0.07, 0.003),
 }
-"""Bulges of the trunk, by heights on the mean adult. Deviations are less than the 5 to 7 % by which depths and breadths
-differ in ANSUR II at one height and weight: the statistical components contain most of it, and the heavy tails of the
-prior allow a large belly.
+"""Bulges of the trunk. Their deviations are smaller than those of depths and breadths in ANSUR II (5 to 7 % at one
+height and weight): the statistical components contain most of this, and the heavy tails of the prior allow a large
+belly.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Direction:
-    """A direction of shape: its name, and what one unit adds to skin (v, 3), bone heads and tails (b, 3), metres."""
+    """A direction of shape: its name, and the metres that one unit adds to skin and skeleton."""
 
     name: str
-    vertices: np.ndarray
-    heads: np.ndarray
-    tails: np.ndarray
+    vertices: np.ndarray  # (v, 3)
+    heads: np.ndarray  # (b, 3)
+    tails: np.ndarray  # (b, 3)
 
 
 @cache
 def load_body_asset() -> BodyAsset:
-    """Return the asset that is fitted to patients: the shipped asset and the directions of single segments."""
+    """Return the asset that is fitted to patients: the shipped asset with the directions of single segments added."""
     return with_own_segments(stored_asset())
 
 
@@ -131,15 +129,15 @@ def _bones_of(segment: str, side: str) -> tuple[str, str]:
 
 
 def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], sigma: float) -> Direction:
-    """Return the direction that lengthens spans, each from the head of one bone to that of another, by a share
-    ``sigma``, both sides together.
+    """Return the direction that lengthens several spans together by a share ``sigma``; a span extends from the head of
+    one bone to the head of another.
     """
     total = [np.zeros_like(asset.vertices), np.zeros_like(asset.bone_heads), np.zeros_like(asset.bone_tails)]
     for start, end in spans:
         first, last = asset.bone(start), asset.bone(end)
         step = asset.bone_heads[last] - asset.bone_heads[first]
         along = _shares_along(asset, first, last)
-        # (v, b): the share of each vertex, as if it were part of the bone
+        # (v, b): the share of each vertex if it were part of the bone
         of_vertex = asset.vertices @ along[:, :3].T + along[:, 3]
         share = (asset.skin_weights * np.take_along_axis(of_vertex, asset.skin_bones, axis=1)).sum(axis=1)
         total[0] += share[:, None] * step
@@ -150,10 +148,10 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """Return, per bone (b, 4), the share of the span's growth by which a point moves, as an affine function of its
-    place at rest.
+    """Return (b, 4): per bone, an affine function of a point's place at rest that gives the point's share of the span's
+    growth.
 
-    Points of the span move in proportion to their place along it, and everything beyond the span moves as a whole.
+    Points of the span move in proportion to their place along it; everything beyond the span moves as a whole.
     """
     heads, parents = asset.bone_heads, asset.bone_parents.tolist()
     step = heads[last] - heads[first]
@@ -174,8 +172,8 @@ def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
 
 
 def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) -> Direction:
-    """Return the direction that moves a segment's skin away from its axis by a share ``sigma`` of its distance; bones
-    stay.
+    """Return the direction that moves a segment's skin away from its axis by a share ``sigma`` of the distance; bones
+    do not move.
     """
     first, last = asset.bone(start), asset.bone(end)
     axis = asset.bone_heads[last] - asset.bone_heads[first]
@@ -185,14 +183,14 @@ def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) ->
 
 
 def share_of_bones(asset: BodyAsset, names: Sequence[str]) -> np.ndarray:
-    """Return (v,) the share, 0 to 1, of each vertex's skinning weights that the named bones have."""
+    """Return (v,) the sum, 0 to 1, of the named bones' skinning weights at each vertex."""
     chosen = np.isin(asset.bone_names, names).astype(np.float64)
     return np.asarray((asset.skin_weights * chosen[asset.skin_bones]).sum(axis=1))
 
 
 def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
-    """Return the direction that moves trunk skin around a height outward along one axis. Skin moves less the less it
-    faces along this axis.
+    """Return the direction that moves trunk skin around a height outward along one axis. Skin moves in proportion to
+    how much it faces along this axis.
     """
     share = share_of_bones(asset, TRUNK)
     facing = asset.vertices[:, bulge.axis] - np.median(asset.bone_heads[[asset.bone(b) for b in TRUNK]][:, bulge.axis])

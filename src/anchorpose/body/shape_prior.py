@@ -1,4 +1,4 @@
-"""Describe the prior knowledge of a person's shape, before any observation."""
+"""Describe the prior knowledge of a person's shape, and the belief in the shape after observations."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, 
 from anchorpose.body.standing_off import patches_of
 
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
-CLOTHING_SIGMA_M: Final = 0.003
-PATCH_SIGMA_M: Final = 0.0035  # m, muscles, fat and folds that no shape direction describes
+CLOTHING_SIGMA_M: Final = 0.003  # m, its standard deviation
+PATCH_SIGMA_M: Final = 0.0035  # m, standard deviation of a patch: muscles, fat and folds without a shape direction
 THICKEST_M: Final = 0.03  # m, largest thickness of clothes
-TAILS: Final = 4.0  # degrees of freedom of Student's t: one segment in twenty lies beyond 2.8 deviations
-COVERED: Final = 4.0  # factor on the deviation of a segment's thickness under an orthosis or a helmet
-_HEIGHT_STEPS: Final = 3  # iterations, since the highest and the lowest vertex may change with the shape
+TAILS: Final = 4.0  # degrees of freedom of Student's t distribution: 1 segment in 20 differs by over 2.8 deviations
+COVERED: Final = 4.0  # factor on the standard deviation of a segment's thickness under an orthosis or a helmet
+_HEIGHT_STEPS: Final = 3  # number of iterations: the highest and the lowest vertex may change with the shape
 
 _ALIKE_LENGTHS: Final = np.array(
     [[1.00, 0.34, 0.18, 0.35], [0.34, 1.00, 0.25, 0.43], [0.18, 0.25, 1.00, 0.04], [0.35, 0.43, 0.04, 1.00]]
@@ -34,29 +34,27 @@ _ALIKE_GIRTHS: Final = np.array(
 """Correlations of ``GIRTH_SIGMA``: upper arm and forearm as in ANSUR II; paralysis wastes thigh and shank together."""
 
 _ALIKE_SIDES: Final = {"length": 0.90, "girth": 0.80, "size": 0.95}
-"""Correlations of left and right. Of the most asymmetric twentieth of people, the median person's lengths then differ
-by 2 % (Knutson 2005, doi:10.1186/1746-1340-13-11: legs differ by 5 mm on the average, 20 mm in one of a thousand,
-more with contractures)."""
+"""Correlations of left and right. With them, lengths differ by 2 % in the median of the most asymmetric twentieth of
+people. (Legs differ by 5 mm on average, by 20 mm in one person in a thousand, and by more with contractures: Knutson
+2005, doi:10.1186/1746-1340-13-11.)"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeBelief:
-    """The most likely shape, and what it follows from: a prior and the observations.
+    """The most likely shape, given a prior and observations.
 
-    mean (s,), prior (s, s): the prior's mean and information (inverse covariance) of the free parameters, which are the
-    ``free`` first coefficients, then the first offsets of the shape; all other parameters are fixed. soft (s,) bool:
-    parameters whose prior has the tails of Student's t, so that a very unusual segment costs little more than an
-    unusual one. seen (s, s): information of the observations; pull (s,): this information times the shape that fits
-    them best.
+    The s free parameters are the first coefficients and the first offsets of the shape; ``free`` has their numbers. All
+    other parameters are fixed.
     """
 
     shape: FittedShape
     free: FreeShape
-    mean: np.ndarray
-    prior: np.ndarray
+    mean: np.ndarray  # (s,) mean of the prior
+    prior: np.ndarray  # (s, s) information (inverse covariance) of the prior
+    # (s,) bool, parameters with the tails of Student's t: a very unusual segment costs little more than an unusual one
     soft: np.ndarray
-    seen: np.ndarray
-    pull: np.ndarray
+    seen: np.ndarray  # (s, s) information of the observations
+    pull: np.ndarray  # (s,) this information times the shape that fits the observations best
 
     @property
     def information(self) -> np.ndarray:
@@ -64,14 +62,16 @@ class ShapeBelief:
         return self._prior_at(self.shape) + self.seen
 
     def equations(self, shape: FittedShape) -> tuple[np.ndarray, np.ndarray]:
-        """Return hessian (s, s) and gradient (s,), at a shape, of half the sum of its squared deviations from prior and
-        observations.
+        """Return hessian (s, s) and gradient (s,) at a shape. The function is half the sum of the squared deviations
+        from prior and observations.
         """
         prior, at = self._prior_at(shape), self.vector(shape)
         return prior + self.seen, prior @ (at - self.mean) + self.seen @ at - self.pull
 
     def _prior_at(self, shape: FittedShape) -> np.ndarray:
-        """Return the prior's information (s, s), weighted for its tails (Lange et al. 1989, doi:10.2307/2290063)."""
+        """Return the prior's information (s, s) at a shape, reduced in the tails (Lange et al. 1989,
+        doi:10.2307/2290063).
+        """
         away2 = (self.vector(shape) - self.mean) ** 2 / np.diag(np.linalg.inv(self.prior))
         weight = np.where(self.soft, np.sqrt((TAILS + 1.0) / (TAILS + away2)), 1.0)
         return self.prior * np.outer(weight, weight)
@@ -81,7 +81,7 @@ class ShapeBelief:
         return np.append(shape.coefficients[: self.free.coefficients], shape.offset_m[: self.free.offsets])
 
     def moved(self, shape: FittedShape, change: np.ndarray) -> FittedShape:
-        """Return a shape after a change (s,); clothes stay between zero and ``THICKEST_M``."""
+        """Return a shape after a change (s,); the thickness of clothes stays between zero and ``THICKEST_M``."""
         coefficients, offset_m = shape.coefficients.copy(), shape.offset_m.copy()
         coefficients[: self.free.coefficients] += change[: self.free.coefficients]
         offset_m[: self.free.offsets] += change[self.free.coefficients :]
@@ -89,13 +89,11 @@ class ShapeBelief:
         return replace(shape, coefficients=coefficients, offset_m=offset_m)
 
     def having_seen(self, shape: FittedShape, information: np.ndarray, pull: np.ndarray) -> ShapeBelief:
-        """Return the belief after more observations: information (s, s), and its product with the best-fitting
-        shape.
-        """
+        """Return the belief after more observations. information (s, s) and pull (s,): as ``seen`` and ``pull``."""
         return replace(self, shape=shape, seen=self.seen + information, pull=self.pull + pull)
 
     def cost(self, shape: FittedShape) -> float:
-        """Return the prior's cost of a shape, in units of one observation."""
+        """Return the sum of a shape's squared deviations from the prior's mean, in standard deviations."""
         away = self.vector(shape) - self.mean
         return float(away @ self._prior_at(shape) @ away)
 
@@ -104,7 +102,7 @@ class ShapeBelief:
         return np.abs(self.vector(shape) - self.mean) / np.sqrt(np.diag(np.linalg.inv(self.prior)))
 
     def variance(self, rows: np.ndarray) -> np.ndarray:
-        """Return the variances (m,) of quantities that change with the free coefficients by rows (m, n)."""
+        """Return the variances (m,) of quantities whose derivatives by the free coefficients are rows (m, n)."""
         count = self.free.coefficients
         covariance = np.linalg.inv(self.information)[:count, :count]
         return np.asarray(((rows @ covariance) * rows).sum(axis=1))
@@ -114,7 +112,7 @@ class ShapeBelief:
         return replace(self, shape=replace(self.shape, missing=parts))
 
     def covering(self, asset: BodyAsset, parts: Sequence[str]) -> ShapeBelief:
-        """Return the belief where orthoses or other equipment of unknown thickness cover some segments."""
+        """Return the belief with some segments covered by orthoses or other things of unknown thickness."""
         wider = np.ones(len(self.mean))
         for part in parts:
             wider[[asset.own_row(name) for name in _directions_of(part)]] = COVERED
@@ -124,14 +122,14 @@ class ShapeBelief:
         return replace(self, prior=self.prior / np.outer(wider, wider))
 
     def common(self, asset: BodyAsset) -> ShapeBelief:
-        """Return the prior of the asset's statistical components and the clothes alone."""
+        """Return the prior with only the asset's statistical components and the clothes as parameters."""
         free = FreeShape(asset.common_count, len(CLOTHES))
         kept = np.r_[: free.coefficients, self.free.coefficients : self.free.coefficients + free.offsets]
         information = np.linalg.inv(np.linalg.inv(self.information)[np.ix_(kept, kept)])
         return _only_prior(self.shape, free, self.vector(self.shape)[kept], information)
 
     def standing(self, asset: BodyAsset, height_m: float, sigma_m: float) -> ShapeBelief:
-        """Return the belief after the standing height was measured, linearised at the shape with that height."""
+        """Return the belief after a measurement of the standing height, linearised at the shape with that height."""
         belief = self
         for _ in range(_HEIGHT_STEPS):
             shape = belief.shape
@@ -145,7 +143,7 @@ class ShapeBelief:
 
 
 def _directions_of(part: str) -> tuple[str, ...]:
-    """Return the coefficients that make a covered segment thicker."""
+    """Return the names of the coefficients that make a covered segment thicker."""
     if part == "head":
         return ("head_size",)
     if part == "trunk":
@@ -170,8 +168,8 @@ def child_belief(asset: BodyAsset) -> ShapeBelief:
 
 
 def _belief(asset: BodyAsset, common: np.ndarray, covariance: np.ndarray) -> ShapeBelief:
-    """Return the prior of a group (adults or children) whose statistical coefficients have the given mean (c,) and
-    covariance (c, c); personal coefficients have a deviation of one.
+    """Return the prior of a group (adults or children). common (c,) and covariance (c, c): mean and covariance of its
+    statistical coefficients; coefficients of single segments have a standard deviation of one.
     """
     coefficients = np.append(common, np.zeros(len(asset.own_names)))
     mean = FittedShape(coefficients, even_clothes(CLOTHING_MEAN_M))
@@ -185,7 +183,7 @@ def _belief(asset: BodyAsset, common: np.ndarray, covariance: np.ndarray) -> Sha
 
 
 def _correlations(asset: BodyAsset) -> np.ndarray:
-    """Return the correlations (k, k) of the personal coefficients."""
+    """Return the correlations (k, k) of the coefficients of single segments."""
     found = np.eye(len(asset.own_names))
     sizes = tuple(name for name in END_SIGMA if name != "head")
     for kind, segments, alike in (
@@ -205,14 +203,14 @@ def standing_height(asset: BodyAsset, shape: FittedShape) -> tuple[float, np.nda
     vertices = shape.mesh(asset).vertices
     up, left = vertices[:, 1], vertices[:, 2] < 0.0
     top, count = up.argmax(), len(shape.coefficients)
-    # a person is measured standing on both feet
+    # people are measured while standing on both feet
     soles = [int(np.where(side, up, np.inf).argmin()) for side in (left, ~left)]
     row = asset.vertex_basis[:count, top, 1] - asset.vertex_basis[:count, soles, 1].mean(axis=1)
     return float(up[top] - up[soles].mean()), row
 
 
 def shape_of_height(asset: BodyAsset, height_m: float) -> FittedShape:
-    """Return the most likely adult of a height, along the coefficient that changes it, in ordinary clothes."""
+    """Return the mean adult scaled to a height by the coefficient that changes height, in clothes of mean thickness."""
     coefficients = np.zeros(asset.shape_count)
     per_unit = np.ptp(asset.vertices[:, 1] + asset.vertex_basis[0, :, 1]) - np.ptp(asset.vertices[:, 1])
     coefficients[0] = np.clip((height_m - np.ptp(asset.vertices[:, 1])) / per_unit, -2.5, 2.5)

@@ -1,5 +1,5 @@
-"""Compute rows with respect to pose, shape and clothes together, in compiled code, since learning needs them for every
-node of many frames.
+"""Compute derivatives of constraint rows with respect to pose, shape and clothes together. The code is compiled, since
+learning needs them for every node of many frames.
 
 ``skin_points.pose_jacobian`` and ``skin_points.shape_jacobian`` are the reference implementation.
 """
@@ -20,18 +20,16 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, shape_off
 
 
 class FreeShape(NamedTuple):
-    """The numbers of free parameters: how many of the shape's first coefficients, and of its first offsets, are
-    free.
-    """
+    """The numbers of free shape parameters."""
 
-    coefficients: int
-    offsets: int
+    coefficients: int  # the first so many coefficients are free
+    offsets: int  # the first so many offsets are free
 
 
 def accumulate_shape(
     body: Body, posed: PosedPoints, rows: Constraints, residual_m: np.ndarray, weight: np.ndarray, free: FreeShape
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``J^T W J`` (s, s) and ``J^T W r`` (s,) of the pose's parameters, then the free shape's.
+    """Return ``J^T W J`` (s, s) and ``J^T W r`` (s,) for the parameters of the pose, followed by the free shape.
 
     residual_m, weight (n,): one per row.
     """
@@ -43,8 +41,8 @@ def accumulate_shape(
 def full_jacobian(
     body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, free: FreeShape
 ) -> np.ndarray:
-    """Return the Jacobian (n, s): how far each point moves along its direction with each parameter of pose and free
-    shape.
+    """Return the Jacobian (n, s): the derivative of each point's movement along its direction, by the parameters of
+    pose and free shape.
     """
     points = body.points
     pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, points.asset.bone_parents, points.moving)
@@ -59,27 +57,23 @@ def full_jacobian(
 
 
 class _Skin(NamedTuple):
-    """Arrays per skin point: bones, influence (p, w), heaviest first; rest_m (p, 3); basis (p, k, 3); covered (p,
-    c).
-    """
+    """Arrays per skin point."""
 
-    bones: np.ndarray
-    influence: np.ndarray
-    rest_m: np.ndarray
-    basis: np.ndarray
-    covered: np.ndarray
+    bones: np.ndarray  # (p, w) bones that move the point, the largest weight first
+    influence: np.ndarray  # (p, w) their weights
+    rest_m: np.ndarray  # (p, 3)
+    basis: np.ndarray  # (p, k, 3) change by one unit of each coefficient
+    covered: np.ndarray  # (p, c) share by which each offset moves the point
 
 
 class _Bones(NamedTuple):
-    """Arrays per bone: transforms (b, 4, 4); pivot (m, 3), frame (m, 3, 3) of moving bones; chain (b, d), the moving
-    bones that carry each bone, padded with -1; offset (b, count, 3), how far a coefficient moves a bone.
-    """
+    """Arrays per bone."""
 
-    transforms: np.ndarray
-    pivot: np.ndarray
-    frame: np.ndarray
-    chain: np.ndarray
-    offset: np.ndarray
+    transforms: np.ndarray  # (b, 4, 4)
+    pivot: np.ndarray  # (m, 3) of moving bones
+    frame: np.ndarray  # (m, 3, 3) of moving bones
+    chain: np.ndarray  # (b, d) moving bones that carry each bone, padded with -1
+    offset: np.ndarray  # (b, count, 3) how far each coefficient moves the bone
 
 
 @cache
@@ -89,7 +83,7 @@ def _point_basis(points: SkinPoints) -> np.ndarray:
 
 @cache
 def _chains(points: SkinPoints) -> np.ndarray:
-    """Return the rows (b, d) of ``MOVING_BONES`` above and at each bone, padded with -1."""
+    """Return, per bone, the rows (b, d) of ``MOVING_BONES`` of the bone and its ancestors, padded with -1."""
     carried = [np.flatnonzero(column) for column in points.below.T]
     chains = np.full((len(carried), max(map(len, carried))), -1)
     for bone, rows in enumerate(carried):
@@ -139,7 +133,7 @@ def _fill(
 
 @njit(cache=True)
 def _turns(bones: _Bones, carried: np.ndarray, share: np.ndarray, d: np.ndarray, out: np.ndarray) -> None:
-    """Fill the pose's columns: each moving bone's turn in the parent's frame, then the root."""
+    """Fill the columns of the pose: the turn of each moving bone in its parent's frame, then the root's translation."""
     for m in range(len(share)):
         if share[m] == 0.0:
             continue

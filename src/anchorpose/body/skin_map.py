@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from anchorpose.body.skin_points import Body, SkinPoints
 from anchorpose.surface.surface import BodyMap
 
-LEAST_EDGE_M: Final = 1e-6  # length of a missing limb's edges; a graph has no edge of length 0
+LEAST_EDGE_M: Final = 1e-6  # m, least length of an edge, for missing limbs: the graph cannot have edges of length 0
 LANDMARKS: Final = 24  # landmarks, one every 30 cm: enough to resolve the distances of an adult's skin points
 
 
@@ -50,8 +50,8 @@ def _edge_lengths(vertices: np.ndarray, edges: np.ndarray) -> csr_array:
 
 @cache
 def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of neighbours on the mean body, and the point that each pair passes. Neighbours hardly depend on the
-    shape.
+    """Return pairs of neighbours and second neighbours, and the point between them, as ``_second_neighbours`` does. The
+    mean body is used, since neighbours hardly depend on the shape.
     """
     vertices, edges = points.asset.vertices, _edges(points)
     direct = _neighbours(_edge_lengths(vertices, edges), edges, points.vertex)
@@ -70,7 +70,7 @@ def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.n
 
 
 def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.ndarray:
-    """Return pairs (e, 2) of sampled points whose cells touch; a point's cell consists of the vertices nearest to
+    """Return pairs (e, 2) of sampled points whose cells touch. The cell of a point is the set of vertices nearest to
     it.
     """
     _, _, nearest = dijkstra(mesh, directed=False, indices=vertex, min_only=True, return_predecessors=True)
@@ -83,9 +83,9 @@ def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.nd
 
 
 def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs (e, 2) of neighbours and second neighbours, and the point (e,) that each pair passes.
+    """Return pairs (e, 2) of neighbours and second neighbours, and the point (e,) on the path between each pair.
 
-    Where a pair has several paths, the shortest is used; direct neighbours pass the first point of the pair.
+    If a pair has several paths, the shortest is used. For direct neighbours, it is the first point of the pair.
     """
     both = np.concatenate([direct, direct[:, ::-1]])
     both = both[np.argsort(both[:, 0], kind="stable")]

@@ -1,4 +1,4 @@
-"""Represent a body of one shape for registration: a sparse, even sample of the skin, its positions and derivatives."""
+"""Represent a body for registration by a sparse, even sample of its skin, with positions and derivatives."""
 
 from __future__ import annotations
 
@@ -21,53 +21,44 @@ from anchorpose.body.kinematics import (
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 from anchorpose.body.segments import load_body_asset
 
-POINT_COUNT: Final = 2400  # about 28 mm apart on an adult: half of the narrowest limb's width
+POINT_COUNT: Final = 2400  # number of skin points: about 28 mm apart on an adult, half of the narrowest limb's width
 CLOTHES: Final = {
     "trunk": ("Hips", "LHipJoint", "RHipJoint", "LowerBack", "Spine", "Spine1", "LeftShoulder", "RightShoulder"),
     "sleeves": ("LeftArm", "LeftForeArm", "RightArm", "RightForeArm"),
     "trousers": ("LeftUpLeg", "LeftLeg", "RightUpLeg", "RightLeg"),
     "shoes": ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"),
 }
-"""Pieces of clothing, each of its own thickness, and the bones whose skin they cover."""
+"""Pieces of clothing, each with a thickness, and the bones whose skin they cover."""
 
-PATCHES: Final = 96  # patches of skin, about 14 cm apart, as large as a muscle, a fold or the rim of a brace
+PATCHES: Final = 96  # number of patches of skin, about 14 cm apart: as large as a muscle, a fold or the rim of a brace
 PATCH_M: Final = 0.07  # m, standard deviation of a patch's bell-shaped profile
 OFFSETS: Final = len(CLOTHES) + PATCHES
-"""Number of directions in which the seen surface differs from the body's skin: pieces of clothing, then patches."""
+"""Number of parameters by which the seen surface lies off the body's skin: pieces of clothing, then patches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinPoints:
-    """The skin points of an asset, independent of shape.
-
-    vertex (p,): index into the asset's skin. weights (p, b): dense skinning weights; bones, influence (p, w): the same
-    in sparse form, heaviest first, padded with 0. part (p,): bone that moves the point most. covered (p, c): 0 to 1,
-    how far each of ``OFFSETS`` moves a point. below (m, b): see ``descendants``. moving (m,): the moving bones.
-    faces_of (p, f): faces around each point, padded by repeating the first.
-    """
+    """The skin points of an asset, independent of shape."""
 
     asset: BodyAsset
-    vertex: np.ndarray
-    weights: np.ndarray
-    bones: np.ndarray
-    influence: np.ndarray
-    part: np.ndarray
-    covered: np.ndarray
-    below: np.ndarray
-    moving: np.ndarray
-    faces_of: np.ndarray
+    vertex: np.ndarray  # (p,) index into the asset's skin
+    weights: np.ndarray  # (p, b) skinning weights, dense
+    bones: np.ndarray  # (p, w) bones of the weights in sparse form, the largest weight first
+    influence: np.ndarray  # (p, w) weights in sparse form, padded with 0
+    part: np.ndarray  # (p,) bone that moves the point most
+    covered: np.ndarray  # (p, c) 0 to 1, share by which each of ``OFFSETS`` moves the point
+    below: np.ndarray  # (m, b) see ``descendants``
+    moving: np.ndarray  # (m,) the moving bones
+    faces_of: np.ndarray  # (p, f) faces around each point, padded by repeating the first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedShape:
-    """The patient's shape: coefficients (k,) of the asset; offset_m (c,): thickness of clothes and patches.
+    """A person's shape."""
 
-    missing: parts that the body lacks (``missing``).
-    """
-
-    coefficients: np.ndarray
-    offset_m: np.ndarray
-    missing: tuple[str, ...] = ()
+    coefficients: np.ndarray  # (k,) coefficients of the asset
+    offset_m: np.ndarray  # (c,) thickness of clothes and patches
+    missing: tuple[str, ...] = ()  # names of the parts that the body lacks
 
     def mesh(self, asset: BodyAsset) -> BodyMesh:
         """Return the skin and skeleton without clothes."""
@@ -82,16 +73,13 @@ def even_clothes(thickness_m: float) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """The body of one person: its sampled skin at rest, and the whole mesh with its skeleton.
-
-    rest_m (p, 3): the skin points with clothes, metres; rest_normals (p, 3): outward unit normals.
-    """
+    """The body of one person: its sampled skin at rest, and the whole mesh with its skeleton."""
 
     points: SkinPoints
     shape: FittedShape
     mesh: BodyMesh
-    rest_m: np.ndarray
-    rest_normals: np.ndarray
+    rest_m: np.ndarray  # (p, 3) the skin points with clothes
+    rest_normals: np.ndarray  # (p, 3) outward unit normals
 
     def transforms(self, pose: Pose) -> np.ndarray:
         """Return T_world_rest (b, 4, 4) of the bones in a pose."""
@@ -104,18 +92,16 @@ class Body:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedPoints:
-    """The skin points in a pose: points_m, normals (p, 3) in the world; transforms (b, 4, 4) T_world_rest of the
-    bones.
-    """
+    """The skin points in a pose."""
 
-    points_m: np.ndarray
-    normals: np.ndarray
-    transforms: np.ndarray
+    points_m: np.ndarray  # (p, 3) world
+    normals: np.ndarray  # (p, 3) world
+    transforms: np.ndarray  # (b, 4, 4) T_world_rest of the bones
 
 
 @cache
 def skin_points(asset: BodyAsset) -> SkinPoints:
-    """Sample the outer skin by farthest points."""
+    """Sample the outer skin by farthest-point sampling."""
     vertex = _spread_out(asset, POINT_COUNT)
     weights = np.zeros((len(vertex), len(asset.bone_names)))
     rows = np.arange(len(vertex))[:, None]
@@ -168,8 +154,8 @@ def _spread_out(asset: BodyAsset, count: int) -> np.ndarray:
 
 
 def _patches(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
-    """Return how far each patch moves each point (p, PATCHES): a bell-shaped profile around the patch's middle, on skin
-    that faces the same way.
+    """Return (p, PATCHES) the share by which each patch moves each point: a bell-shaped profile around the patch's
+    middle, on skin that faces the same way.
     """
     place = asset.vertices[vertex]
     normals = _normals(asset.vertices, asset.faces[_faces_around(asset, vertex)])
@@ -222,10 +208,9 @@ def pose_points(body: Body, pose: Pose) -> PosedPoints:
 
 
 def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Return how far each chosen point moves along its direction with each pose parameter.
+    """Return (n, POSE_SIZE) the derivative of each chosen point's movement along its direction, by each pose parameter.
 
-    index (n,) points, direction (n, 3) unit vectors. Returns (n, POSE_SIZE): rotations in the parent's frame, then the
-    root.
+    index (n,): points; direction (n, 3): unit vectors. Parameters: rotations in the parent's frame, then the root.
     """
     transforms = posed.transforms
     used, back = np.unique(index, return_inverse=True)
@@ -243,7 +228,7 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
 
 
 def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int) -> np.ndarray:
-    """Return how far each point moves along its direction with each coefficient, then each offset: (n, count + c)."""
+    """Return (n, count + c) the derivative of each point's movement along its direction, by coefficients, offsets."""
     asset, transforms = body.points.asset, posed.transforms
     offset = shape_offsets(asset, posed, count)
     weights = body.points.weights[index]
@@ -258,8 +243,8 @@ def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction:
 
 
 def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarray:
-    """Return how far each coefficient moves each bone's points (b, count, 3), in addition to their movement in the rest
-    pose.
+    """Return (b, count, 3) how far each coefficient moves the points of each bone in addition to their movement in the
+    rest pose.
     """
     transforms, head_basis = posed.transforms, asset.bone_head_basis[:count]
     shift = np.zeros((len(transforms), count, 3))  # shift of each bone's head in the world
@@ -271,15 +256,15 @@ def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarra
 
 
 def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints_m: np.ndarray) -> np.ndarray:
-    """Return the derivative (n, 3, POSE_SIZE), with respect to the pose, of points joints_m (n, 3) in the world, each
-    fixed to a bone (n,).
+    """Return the derivative (n, 3, POSE_SIZE), by the pose, of points joints_m (n, 3) in the world; each point is fixed
+    to one of the bones (n,).
     """
     pivot, frame = joint_frames(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
     return joint_derivative(pivot, frame, body.points.below, bones, joints_m)
 
 
 def place_variance(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the variance (n,) in m2, mean of the three axes, of places whose derivative by the pose is (n, 3,
-    POSE_SIZE).
+    """Return the variance (n,), m2, of places; it is the mean over the three axes. jacobian (n, 3, POSE_SIZE): their
+    derivative by the pose.
     """
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)

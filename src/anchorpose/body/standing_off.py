@@ -1,5 +1,4 @@
-"""Find body segments that do not look human, because the seen surface stands off the learnt body or the limb is too
-thick.
+"""Find body segments that do not look human: the seen surface stands off the learnt body, or the limb is too thick.
 
 Under an orthosis, a cast, a bandage or a skirt the body model does not fit, however well it was learnt. So bones and
 joints of such a segment are less certain.
@@ -18,12 +17,13 @@ from anchorpose.body.skin_points import CLOTHES, FittedShape, SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
-# m at 95 of 100 skin points; at most 0.010 on ten people without braces, 0.021 to 0.040 with a brace
+# m, least distance of a surface that stands off, 95th percentile of the skin points; it was at most 0.010 on ten people
+# without braces, 0.021 to 0.040 with a brace
 LEAST_M: Final = 0.015
 TOO_THICK: Final = 2.0  # deviations of girth above the other side; at most 0.9 without braces, 2.9 to 6.7 with a brace
-ORDINARY: Final = 0.5  # deviations up to which the other side shows how thick this side should be
-JOINT_SHARE: Final = 0.5  # error of a segment's joints along an axis, as a share of how far its skin stands off
-BONE_SHARE: Final = 0.5  # error of the length between its joints, as a share of how far its skin stands off
+ORDINARY: Final = 0.5  # deviations, most that the other side's thickness counts as this person's usual thickness
+JOINT_SHARE: Final = 0.5  # error of a segment's joints along an axis, per metre that its skin stands off
+BONE_SHARE: Final = 0.5  # error of the length between its joints, per metre that its skin stands off
 
 _LIMBS: Final = {
     "upper_arm": ("Arm", ("Shoulder", "Elbow")),
@@ -35,10 +35,10 @@ _LIMBS: Final = {
 
 
 def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, float]:
-    """Return the segments that stand off, named as in ``subject.covered``, and by how many metres."""
+    """Return by how many metres each segment that does not look human stands off; names as in ``subject.covered``."""
     found = dict[CoveredPart, float]()
     for name, mine in points_of_segments(points).items():
-        own = len(CLOTHES) + patches_of(points, name)  # the next segment's patches would spill over the joint
+        own = len(CLOTHES) + patches_of(points, name)  # patches of the neighbouring segment reach over the joint
         off_m = np.abs(points.covered[np.ix_(mine, own)] @ shape.offset_m[own])
         away_m, thicker = float(np.percentile(off_m, 95)), _thicker(points.asset, shape, name)
         if thicker > TOO_THICK:
@@ -49,7 +49,7 @@ def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, fl
 
 
 def _thicker(asset: BodyAsset, shape: FittedShape, name: CoveredPart) -> float:
-    """Return by how many deviations a limb is thicker than on the other side, or than limbs usually are."""
+    """Return by how many deviations a limb is thicker than the other side's limb, or than limbs usually are."""
     if name == "trunk":
         return 0.0
     segment, side = name.rsplit("_", 1)
@@ -60,7 +60,7 @@ def _thicker(asset: BodyAsset, shape: FittedShape, name: CoveredPart) -> float:
 
 @cache
 def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
-    """Return how far one deviation of a limb's girth moves its skin, metres."""
+    """Return by how many metres one deviation of a limb's girth moves its skin."""
     segment, side = name.rsplit("_", 1)
     moved = points.asset.vertex_basis[points.asset.own_row(f"{segment}_girth_{side}"), points.vertex]
     return float(np.linalg.norm(moved[points_of_segments(points)[name]], axis=1).mean())
@@ -68,7 +68,7 @@ def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
 
 @lru_cache(maxsize=4)  # every frame asks for the same shape
 def standing_off_sigma_m(points: SkinPoints, shape: FittedShape) -> np.ndarray:
-    """Return (21,) the additional sigma of each joint along an axis, 0 where only clothes are worn."""
+    """Return (21,) metres: the additional sigma of each joint along an axis; 0 if no segment stands off there."""
     sigma = np.zeros(len(JOINT_INDEX))
     for name, away_m in standing_off(points, shape).items():
         for joint in _joints_of(name):

@@ -36,7 +36,7 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
-NODES: Final = 1200  # nodes; half of the fit's nodes halve the time and change sigma by under a tenth
+NODES: Final = 1200  # most nodes used: half of the fit's nodes take half of the time and change sigma by under a tenth
 
 
 def noise_covariance(
@@ -44,9 +44,9 @@ def noise_covariance(
 ) -> np.ndarray:
     """Return the covariance (POSE_SIZE, POSE_SIZE) of the pose from the noise of this frame's readings alone.
 
-    noises: one per camera, None where it has no depth image. The fit weights all rows alike. A change n of the readings
-    changes the pose by ``C J^T W n``, where C is the belief's covariance, so noise of covariance N gives ``C J^T W N W
-    J C``. In N, nodes of one patch of ``shared_px`` pixels share one error; nodes of different patches are independent.
+    noises: one per camera, None without a depth image. A change n of the readings changes the pose by ``C J^T W n``,
+    where C is the belief's covariance and W has the fit's weights. So noise of covariance N gives ``C J^T W N W J C``.
+    In N, nodes of one patch of ``shared_px`` pixels share one error; nodes of different patches are independent.
     """
     posed = pose_points(body, belief.pose)
     few = replace(config, node_count=min(config.node_count, NODES))
@@ -63,8 +63,8 @@ def noise_covariance(
 def _felt(
     body: Body, posed: PosedPoints, point: np.ndarray, direction: np.ndarray, strength: np.ndarray, patch: np.ndarray
 ) -> np.ndarray:
-    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE), where S is the strength of each row. Rows with a negative patch do
-    not share their error.
+    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE); S has the strength of each row. Rows with a negative patch number
+    share their error with no other row.
     """
     alone, shared = patch < 0, patch >= 0
     none = np.zeros(int(alone.sum()))
@@ -82,8 +82,9 @@ def node_noise(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the sigma (n,) of each node along its normal, metres, and the patch (n,) whose error it shares.
 
-    thinned: share of the nodes that are used. If a used node represents more pixels than share an error, denoising
-    averages them, and the node is a patch by itself with less noise. Sigma is 0 where the camera's noise is unknown.
+    thinned: share of the nodes that are used. If a used node represents more pixels than share one error, denoising
+    averages their errors; the node is then a patch of its own, with less noise. Sigma is 0 if the camera's noise is
+    unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -105,11 +106,10 @@ def node_noise(
 
 
 def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> float:
-    """Return the side, in metres at the patient, of a patch of pixels that share one error, in the camera where it is
-    smallest.
+    """Return the side, in metres at the patient, of a patch of pixels that share one error, in the camera with the
+    smallest patches; 0 if no camera shows the patient.
 
-    It is 0 where no camera shows the patient. A sensor's matching windows and smoothing shift the edges of a limb by a
-    part of it.
+    A sensor's matching windows and smoothing shift the edges of a limb by a part of this length.
     """
     found = [
         np.sqrt(noise.shared_px) * distance_m / camera.intrinsics.fx
@@ -119,14 +119,14 @@ def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> f
     return float(min(found, default=0.0))
 
 
-# m2, least area of uncovered skin that is considered; clothes and grips leave as much uncovered
+# m2, least area of uncovered skin that is considered; clothes and grips leave about as much uncovered
 WORTH_M2: Final = 0.004
-IN_REACH_M: Final = 0.45  # m from the piece's tip: a shank, or a forearm with its hand
-END_ON: Final = float(np.cos(np.radians(35.0)))  # a limb turned farther from the ray shows more than half of its length
-# factor on the rows that count as one: differently bent fingers move a whole hand; set on one recorded reach
+IN_REACH_M: Final = 0.45  # m, greatest distance of a limb from the piece's tip: a shank, or a forearm with its hand
+END_ON: Final = float(np.cos(np.radians(35.0)))  # least cosine between limb and ray for a limb that points at a camera
+# factor on the rows that count as one observation: bent fingers shift a whole hand; set on one recorded reach
 MORE_ALIKE: Final = 2.0
-HIDDEN: Final = 0.5  # share of a limb's skin; with more of it hidden, the frame does not show the limb
-BROADER_M: Final = 0.13  # m by which a chest is broader than deep: 0.35 m and 0.22 m
+HIDDEN: Final = 0.5  # largest hidden share of a limb's skin; with more, the frame does not show the limb
+BROADER_M: Final = 0.13  # m, difference between breadth and depth of a chest: 0.35 m and 0.22 m
 
 _HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
 
@@ -145,9 +145,9 @@ _SYSTEMATIC_MM: Final = {
     "Ankle": 3.8,
     "Foot": 8.0,
 }
-"""Systematic error of each joint of a learnt body, per axis, the same in every frame. Set on the hard scenes for tuning
-(suite ``hard`` of ``benchmarks/run.py``), in which equipment hides parts of the trunk and people press on the clothes,
-and on ordinary recordings, so that coverage is between 0.93 and 0.97 on both.
+"""Systematic error of each joint of a learnt body, per axis; it is the same in every frame. The values were chosen so
+that coverage is between 0.93 and 0.97 both on ordinary recordings and on the hard scenes for tuning (suite ``hard`` of
+``benchmarks/run.py``), in which equipment hides parts of the trunk and people press on the clothes.
 """
 
 
@@ -168,9 +168,9 @@ def joint_sigma(
 ) -> np.ndarray:
     """Return the standard deviation (21,) of the joints' position errors per axis, metres.
 
-    covariance (POSE_SIZE, POSE_SIZE): covariance of the pose, the inverse of the normal equations' hessian; noise, of
-    the same shape: ``noise_covariance``, None where the cameras' noise is unknown. patch_m: ``finest_patch_m``; a limb
-    lies midway between its two edges, each of which is equally likely anywhere within such a patch.
+    covariance (POSE_SIZE, POSE_SIZE): covariance of the pose, the inverse of the normal equations' hessian. noise: of
+    the same shape, from ``noise_covariance``; None if the cameras' noise is unknown. patch_m: from ``finest_patch_m``;
+    a limb lies midway between its two edges, and each edge has a uniform error within such a patch.
     """
     places = body.mesh.joints(posed.transforms)
     every = config.inflation**2 * covariance + (0.0 if noise is None else noise)
@@ -180,9 +180,7 @@ def joint_sigma(
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
-    """Return the sigma (p,) of skin points, which equals the sigma of the middle of the body part that moves each
-    point.
-    """
+    """Return the sigma (p,) of skin points: that of the middle of the body part that moves each point most."""
     count = np.bincount(body.points.part)
     parts = np.flatnonzero(count)
     middles = np.stack([np.bincount(body.points.part, posed.points_m[:, axis]) for axis in range(3)], axis=1)
@@ -194,7 +192,7 @@ def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: U
 def _variance(
     body: Body, posed: PosedPoints, covariance: np.ndarray, bones: np.ndarray, places_m: np.ndarray
 ) -> np.ndarray:
-    """Return the variance (n,), mean of the three axes, m2, of places_m (n, 3) that are fixed to bones (n,)."""
+    """Return the variance (n,), m2, of places_m (n, 3) fixed to bones (n,), the mean over the three axes."""
     jacobian = joint_jacobian(body, posed.transforms, bones, places_m)
     return place_variance(jacobian, covariance)
 
@@ -208,12 +206,12 @@ def smeared_sigma(
     registration: RegistrationConfig,
     config: UncertaintyConfig,
 ) -> np.ndarray:
-    """Return sigma_m (21,), increased where filters blur depth edges over edge_m at the patient.
+    """Return sigma_m (21,), increased if filters blur depth edges over a width of edge_m at the patient.
 
     A node then determines the skin only to the width of an edge, and nodes within this width count as one. The filters
-    blur every frame in the same way, so earlier frames add no certainty; only this frame and the joint ranges count.
-    The trunk's facing follows from the difference between its breadth and its depth, both uncertain by an edge; joints
-    off its axis are therefore uncertain in proportion to their distance from it.
+    blur every frame in the same way, so only this frame and the joint ranges count. The trunk's facing follows from the
+    difference between its breadth and its depth, and both have an error of edge_m. So the error of joints off its axis
+    is proportional to their distance from the axis.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
@@ -242,11 +240,10 @@ def frame_alone_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased for limbs about which earlier frames add no knowledge.
 
-    If a limb points at every camera, only the front of its hand is seen, and its elbow is uncertain. Earlier frames
-    have the same error, but would count as independent. The older they are, the less they show of hidden parts
-    (unseen_s as in ``vague_belief``). The knowledge that a foot stands, for example, must count once, not in every
-    frame. So the sigma of such a limb comes from this frame alone, the joint ranges and the time since the limb was
-    seen.
+    These are limbs that point at every camera, and hidden limbs. Earlier frames have the same error, but the posterior
+    counts them as independent: for example, the assumption that a foot stands must count once, not in every frame. So
+    the sigma of such a limb comes from this frame alone, the joint ranges and the time since the limb was seen
+    (unseen_s as in ``vague_belief``).
     """
     posed = pose_points(body, pose)
     joints = body.mesh.joints(posed.transforms)
@@ -257,11 +254,11 @@ def frame_alone_sigma(
     if not mine.any():
         return sigma_m
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
-    if hidden is not None:  # parts that the readings do not show have no nodes nearby
+    if hidden is not None:  # without parts that have nodes nearby, since the readings show them
         rows = rows.where(~hidden.ravel()[segment_of_points(body.points)[rows.point]])
     known = vague_belief(pose, unseen_s).information
     spread = _spread_by_frame(body, pose, rows, known, MORE_ALIKE * config.rows_per_observation)
-    # along the worst axis: a hidden knee errs forward, a pointing arm in depth
+    # variance along the worst axis: the error of a hidden knee is forward, that of a pointing arm is in depth
     variance = np.linalg.eigvalsh(spread)[:, -1]
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
     sigma[mine] = np.maximum(sigma[mine], alone[mine])
@@ -269,10 +266,11 @@ def frame_alone_sigma(
 
 
 def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
-    """Return whether the limb lies along the cameras' rays, unhidden, and no camera sees it from the side.
+    """Return whether a limb points at a camera that nothing hides it from, and no camera sees its part beyond elbow or
+    knee from the side.
 
-    The part beyond elbow or knee is tested. Whether its end is seen is not tested, since the end may be displaced too
-    far to count as seen, which is the case that is sought here.
+    It is not required that this part is seen: in the very case that is searched for, its estimated place may be too far
+    off to count as seen.
     """
     root, far = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
     looking = [
@@ -295,10 +293,9 @@ def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain:
 def _spread_by_frame(
     body: Body, pose: Pose, rows: Constraints, known: np.ndarray, rows_per_observation: float
 ) -> np.ndarray:
-    """Return the mean squared error (21, 3, 3) of the joints, by one frame's rows, the joint ranges and prior
-    knowledge.
+    """Return the mean squared error (21, 3, 3) of the joints, from one frame's rows, the joint ranges and ``known``.
 
-    Together they may place a joint elsewhere than the pose does; this distance is a part of the error. known
+    Together they may place a joint at a distance from its place in the pose; this distance is part of the error. known
     (POSE_SIZE, POSE_SIZE): information about the pose from earlier frames.
     """
     posed = pose_points(body, pose)
@@ -313,12 +310,11 @@ def _spread_by_frame(
 def unexplained_sigma(
     body: Body, pose: Pose, evidence: Evidence, explanation: Explanation, sigma_m: np.ndarray
 ) -> np.ndarray:
-    """Return sigma_m (21,) of a mixture in which limbs may lie on seen skin that the body does not cover.
+    """Return sigma_m (21,), increased because limbs may lie on seen skin that the body does not cover.
 
-    Each uncovered piece belongs to the limb whose skin is nearest to the piece's root. The hand or foot, and the joints
-    up to elbow or knee, may be at the piece's tip. The odds compare the likelihood that the piece would add with the
-    likelihood that the limb would lose at its present place. The same holds for elbow and knee, with the loss of the
-    whole limb.
+    Each uncovered piece is assigned to the limb whose skin is nearest to the piece's root. The limb's end may lie at
+    the piece's tip instead of its present place. The odds compare the likelihood that the piece would add with the
+    likelihood that the limb would lose. Elbow and knee are treated likewise, with the loss of the whole limb.
     """
     posed = pose_points(body, pose)
     joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
@@ -337,8 +333,8 @@ def unexplained_sigma(
 
 
 def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()) -> frozenset[int]:
-    """Return the hands and feet (joints) whose place cameras saw past, in this frame or before, and that were not seen
-    since then.
+    """Return the hands and feet (joints) whose place cameras saw past in this frame, or in an earlier frame without
+    seeing the hand or foot since then.
     """
     return frozenset(
         end
@@ -353,8 +349,8 @@ def before_lost_ends(
     """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for wrists and ankles next to lost hands and feet
     (``lost_ends``).
 
-    Where cameras see past the place of a hand, its forearm may have been fitted to another person's arm. Then the wrist
-    is not observed, and may be off by half of its distance from the elbow.
+    If cameras see past the place of a hand, its forearm may have been fitted to another person's arm. So the wrist does
+    not count as observed, and its error may be half of its distance from the elbow.
     """
     told, sigma = list(states), sigma_m.copy()
     for chain in CHAINS:
@@ -367,7 +363,7 @@ def before_lost_ends(
 
 @cache
 def limb_ends() -> np.ndarray:
-    """Return the limb (21,) of each joint beyond shoulder and hip, ``TRUNK`` for the others."""
+    """Return (21,) the limb of each joint beyond shoulder and hip; ``TRUNK`` for all other joints."""
     limb = LIMB_OF_JOINTS.copy()
     limb[[JOINT_INDEX[f"Shoulder{side}"] for side in ("Left", "Right")]] = TRUNK
     return limb

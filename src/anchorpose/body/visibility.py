@@ -1,6 +1,4 @@
-"""Decide, from the skin around a joint, whether cameras see the joint, what hides it, and whether the depth is too
-poor.
-"""
+"""Decide, from the skin around a joint, whether cameras see the joint or what hides it; find too poor depth images."""
 
 from __future__ import annotations
 
@@ -23,12 +21,12 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.lens import lens_array, pixel_of_ray
 
-JOINT_RADIUS_M: Final = 0.13  # m, radius of the skin that counts for a joint: half a shank
-TRUNK_RADIUS_M: Final = 0.22  # m, radius for the spine, which lies at the back: distance to the skin of the belly
-LEAST_SEEN: Final = 0.2  # share of the skin around a joint, facing one camera, that must cover seen nodes
-# share of the skin around a joint outside the image; with more, the joint itself lies outside
+JOINT_RADIUS_M: Final = 0.13  # m, radius around a joint in which skin counts for it: half a shank
+TRUNK_RADIUS_M: Final = 0.22  # m, the same for joints of the spine, which are this far from the skin of the belly
+LEAST_SEEN: Final = 0.2  # a joint is seen if this share of the skin around it, facing one camera, covers seen nodes
+# share of the skin around a joint outside the image, above which the joint itself lies outside
 MOST_OUTSIDE: Final = 0.5
-GRAZING: Final = 0.25  # cosine below which skin is edge-on and returns almost no depth
+GRAZING: Final = 0.25  # least cosine between normal and ray; skin that is seen more edge-on returns almost no depth
 
 _TRUNK = ("Hips", "Spine")
 _REASONS = (
@@ -42,36 +40,34 @@ _REASONS = (
 
 
 class SkinReason(IntEnum):
-    """The kind of reading at a skin point's pixel; all kinds but the last are reasons, in the order of ``_REASONS``."""
+    """The reading at a skin point's pixel. All kinds except the last are joint states, in the order of ``_REASONS``."""
 
     SEEN = 0  # the patient, at the point's own depth
     SELF = 1  # the patient, in front of the point
     EQUIPMENT = 2
     PERSON = 3
-    HOLE = 4  # no reading, or clutter
+    HOLE = 4  # no usable reading
     OUTSIDE = 5  # the point lies outside the image
     PAST = 6  # the camera sees past the point: the reading lies farther away
 
 
 class Projection(NamedTuple):
-    """A camera in the form that kernels need: its pose in both directions (4, 4), and the lens (``lens_array``)."""
+    """A camera in the form that compiled code needs."""
 
-    T_world_camera: np.ndarray
-    T_camera_world: np.ndarray
-    lens: np.ndarray
+    T_world_camera: np.ndarray  # (4, 4)
+    T_camera_world: np.ndarray  # (4, 4)
+    lens: np.ndarray  # as in ``lens_array``
 
 
 def projection_of(camera: Camera) -> Projection:
-    """Make a camera's ``Projection``. Raises as ``Camera.require_pose``."""
+    """Return a camera's ``Projection``; raises the errors of ``Camera.require_pose``."""
     T_world_camera = np.array(camera.require_pose(), np.float64, order="C")
     return Projection(T_world_camera, np.array(invert_rigid(T_world_camera), order="C"), lens_array(camera.intrinsics))
 
 
 @cache
 def skin_around_joints(points: SkinPoints) -> tuple[np.ndarray, ...]:
-    """Return, for each joint, the skin points of its own and the adjacent body part that lie within its radius at
-    rest.
-    """
+    """Return, for each joint, the skin points within its radius at rest that belong to the body parts joined there."""
     asset: BodyAsset = points.asset
     body = shape_body(asset, np.zeros(1))
     place = body.vertices[points.vertex]
@@ -93,13 +89,12 @@ def joint_states(
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> tuple[JointState, ...]:
-    """Return the state of each of the 21 joints: observed if any camera sees it, else the reason that hides most of its
-    skin.
+    """Return the state of each of the 21 joints: observed if any camera sees it, else the reason why most of the skin
+    around it is hidden.
 
     covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin at the
-    patient's pixels that covers no node, such as an arm within the trunk, is behind the seen surface. A joint is lost
-    where cameras see past most of the skin around it and the patient is not seen there, since then it is not where the
-    pose puts it.
+    patient's pixels that covers no node, such as an arm inside the trunk, is behind the seen surface. A joint is lost
+    if cameras see past most of the skin around it and do not see the patient there: it is not where the pose puts it.
     """
     votes = np.zeros((JOINT_COUNT, SkinReason.PAST + 1))
     observed, possible = np.zeros(JOINT_COUNT, dtype=bool), np.zeros(JOINT_COUNT, dtype=bool)
@@ -121,7 +116,7 @@ def joint_states(
             possible[joint] |= counts[SkinReason.SEEN] + behind[towards].sum() >= LEAST_SEEN * len(towards)
             votes[joint] += counts / len(towards)
     votes[:, SkinReason.SEEN] = 0.0
-    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # if no camera has a frame
+    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has a frame
     misfit = ~possible & (votes[:, SkinReason.PAST] > votes[:, : SkinReason.PAST].sum(axis=1))
     reasons = [_REASONS[vote[: SkinReason.PAST].argmax()] for vote in votes]
     states = [JointState.OBSERVED if seen else why for seen, why in zip(observed, reasons, strict=True)]
@@ -150,9 +145,9 @@ def facing_skin(posed: PosedPoints, views: Sequence[View | None], cameras: Seque
 
 
 def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ``SkinReason`` (p,) of each skin point, and which points face the camera (p,) bool.
+    """Return the ``SkinReason`` (p,) of each skin point, and (p,) bool: whether the point faces the camera.
 
-    reach_m: largest depth difference between skin and the patient's pixel that shows it.
+    reach_m: largest depth difference between a skin point and the pixel of the patient that shows it.
     """
     column, row, far = pixels_of(posed.points_m, projection_of(camera), *view.labels.shape)
     reason = _read(column, row, far, view.labels, view.depth_m, reach_m)
@@ -163,9 +158,9 @@ def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float)
 def pixels_of(
     points: np.ndarray, projection: Projection, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return column and row (n,), -1 where a point falls outside the image, and depth z (n,) in metres.
+    """Return column and row (n,), -1 outside the image, and depth z (n,) in metres.
 
-    ``Camera.pixel_of`` is the reference.
+    ``Camera.pixel_of`` is the reference implementation.
     """
     T_camera_world, lens = projection.T_camera_world, projection.lens
     column, row = np.full(len(points), -1, np.int64), np.full(len(points), -1, np.int64)
@@ -190,7 +185,7 @@ def pixels_of(
 def _read(
     column: np.ndarray, row: np.ndarray, far: np.ndarray, labels: np.ndarray, depth: np.ndarray, reach: float
 ) -> np.ndarray:
-    """Return the ``SkinReason`` (p,) int64 by label and depth of each point's pixel; column -1: outside."""
+    """Return the ``SkinReason`` (p,) int64 from label and depth of each point's pixel; column -1: outside the image."""
     reason = np.full(len(column), np.int64(SkinReason.PAST))
     for p in range(len(column)):
         if column[p] < 0:
@@ -211,7 +206,7 @@ def _read(
 
 @njit(cache=True, nogil=True)
 def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing: float) -> np.ndarray:
-    """Return (p,) bool: skin that the camera at ``eye`` sees at a cosine above ``grazing``."""
+    """Return (p,) bool: skin whose normal has a cosine above ``grazing`` with the direction to the camera."""
     facing = np.empty(len(points), np.bool_)
     for p in range(len(points)):
         towards, squared = 0.0, 0.0
@@ -223,7 +218,7 @@ def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing
     return facing
 
 
-MOST_MISSING: Final = 0.5  # share of the camera-facing skin that may lack a reading
+MOST_MISSING: Final = 0.5  # largest share of the camera-facing skin without a reading in a good depth image
 
 
 class PoorKind(StrEnum):
@@ -236,27 +231,25 @@ class PoorKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoorDepth:
-    """The reason why one camera's depth image of a frame is too poor for joints.
-
-    amount: width of an edge or height of a step at the patient, metres; for holes, share of the patient's camera-facing
-    skin without a usable reading.
-    """
+    """The reason why one camera's depth image of a frame is too poor for joints."""
 
     camera: str
     kind: PoorKind
+    # m, width of an edge or height of a step at the patient; for holes, the share, 0 to 1, of the patient's
+    # camera-facing skin without a usable reading
     amount: float
 
     @property
     def resolves_limbs(self) -> bool:
-        """Return whether the existing readings still resolve limbs. They do with holes, where only joints at the holes
-        become hidden.
+        """Return whether the existing readings resolve limbs. They do in spite of holes: only joints at holes become
+        hidden.
         """
         return self.kind is PoorKind.HOLES
 
 
 def too_coarse(camera: str, detail: DepthDetail, distance_m: float) -> PoorDepth | None:
-    """Return the defect that makes depth too coarse at this distance: edges or steps wider than a limb; None if neither
-    is.
+    """Return the defect that makes depth too coarse at this distance: edges or steps wider than a limb; None if there
+    is none.
     """
     edge_m, step_m = detail.edge_m(distance_m), detail.step_m(distance_m)
     if max(edge_m, step_m) <= LIMB_M:
@@ -272,10 +265,10 @@ def poor_depth(
     details: Sequence[DepthDetail | None],
     reach_m: float,
 ) -> tuple[PoorDepth | None, ...]:
-    """Return, per camera, why its depth image of the patient is too poor for joints; None where it is good enough, or
-    shows nobody.
+    """Return, per camera, why its depth image of the patient is too poor for joints; None if it is good enough or does
+    not show the patient.
 
-    posed: the body in its found pose. details: one per camera, None where it has no depth image of the frame.
+    posed: the body in its found pose. details: one per camera, None without a depth image of the frame.
     """
     return tuple(
         None if view is None or detail is None else _of_camera(posed, view, camera, detail, reach_m)
@@ -295,13 +288,13 @@ def _of_camera(posed: PosedPoints, view: View, camera: Camera, detail: DepthDeta
 
 
 def distance_of(view: View) -> float | None:
-    """Return the median depth of the patient in a view, metres; None where the patient is not in it."""
+    """Return the median depth (m) of the patient in a view; None if the patient is not in it."""
     depth = view.depth_m[view.patient]
     return float(np.median(depth)) if depth.size else None
 
 
 def missing_share(posed: PosedPoints, view: View, camera: Camera, reach_m: float) -> float:
-    """Return the share, 0 to 1, of the camera-facing skin within its image that has no usable reading.
+    """Return the share, 0 to 1, of the camera-facing skin inside the image that has no usable reading.
 
     Skin hidden by a person or equipment has a reading, so it does not count as missing.
     """

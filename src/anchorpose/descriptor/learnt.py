@@ -1,7 +1,7 @@
 """Describe depth images by the learnt descriptor: which pixels show people, and which place on the body each shows.
 
-The paper's descriptor (Definition 3) consists of the geodesic distances of a surface point to the anchors. Measured on
-an image, these are wrong wherever parts are hidden (the error e_3 of Section VI). Here a network that was trained on
+The paper's descriptor (Definition 3) consists of the geodesic distances from a surface point to the anchors. Measured
+on an image, they are wrong wherever parts are hidden (the error e_3 of Section VI). Here a network that was trained on
 simulated images finds the place on the complete body's skin, where the distances are known. See ``docs/descriptor.md``.
 """
 
@@ -24,20 +24,20 @@ from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics, lens_array, project, rays_of_pixels
 from anchorpose.recording.regular_file import read_whole
 
-FOCAL_PX: Final = 200.0  # focal length of the images that the network was trained on
-INPUTS: Final = 5  # layers of the network's input, see ``inputs_of``
+FOCAL_PX: Final = 200.0  # pixels, focal length of the images that the network was trained on
+INPUTS: Final = 5  # number of layers of the network's input, see ``inputs_of``
 STEP: Final = 2  # the network has an output for every second pixel
 MULTIPLE: Final = 32  # width and height of the image must be multiples of this: the network halves it five times
-SMALLEST_PX: Final = 32
-WIDEST: Final = 1.2  # tangent of a ray, 50 degrees from the axis: training images show no wider field of view
-FARTHEST_M: Final = 9.0
-NEAREST_M: Final = 0.3
-# window in pixels in which relief is measured, and the largest relief in metres
+SMALLEST_PX: Final = 32  # pixels, least width and height of the network's image
+WIDEST: Final = 1.2  # largest tangent of a ray's angle to the axis (50 degrees): training images show no wider view
+FARTHEST_M: Final = 9.0  # m; a farther value counts as no reading
+NEAREST_M: Final = 0.3  # m
+# windows (pixels) in which relief is measured, and the largest relief (m) in each
 WINDOWS: Final = ((9, 0.15), (33, 0.5))
 OFFSET: Final = 0.1  # statures, the unit in which the network gives places within a patch
-LARGEST_BYTES: Final = 64_000_000  # size of a file of weights; the package's has 4 MB
-LONGEST_LINE: Final = 4096
-REMEMBERED: Final = 8  # described images kept in memory: two moments of four cameras
+LARGEST_BYTES: Final = 64_000_000  # bytes, largest file of weights; the package's file has 4 MB
+LONGEST_LINE: Final = 4096  # bytes, longest first line of such a file
+REMEMBERED: Final = 8  # number of described images kept in memory: two moments of four cameras
 FORMAT: Final = "anchorpose-learnt-descriptor"
 REMEDY: Final = "export it by tools/train_descriptor.py, or use the weights of the package"
 
@@ -45,37 +45,29 @@ REMEDY: Final = "export it by tools/train_descriptor.py, or use the weights of t
 class Described(NamedTuple):
     """The descriptor's outputs for the pixels on a grid of (h, w) rays, a hundredth of a focal length apart.
 
-    row, column (h, w) int64: place of each pixel in the image, 0 without a reading; read (h, w): whether there is a
-    reading. person (h, w) float32: probability that the pixel shows a person, 0 without a reading.
-    place (h, w, 3) float32: on the standing mean adult of stature 1, X forward, Y up from the floor, Z to the right.
-    error (h, w) float32: the expected distance of ``place`` from the true place, in statures.
-    pelvis_m (h, w, 3) float32: the place of this person's pelvis in the camera's frame.
-    place, error and pelvis_m are NaN where the probability is below a half.
+    place, error and pelvis_m are NaN if the probability of a person is below a half.
     """
 
-    row: np.ndarray
-    column: np.ndarray
-    read: np.ndarray
-    person: np.ndarray
-    place: np.ndarray
-    error: np.ndarray
-    pelvis_m: np.ndarray
+    row: np.ndarray  # (h, w) int64, row of each ray's pixel in the image, 0 without a reading
+    column: np.ndarray  # (h, w) int64, its column
+    read: np.ndarray  # (h, w) bool, whether there is a reading
+    person: np.ndarray  # (h, w) float32, probability that the pixel shows a person, 0 without a reading
+    place: np.ndarray  # (h, w, 3) float32, on the standing mean adult of stature 1: X forward, Y up from floor, Z right
+    error: np.ndarray  # (h, w) float32, expected distance of ``place`` from the true place, in statures
+    pelvis_m: np.ndarray  # (h, w, 3) float32, place of this person's pelvis in the camera's frame
 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """A trained network: its session, and the linear map to a pixel's place within a patch
+    """A trained network, and the linear map from its features to a pixel's place within a patch of skin
     (``tools/train_descriptor.py``).
-
-    slope (p, 3, f), base (p, 3): from the f features of a pixel to its offset from centres (p, 3). about: number of
-    training images, and hashes of the scripts and the network.
     """
 
-    session: Any
-    slope: np.ndarray
-    base: np.ndarray
-    centres: np.ndarray
-    about: dict[str, Any]
+    session: Any  # the network
+    slope: np.ndarray  # (p, 3, f) slope of the map from the f features of a pixel to its offset from the patch's centre
+    base: np.ndarray  # (p, 3) constant of this map
+    centres: np.ndarray  # (p, 3) centres of the patches
+    about: dict[str, Any]  # number of training images, and hashes of the scripts and the network
 
 
 @cache
@@ -88,13 +80,13 @@ def stored_weights() -> Weights:
 def read_weights(path: Path) -> Weights:
     """Read weights that ``tools/train_descriptor.py`` exported: a line of JSON, then the network in ONNX.
 
-    Raises InputError for another kind of file or a damaged one.
+    Raises InputError for a damaged file and for any other kind of file.
     """
     import onnxruntime
 
     head, network = _parts(path)
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # one order of sums: the same bytes in each run
+    options.intra_op_num_threads = 1  # sums then have one order, so that each run gives the same bytes
     session = onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
     nothing = np.zeros((1, INPUTS, MULTIPLE, MULTIPLE), np.float32)
     slope, base, centres = session.run(["slope", "base", "centres"], {"depth": nothing})
@@ -102,7 +94,7 @@ def read_weights(path: Path) -> Weights:
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Return the file's description and the network, after checking that the network is the exported one."""
+    """Return the file's description and the network; check by its hash that it is the exported network."""
     line, _, network = read_whole(path, LARGEST_BYTES, REMEDY).partition(b"\n")
     try:
         head = json.loads(line) if len(line) < LONGEST_LINE else None
@@ -119,8 +111,8 @@ def describe(depth_m: np.ndarray, camera: Camera, weights: Weights | None = None
     """Describe one depth image (height, width), metres, 0 without a reading; by default with the ``weights`` of the
     package.
 
-    A value that is not a number, negative or beyond ``FARTHEST_M`` counts as no reading. Raises ValueError for an image
-    of another size than the camera's, or that shows less than 9 degrees.
+    A value that is not a number, negative or beyond ``FARTHEST_M`` counts as no reading. Raises ValueError if the image
+    has another size than the camera's images, or shows less than 9 degrees.
     """
     if depth_m.shape != (camera.height, camera.width):
         raise ValueError(f"the image has {depth_m.shape} pixels, the camera ({camera.height}, {camera.width})")
@@ -152,10 +144,9 @@ _lock: Final = Lock()
 
 
 def described(depth_m: np.ndarray, camera: Camera) -> Described:
-    """Return ``describe`` of an image. The results of the last images are kept, since several stages need the same
-    image.
+    """Return ``describe`` of an image. The results for the last images are kept, since several stages need them.
 
-    A described image must not be changed. Raises InputError, with the camera's name, where ``describe`` raises.
+    A described image must not be changed. Raises InputError with the camera's name if ``describe`` raises an error.
     """
     with _lock:
         known = _remembered.get(id(depth_m))
@@ -169,15 +160,13 @@ def described(depth_m: np.ndarray, camera: Camera) -> Described:
     with _lock:
         while len(_remembered) >= REMEMBERED:
             _remembered.pop(next(iter(_remembered)))
-        # another image may get this id once the image is freed
+        # the reference shows whether the id still belongs to this image: once it is freed, another may get the id
         _remembered[id(depth_m)] = (ref(depth_m), camera, found)
     return found
 
 
 def nearest_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return, per pixel (height, width), row and column of the nearest described ray, and whether there is such a
-    ray.
-    """
+    """Return, per pixel (height, width), row and column of the nearest described ray, and whether there is one."""
     return _nearest_rays(camera.intrinsics, camera.width, camera.height)
 
 
@@ -192,9 +181,7 @@ def _nearest_rays(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.n
 
 
 def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
-    """Return the first ray (2,) of the network's image, and its numbers of rays across and down, from all pixels'
-    rays.
-    """
+    """Return the first ray (2,) of the network's image, and its numbers of rays across and down."""
     flat = rays.reshape(-1, 2)
     low = np.maximum(np.nanmin(flat, axis=0), -WIDEST)
     size = np.floor((np.minimum(np.nanmax(flat, axis=0), WIDEST) - low) * FOCAL_PX).astype(int) + 1
@@ -206,10 +193,10 @@ def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
 
 
 def inputs_of(depth_m: np.ndarray) -> np.ndarray:
-    """Return the input (5, h, w) float32 of depth (h, w): range, whether there is a reading, relief against two local
-    means, nearness.
+    """Return the network's input (5, h, w) float32 for depth (h, w): range, whether there is a reading, relief relative
+    to two local means, and nearness.
 
-    It must equal ``inputs_of`` of the training.
+    It must give the same values as ``inputs_of`` in the training.
     """
     import cv2
 
@@ -225,10 +212,10 @@ def inputs_of(depth_m: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return row and column (h, w) of the pixel nearest to each ray of a pinhole of ``FOCAL_PX``, and whether there is
-    such a pixel.
+    """Return row and column (h, w) of the pixel nearest to each ray of a pinhole camera of ``FOCAL_PX``, and whether
+    there is such a pixel.
 
-    The nearest pixel is used and not a mean, since a mean over an edge is a depth where nothing is.
+    The nearest pixel is used instead of a mean, since at an edge nothing is at the mean depth.
     """
     low, across, down = _extent(rays_of_pixels(intrinsics, width, height))
     x, y = low[0] + np.arange(across) / FOCAL_PX, low[1] + np.arange(down) / FOCAL_PX
@@ -245,15 +232,15 @@ def _probability(classes: np.ndarray) -> np.ndarray:
     last, of nobody.
     """
     raised = classes - classes.max(axis=0)
-    np.exp(raised, out=raised)  # in place: memory takes half of the time
+    np.exp(raised, out=raised)  # in place, since new memory would take half of the time
     return np.asarray(1.0 - raised[-1] / raised.sum(axis=0))
 
 
 def _answers(said: np.ndarray, weights: Weights) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return place (n, 3), expected error (n,) and pelvis vote (n, 3) m of n pixels from the network's outputs (n,
-    outputs).
+    """Return place (n, 3), expected error (n,) and pelvis vote (n, 3) in metres of n pixels, from the network's outputs
+    (n, outputs).
 
-    The outputs are a score per patch and one for nobody, the log of the error, the vote, and features; the offset
+    The outputs are a score per patch and a score for nobody, the log of the error, the vote, and features. The offset
     within the patch is a linear function of the features.
     """
     patches = len(weights.centres)

@@ -14,39 +14,36 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import FOCAL_PX, STEP, Described, described, nearest_rays
 
 APART_M: Final = 0.35
-"""Least distance in metres between pelvises of people side by side. 96 % of the votes in 24 new scenes of the
-training's generator are nearer than this to their own pelvis.
+"""Least distance in metres between the pelvises of two people. In 24 new scenes of the generator for training, 96 % of
+the votes are nearer than this to the pelvis of their person.
 """
 
 NEAR_M: Final = 0.2  # m around the middle of one person's votes: twice their median error
-STRAY_M: Final = 0.7  # m from a pelvis; a vote farther from every pelvis belongs to nobody
+STRAY_M: Final = 0.7  # m; a vote farther than this from every pelvis belongs to nobody
 
 MOST_VOTES: Final = 4000  # most votes that are counted; three cameras give 20,000
 
 LEAST_AREA_M2: Final = 0.06
-"""Least surface of a person that must be seen: a head with its neck. Clutter that is taken for people can be larger,
-but has a lower certainty.
+"""Least seen surface (m2) of a person: a head with its neck. Clutter that is taken for people can be larger, but has a
+lower certainty.
 """
 
 
 LEAST_CERTAINTY: Final = 0.7
-"""Mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``) all people in plain
-view have more. So have 0.2 to 3 objects per image, which are rejected since a body does not explain them
+"""Least mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``), all people in
+plain view have more. So have 0.2 to 3 objects per image; they are rejected later, since no body explains them
 (``tracker.patient_choice.HUMAN``).
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPerson:
-    """A person found by the descriptor. pelvis_m (3,) in the common frame; rays: per camera (h, w) bool, the rays of
-    ``Described`` that show this person, None without an image; area_m2: area of the seen surface, perpendicular to the
-    lines of sight, in all cameras; certainty: mean probability of the pixels, 0.5 to 1.
-    """
+    """A person found by the descriptor."""
 
-    pelvis_m: np.ndarray
-    rays: tuple[np.ndarray | None, ...]
-    area_m2: float
-    certainty: float
+    pelvis_m: np.ndarray  # (3,) in the common frame of the cameras
+    rays: tuple[np.ndarray | None, ...]  # per camera, (h, w) bool, rays that show the person; None without an image
+    area_m2: float  # area of the seen surface, perpendicular to the lines of sight, in all cameras
+    certainty: float  # mean probability of the pixels, 0.5 to 1
 
 
 def find_people(
@@ -54,10 +51,9 @@ def find_people(
 ) -> tuple[FoundPerson, ...]:
     """Return the people in described images (height, width) of one moment, the most visible first.
 
-    said, depths_m: one per camera, None without an image; poses: T_common_camera (4, 4) of each camera, so that votes
-    of several cameras meet. The pelvises are where the votes are densest, weighted by the area that a pixel shows. Each
-    next pelvis is found among the votes that are at least ``APART_M`` from all earlier pelvises. A pixel belongs to the
-    pelvis nearest to its vote.
+    said, depths_m: one per camera, None without an image; poses: T_common_camera (4, 4) of each camera. A pelvis is
+    where the votes of all cameras are densest, weighted by the area that a pixel shows. The next pelvis is found among
+    the votes at least ``APART_M`` from all earlier pelvises. A pixel belongs to the pelvis nearest to its vote.
     """
     votes = [_votes(one, depth, pose) for one, depth, pose in zip(said, depths_m, poses, strict=True)]
     shown = [one for one in votes if one is not None]
@@ -79,9 +75,9 @@ def find_people(
     return tuple(sorted(people, key=lambda person: -person.area_m2))
 
 
-# rays beyond a person's own rays: 6 cm at two metres, fingers and shoes that the network leaves out
+# width of the rim added around a person's rays, in rays (6 cm at two metres): the network leaves out fingers and shoes
 RIM_RAYS: Final = 3
-RIM_M: Final = 0.1  # m, depth difference up to which pixels beside the rays still belong to the person
+RIM_M: Final = 0.1  # m, largest depth difference between the person and pixels of the rim
 
 
 def people_mask(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
@@ -103,14 +99,12 @@ def people_mask(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 class _Votes(NamedTuple):
-    """The votes of one camera's person rays (h, w) bool: votes (n, 3) in the common frame, area (n,), probability
-    (n,).
-    """
+    """The votes of one camera."""
 
-    found: np.ndarray
-    pelvis_m: np.ndarray
-    area_m2: np.ndarray
-    certainty: np.ndarray
+    found: np.ndarray  # (h, w) bool, rays that show a person
+    pelvis_m: np.ndarray  # (n, 3) votes of these rays for a pelvis, in the common frame
+    area_m2: np.ndarray  # (n,)
+    certainty: np.ndarray  # (n,) probability of a person
 
 
 def _votes(said: Described | None, depth_m: np.ndarray | None, pose: np.ndarray) -> _Votes | None:
@@ -151,8 +145,8 @@ def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the place (3,) with most weight around it: the best of some votes, moved to the local mean until it no
-    longer changes.
+    """Return the place (3,) with most weight around it: the best of some votes, moved to the mean of the votes around
+    it until it no longer changes.
     """
     some = votes_m[:: max(1, len(votes_m) // 200)]
     centre = some[int(np.argmax(_weight_near(some, votes_m, weight, NEAR_M)))]

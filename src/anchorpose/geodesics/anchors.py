@@ -1,9 +1,9 @@
 """Find and name the anchors: head, hands and feet as extrema of geodesic distance (paper, Definition 2, Section III).
 
-Three kinds of evidence vote. (1) The place of the extremum: its distance from the centre, its height above the middle
-of the body, and its distance to the left of it. (2) Its path to the centre: where the path enters the trunk, and the
-distance from the head along the paths. Both are valid in any pose. (3) The distance to the expected anchor. This vote
-is bounded, so that it decides only where the other votes cannot, and a wrong prediction does not confirm itself.
+Three kinds of evidence decide which anchor an extremum is. (1) Its place: the distance from the centre, and the height
+and the distance to the left relative to the middle of the body. (2) Its path to the centre: where the path enters the
+trunk, and the distance from the head along the paths; both are valid in any pose. (3) Its distance from the expected
+anchor. This evidence is bounded: it decides only if the rest does not, so a wrong prediction does not confirm itself.
 
 The module also computes the anchor descriptor f (paper, Definition 3): every node's geodesic distance to every anchor.
 """
@@ -24,12 +24,12 @@ from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.settings import Positive, settings
 from anchorpose.surface.surface import Surface
 
-HEAD: Final = 0
-LIMBS: Final = 4  # hands and feet, which follow the head
+HEAD: Final = 0  # index of the head among the anchors
+LIMBS: Final = 4  # number of hands and feet, which follow the head
 
 PLACES: Final = np.array(
-    # five values: distance from the centre along the surface; height above the middle and distance to its left, of the
-    # extremum and of the place where its path enters the trunk
+    # five values: distance from the centre along the surface; height above the body's middle and distance to its left,
+    # first of the extremum, then of the place where its path enters the trunk
     [
         [0.42, 0.38, 0.00, 0.19, 0.00],
         [0.55, 0.05, 0.22, 0.15, 0.09],
@@ -38,7 +38,8 @@ PLACES: Final = np.array(
         [0.64, -0.52, -0.07, -0.16, -0.05],
     ]
 )
-"""Usual places of the anchors, over the body height: medians of simulated people (order of ``ANCHOR_NAMES``)."""
+"""Usual places of the anchors, divided by the body height: medians of simulated people, in the order ``ANCHOR_NAMES``.
+"""
 
 TOLERANCES: Final = np.array(
     [
@@ -49,41 +50,40 @@ TOLERANCES: Final = np.array(
         [0.12, 0.12, 0.12, 0.10, 0.06],
     ]
 )
-"""Spread of each value in ``PLACES``, over the body height: arms move a lot, head and feet hardly."""
+"""Spread of each value in ``PLACES``, divided by the body height: arms move a lot, head and feet hardly."""
 
 FROM_HEAD: Final = np.array([0.47, 0.47, 0.92, 0.92])
-"""Distances of hands and feet from the head along their paths, over the body height; 0.25 for a hand above the head."""
+"""Distances of hands and feet from the head along their paths, divided by the body height; 0.25 for a hand above the
+head.
+"""
 
-FROM_HEAD_TOLERANCE: Final = 0.20
-# Costs, in tolerances
+FROM_HEAD_TOLERANCE: Final = 0.20  # spread of these distances
+# all costs are in tolerances
 MISSED: Final = 4.0  # cost of a missed anchor; if every extremum costs more, the anchor is missed
-PREDICTION: Final = 1.5  # largest cost of an anchor that is not at its predicted place
-UNPREDICTED: Final = 1.0  # cost without a prediction, so that an anchor is at most 3 tolerances off
-AT_PREDICTION: Final = 3.5  # largest cost at the predicted place, so that an end there is the anchor in any pose
-CLEAR: Final = 2.0  # tolerances; beyond them nothing is named away from its prediction
-FARTHEST_OFF: Final = 3.0  # limit of each measure: one crossed arm or one wrong path counts no more
-HEADLESS: Final = 1.5  # added for hands and feet if no head is found, from which to measure
-ENTRY: Final = 0.20  # share of the height from the centre at which a path enters the trunk: shoulders, neck and groin
-STEP: Final = 0.05  # share of the height between the compared places of a path
+PREDICTION: Final = 1.5  # largest cost added for the distance from the predicted place
+UNPREDICTED: Final = 1.0  # cost added without a prediction, so that an anchor is at most 3 tolerances off
+AT_PREDICTION: Final = 3.5  # largest total cost at the predicted place, so that an end there is the anchor in any pose
+CLEAR: Final = 2.0  # largest distance from its usual place at which an extremum away from the prediction gets the name
+FARTHEST_OFF: Final = 3.0  # limit of each single measure, for example if an arm is crossed or a path is wrong
+HEADLESS: Final = 1.5  # cost added for hands and feet if no head is found: distances from the head are then missing
+ENTRY: Final = 0.20  # distance from the centre, over the height, at which a path enters the trunk
+STEP: Final = 0.05  # distance, over the height, between the compared places of a path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """The axes and the unit of length in which places are measured. up, left (3,): unit vectors, world; height_m: the
-    subject's height.
-    """
+    """The axes and the unit of length in which places are measured."""
 
-    up: np.ndarray
-    left: np.ndarray
-    height_m: float
+    up: np.ndarray  # (3,) unit vector, world
+    left: np.ndarray  # (3,) unit vector, world
+    height_m: float  # the subject's height
 
 
 def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many tolerances each extremum is away from each anchor's usual place, and the distances between the
-    extrema.
+    """Return the distance of each extremum from each anchor's usual place, and the distances between extrema.
 
-    Returns squared tolerances (k, 5), the sum of five bounded measures, and distances (k, k) over the body height,
-    along the paths to the centre and across the trunk between them.
+    The first result is (k, 5) in squared tolerances, the sum of five bounded measures. The second is (k, k), divided by
+    the body height: along the paths to the centre, and straight across the trunk between the paths.
     """
     middle, height = seen_mean(surface), frame.height_m
     reach = np.array([cap.reach_m for cap in caps])
@@ -97,8 +97,8 @@ def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Fr
 
 
 def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: float, reach_m: float) -> np.ndarray:
-    """Return (k, l) int: the nodes of each extremum's path at every step from the centre; beyond the end of the path,
-    the extremum itself.
+    """Return (k, l) int: the nodes of each extremum's path at every step from the centre; after the end of the path,
+    the extremum is repeated.
     """
     levels = (step_m * np.arange(max(reach_m / step_m, ENTRY / STEP + 1.0))).astype(np.float32)
     nodes = np.empty((len(tips), len(levels)), np.int64)
@@ -109,8 +109,8 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
-    """Return the distance (k, k) between extrema, along their paths (k, l, 3) and straight between one place of each
-    path.
+    """Return the distance (k, k) between extrema: along their paths (k, l, 3), and straight between one place of each
+    path, whichever places give the least distance.
     """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)
@@ -119,14 +119,14 @@ def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray)
 
 
 def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded: np.ndarray) -> np.ndarray:
-    """Return (5,) int: the extremum of each anchor, -1 where missed, by the least total cost over all five.
+    """Return (5,) int: the extremum of each anchor, -1 if missed, with the least total cost over all five.
 
     off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance from the anchor's prediction, divided by the
-    gate, NaN without prediction. excluded (k, 5) bool: extrema that cannot be the anchor. An anchor costs the root of
+    gate; NaN without prediction. excluded (k, 5) bool: extrema that cannot be the anchor. An anchor costs the root of
     its squared tolerances (for hands and feet including the distance from the head), plus at most ``PREDICTION`` for
-    the prediction; a missed anchor costs ``MISSED``. An extremum away from the predicted place is named only where it
-    is clear: few tolerances from this name, and more from every other name. Each extremum is tried as the head, and so
-    is a missed head.
+    the distance from the prediction; a missed anchor costs ``MISSED``. An extremum away from the predicted place gets a
+    name only if it is clear: at most ``CLEAR`` from this name, and more from every other name. Each extremum, and a
+    missed head, is tried as the head.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -144,7 +144,7 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
 
 def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """Return the cost (k, 5) of the distances ``off`` (k, 5), in tolerances, and ``away`` (k, 5), in gates."""
+    """Return the cost (k, 5) of distances ``off`` (k, 5), in tolerances, and ``away`` (k, 5), in units of the gate."""
     cost = off + np.where(np.isnan(away), UNPREDICTED, PREDICTION * np.minimum(away, 1.0))
     cost = np.where(away < 1.0, np.minimum(cost, AT_PREDICTION), cost)
     unclear = (off > CLEAR) | (off > off.min(axis=1, keepdims=True))
@@ -158,8 +158,8 @@ def _off_head2(apart: np.ndarray) -> np.ndarray:
 
 
 def _assign(cost: np.ndarray) -> np.ndarray:
-    """Return (m,) int: the row of cost (k, m) assigned to each column, -1 = none, at the least total; no pair above
-    ``MISSED``.
+    """Return (m,) int: the row of cost (k, m) assigned to each column, -1 = none, with the least total cost. No pair
+    costs more than ``MISSED``.
     """
     bounded = np.minimum(cost, MISSED)
     chosen = np.full(cost.shape[1], -1)
@@ -171,18 +171,15 @@ def _assign(cost: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Anchors:
-    """The five identified anchors of a surface; a missed one is marked as missed, never guessed.
+    """The five identified anchors of a surface; missed anchors are marked, never guessed."""
 
-    node (5,) int32: index into the surface, -1 where missed. position_m (5, 3) float64 world: centre of the extremal
-    cap, NaN where missed; sigma_m (5,) float64: its standard deviation per axis, NaN where missed. The node is the node
-    of the cap nearest to this centre. From frame to frame it moves half as much as the extremum itself, and so do
-    distances measured from it. free: ends of limbs without a name (neither cut off nor continued by hidden skin), the
-    farthest from the centre first.
-    """
-
+    # (5,) int32, index into the surface, -1 = missed: the node of the cap nearest to its centre, which moves half as
+    # much from frame to frame as the extremum itself, and so do distances measured from it
     node: np.ndarray
-    position_m: np.ndarray
-    sigma_m: np.ndarray
+    position_m: np.ndarray  # (5, 3) float64 world, centre of the extremal cap; NaN if missed
+    sigma_m: np.ndarray  # (5,) float64, standard deviation of the centre per axis; NaN if missed
+    # ends of limbs without a name, which are neither cut off nor continued by hidden skin; the farthest from the centre
+    # first
     free: tuple[Cap, ...] = ()
 
     @property
@@ -195,14 +192,14 @@ class Anchors:
 class AnchorConfig:
     """Settings of the anchors. Lengths are fractions of the subject's height (paper, Section V)."""
 
-    radius: Positive = 0.5 / 1.75  # r: 0.5 m on a person of 1.75 m
+    radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
     cap: Positive = 0.06 / 1.75  # depth of the extremal cap below its tip: 6 cm, about a fist
-    gate: Positive = 0.25 / 1.75  # half a forearm; an end so near its prediction is the anchor in any pose
+    gate: Positive = 0.25 / 1.75  # half a forearm; an end this near to its prediction is the anchor in any pose
 
 
-# share of the body's height; a head moves less than a hand, and a neck without its head is 20 cm away
+# gate of the head, over the body height: a head moves less than a hand, and the neck of a hidden head is 20 cm away
 HEAD_GATE: Final = 0.18 / 1.75
-# share of the body's height; an end this near its prediction counts as an end even if hidden skin seems to continue
+# over the body height; an end this near to its prediction counts as an end even at a cut or before hidden skin
 END_GATE: Final = 0.09 / 1.75
 
 
@@ -219,14 +216,13 @@ def find_anchors(
     """Find the anchors: assign head, hands and feet to the extrema; other extrema remain unnamed.
 
     up, facing (3,): unit vectors, world, against gravity and in the direction in which the patient faces; height_m: the
-    subject's height. cut (n,) bool: nodes at an edge that something else cut (``surface.border``); an extremum there is
-    a stump, not an anchor, unless another camera sees its end. predicted_m (5, 3) world: each anchor's expected place,
-    NaN where unknown, None: no expectation. missing (5,) bool: anchors of limbs that the patient lacks. The names are
-    the assignment of least total cost (``name_extrema``), in which the prediction's part is bounded.
+    subject's height. cut (n,) bool: nodes at a border where something else cuts the surface (``surface.border``); an
+    extremum there is not an anchor, unless another camera sees the end. predicted_m (5, 3) world: the expected place of
+    each anchor, NaN if unknown; None without any. missing (5,) bool: anchors of limbs that the patient lacks.
 
-    An anchor is missed where every extremum costs too much; all are missed on a surface without seen nodes. Left and
-    right follow ``facing``, whatever the prediction of single hands or feet. If facing is wrong by half a turn, all
-    sides are exchanged, and the anchors do not reveal this.
+    Names are assigned with the least total cost (``name_extrema``). An anchor is missed if every extremum costs too
+    much; all are missed on a surface without seen nodes. Left and right follow ``facing``. If it is wrong by half a
+    turn, all sides are exchanged, and the anchors do not reveal this.
     """
     config = config or AnchorConfig()
     if surface.seen_count == 0:
@@ -248,7 +244,7 @@ def find_anchors(
 
 
 def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.ndarray:
-    """Return the distance (k, 5), metres, of each extremum from each anchor's prediction, NaN without prediction."""
+    """Return the distance (k, 5), metres, of each extremum from each anchor's prediction; NaN without prediction."""
     if predicted_m is None:
         return np.full((len(caps), len(ANCHOR_NAMES)), np.nan)
     centers = np.array([cap.center_m for cap in caps])
@@ -259,10 +255,10 @@ def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.n
 def anchor_descriptor(
     surface: Surface, anchors: Anchors, distance: Callable[[Surface, np.ndarray], np.ndarray] = geodesic_distance
 ) -> np.ndarray:
-    """Return the distances (n, 5) float32, metres, from each node to each anchor, columns in the order of
-    ``ANCHOR_NAMES``.
+    """Return the geodesic distances (n, 5) float32, metres, from each node to each anchor (order ``ANCHOR_NAMES``).
 
-    NaN in the column of a missed anchor; inf where the node lies on a piece of surface the anchor does not reach.
+    The column of a missed anchor is NaN; a distance is inf if the node's piece of surface is not connected to the
+    anchor.
     """
     descriptor = np.full((len(surface), len(anchors.node)), np.nan, np.float32)
     descriptor[:, anchors.found] = distance(surface, anchors.node[anchors.found]).T
@@ -289,8 +285,8 @@ def no_anchors() -> Anchors:
 def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap]) -> np.ndarray:
     """Return (k, 5) bool: caps that cannot be the anchor of a column.
 
-    Where hidden skin is part of a cap's piece, it shows better than an edge in the depth frame whether a hand or foot
-    continues; the head is then identified by its place.
+    If the cap's piece contains hidden skin, this skin shows whether a hand or foot continues, better than an edge in
+    the depth frame does; the head is then identified by its place.
     """
     hidden = np.unique(field.piece[surface.seen_count :])
     closed = np.isin(field.piece[[cap.tip for cap in caps]], hidden)
@@ -306,7 +302,7 @@ def _nearest(surface: Surface, nodes: np.ndarray, point_m: np.ndarray) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenAnchors:
-    """The patient's surface in one frame with its anchors; whole: including hidden skin, which is inferred and last."""
+    """The patient's surface in one frame with its anchors."""
 
-    whole: Surface
+    whole: Surface  # seen nodes, then inferred hidden skin
     anchors: Anchors

@@ -1,8 +1,8 @@
 """Compute the geodesic distance field from the body's centre, and follow it from limb ends to the trunk.
 
 The paper measures from a single node, V_c (Section IV-B), so unconnected pieces have no distance and no extremum. Here
-a piece that is cut off is measured from where it is nearest to the rest, so that the limb's end is farthest and not the
-edge of the cut.
+the distance on a separate piece is measured from the place where it is nearest to the rest. So the limb's end is the
+farthest node, not the edge of the cut.
 """
 
 from __future__ import annotations
@@ -21,23 +21,17 @@ from anchorpose.geodesics.paths import apart
 from anchorpose.surface.links import pieces
 from anchorpose.surface.surface import MeshArrays, Surface
 
-LEAST_AREA_M2: Final = 0.0020  # m2, area of the smallest measured piece: half a palm, as ``SurfaceConfig.min_piece_m2``
+LEAST_AREA_M2: Final = 0.0020  # m2, least area of a measured piece: half a palm, as ``SurfaceConfig.min_piece_m2``
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CenterField:
-    """Distance from the centre, and the connected pieces on which it was measured.
+    """Distance from the centre, and the connected pieces on which it was measured."""
 
-    distance_m (n,) float32: inf on pieces that are too small. piece (n,) int32: number of each node's piece, as in
-    ``surface.links.pieces``. root (p,) int32: the node from which each piece is measured, V_c on the main piece, -1 on
-    pieces that are too small; before (p,) int32: the node at the other side of the gap that leads to the root, -1 for
-    the main piece and for pieces without a root.
-    """
-
-    distance_m: np.ndarray
-    piece: np.ndarray
-    root: np.ndarray
-    before: np.ndarray
+    distance_m: np.ndarray  # (n,) float32, inf on pieces that are too small
+    piece: np.ndarray  # (n,) int32, number of each node's piece, as in ``surface.links.pieces``
+    root: np.ndarray  # (p,) int32, node from which each piece is measured; V_c on the main piece, -1 if too small
+    before: np.ndarray  # (p,) int32, node on the other side of the gap before the root; -1 if there is no gap or root
 
     @property
     def center(self) -> int:
@@ -48,11 +42,11 @@ class CenterField:
 def center_field(surface: Surface) -> CenterField:
     """Return the field of geodesic distance from the centre, finite on every piece with enough seen skin.
 
-    The main piece has the most seen nodes; V_c is its node nearest to the average position of all seen nodes. All other
-    pieces are joined one after another; the next is always the piece with the narrowest gap to the joined pieces
-    (Euclidean distance of nodes, hidden skin included). The distance at a node of such a piece is the sum of three:
-    along the piece from its side of the gap, across the gap, and the distance at the gap's other side. A piece that
-    shows less than ``LEAST_AREA_M2`` is left out. Raises DegenerateGeometry on a surface without seen nodes.
+    The main piece has the most seen nodes; V_c is its node nearest to the average position of all seen nodes. The other
+    pieces are joined one after another, each time the piece with the narrowest gap to the joined pieces (Euclidean
+    distance of nodes, hidden skin included). The distance at a node of such a piece is a sum of three: the distance at
+    the gap's other side, the width of the gap, and the distance along the piece. A piece that shows less than
+    ``LEAST_AREA_M2`` is left out. Raises DegenerateGeometry on a surface without seen nodes.
     """
     if surface.seen_count == 0:
         raise DegenerateGeometry("a surface without seen nodes has no centre")
@@ -87,8 +81,8 @@ def _over_gaps(surface: Surface, center: int, field: np.ndarray) -> CenterField:
 def _join(
     points_m: np.ndarray, piece: np.ndarray, main: int, others: np.ndarray, root: np.ndarray, before: np.ndarray
 ) -> list[int]:
-    """Fill in root and before of all other pieces; return these pieces in the order in which they are joined (Prim's
-    algorithm).
+    """Fill in ``root`` and ``before`` of all other pieces; return these pieces in the order in which they are joined
+    (Prim's algorithm).
     """
     if len(others) == 0:
         return []
@@ -112,9 +106,9 @@ def _join(
 def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
     """Return the nodes (k,) int32 from ``end`` to the centre, along which the distance from the centre decreases.
 
-    At every node the path continues to the neighbour, on the grid or across a link, over which the distance is least;
-    at the edge of a separate piece it continues at the gap's other side. It consists of nodes, so it is a zigzag up to
-    8 % longer than the geodesic. Raises ValueError where the centre is not reached.
+    From every node the path continues to the neighbour, on the grid or across a link, through which the distance is
+    least; at the edge of a separate piece it continues on the other side of the gap. The path consists of nodes, so it
+    is up to 8 % longer than the geodesic. Raises ValueError if ``end`` is not connected to the centre.
     """
     if not (0 <= end < len(surface) and np.isfinite(field.distance_m[end])):
         raise ValueError(f"node {end} of {len(surface)} has no distance from the centre")
@@ -128,7 +122,7 @@ def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _descend(mesh: MeshArrays, distance: np.ndarray, start: int) -> np.ndarray:
-    """Return the path (k,) int32 from a node to the node of its piece that has no nearer neighbour."""
+    """Return the path (k,) int32 from a node to the first node without a neighbour that is nearer to the centre."""
     points, ring, link_start, link_node = mesh.points_m, mesh.ring, mesh.link_start, mesh.link_node
     path = np.empty(len(ring), np.int32)
     count, node = 0, np.int64(start)

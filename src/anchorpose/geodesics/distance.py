@@ -1,16 +1,15 @@
 """Compute geodesic distances on a surface by fast marching with unfolding (paper, gd of Section III).
 
-The result is 3 to 9 mm off on average. A front leaves the source and reaches the nodes in the order of distance. A node
-gets its distance from a triangle with two reached neighbours: the triangle and the neighbours' distances are laid flat,
-which is exact where the surface is flat.
+The mean error is 3 to 9 mm. A front leaves the source and reaches the nodes in the order of distance. A node gets its
+distance from a triangle with two reached neighbours: the triangle and the neighbours' distances are laid flat, which is
+exact where the surface is flat. Across a link, the link's length is added.
 
-Across a link, the link's length is added; see ``fans``. With the usual heap, nodes are fixed one after the other, so
-nothing can be computed in parallel. Here all nodes below a round's threshold are active: each computes candidate
-distances for its ring, eight at a time in the processor's vector registers. A node whose distance is reduced waits for
-a later round, even if it was active before. The band of active nodes is narrower than an edge, so that fewer than 2
-nodes in 100 are active twice. Within a round no node uses another's new distance, so the result does not depend on the
-order of the nodes. Source: the rounds after Kim 2001 (doi:10.1137/S1064827500367130); the candidate distances are those
-of ``fans``.
+Usually nodes are fixed one after the other by a heap, so nothing can be computed in parallel. Here all nodes below a
+round's threshold are active: each computes candidate distances (``fans``) for its ring, eight at a time in the
+processor's vector registers. A node whose distance is reduced waits for a later round, even if it was active before.
+The band of active nodes is narrower than an edge, so that fewer than 2 nodes in 100 are active twice. Within a round no
+node uses another node's new distance, so the result does not depend on the order of the nodes. Source of the rounds:
+Kim 2001 (doi:10.1137/S1064827500367130).
 """
 
 from __future__ import annotations
@@ -39,36 +38,31 @@ from anchorpose.geodesics.fans import (
 from anchorpose.surface.surface import MeshArrays, Surface
 
 _BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
-# (256, 8): per byte, the lanes of its set bits come first
+# (256, 8): per byte, the numbers of the lanes, those of its set bits first
 SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)
 SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set bits per byte
 
 
 class Front(NamedTuple):
-    """The nodes that a front has reached, and its working memory.
+    """The nodes that a front has reached, and its working memory."""
 
-    distance (n + 1,) float32, ``AWAY`` where not reached; bend (n + 1,) float32: the distance at which the front last
-    turned around the surface's rim. queued (n + 1,) uint8: 1 for nodes that wait; waiting (n + 9,) uint32: the waiting
-    nodes; size (1,) int64: their number; active (n,) uint32: the active nodes of a round.
-    """
-
-    distance: np.ndarray
-    bend: np.ndarray
-    queued: np.ndarray
-    waiting: np.ndarray
-    size: np.ndarray
-    active: np.ndarray
+    distance: np.ndarray  # (n + 1,) float32, ``AWAY`` if not reached
+    bend: np.ndarray  # (n + 1,) float32, the distance at which the front last turned around the surface's rim
+    queued: np.ndarray  # (n + 1,) uint8, 1 for waiting nodes
+    waiting: np.ndarray  # (n + 9,) uint32, the waiting nodes
+    size: np.ndarray  # (1,) int64, their number
+    active: np.ndarray  # (n,) uint32, the active nodes of a round
     fans: Fans
     rows: Rows
 
 
 class Stop(NamedTuple):
-    """The condition at which a front stops: beyond ``reach`` metres, or earlier at the first node, other than a source,
-    where field (n,) float32 is at least ``level``. A field of length 0 never stops it.
+    """The condition at which a front stops: beyond ``reach``, or earlier at the first node, other than a source, at
+    which ``field`` is at least ``level``.
     """
 
-    reach: float
-    field: np.ndarray
+    reach: float  # metres
+    field: np.ndarray  # (n,) float32; a field of length 0 never stops the front
     level: float
 
 
@@ -96,7 +90,7 @@ def start_at(front: Front, sources: np.ndarray) -> None:
 
 @njit(cache=True)
 def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
-    """March until every node within reach has its distance, or until the stop's level is met; return whether the level
+    """March until every node within reach has its distance, or until the stop's level is met. Return whether the level
     was met.
 
     band: width in metres of the band of nodes that are active at once.
@@ -119,8 +113,8 @@ def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
 
 @njit(cache=True)
 def _next_round(front: Front, band: float) -> tuple:
-    """Activate the waiting nodes whose distance is within the band above the nearest waiting node; return their number,
-    and the nearest distance.
+    """Activate the waiting nodes that are farther than the nearest waiting node by less than ``band``; return their
+    number and the nearest distance.
     """
     distance, waiting = front.distance, front.waiting
     low, waits = AWAY, front.size[0]
@@ -153,7 +147,7 @@ def _meets(stop: Stop, distance: np.ndarray, active: np.ndarray) -> bool:
 def _update_rings(front: Front, active: np.ndarray) -> None:
     """Pass candidate distances to the rings of active nodes; a node whose distance is reduced waits for a later round.
 
-    There are no branches, since every second one would be mispredicted.
+    There are no branches, since half of them would be mispredicted.
     """
     distance, bend, queued, table = front.distance, front.bend, front.queued, front.rows.table
     end = front.size[0]
@@ -175,7 +169,7 @@ def _update_rings(front: Front, active: np.ndarray) -> None:
 
 @njit(cache=True)
 def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
-    """Pass distances along links, whose path is as long as the link."""
+    """Pass distances across links, adding the length of the link."""
     distance, bend, table = front.distance, front.bend, front.rows.table
     for k in range(len(active)):
         node, own, turned = active[k], table[k, OWN], table[k, OWN_BEND]
@@ -190,17 +184,17 @@ def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
                     front.size[0] += 1
 
 
-# band width over the mean edge; narrower bands need more rounds, wider bands activate more nodes twice
+# width of the band, divided by the mean edge; narrower bands need more rounds, wider bands activate more nodes twice
 BAND: Final = 0.7
-SAMPLED_EDGES: Final = 128  # edges sampled for the mean edge, which affects speed only
+SAMPLED_EDGES: Final = 128  # number of edges sampled for the mean edge, which affects only the speed
 
 
 def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
     """Return a distance field from each source.
 
-    sources (s,) int: nodes. Returns (s, n) float32 metres; inf where the source's piece of surface does not reach, or
-    beyond ``max_distance_m``. An isolated source is at 0 and everything else at inf.
-    Raises ValueError for a source that is not a node (such as -1 of a missed anchor) and for nodes that are not finite.
+    sources (s,) int: nodes. Returns (s, n) float32 metres; inf for nodes that are not connected to the source or beyond
+    ``max_distance_m``. Raises ValueError for a source that is not a node (such as -1 of a missed anchor), and for nodes
+    whose position is not finite.
     """
     nodes = check_sources(surface, sources, max_distance_m)
     mesh = surface.arrays
@@ -208,8 +202,8 @@ def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: flo
 
 
 def geodesic_distance_to_set(surface: Surface, sources: np.ndarray) -> np.ndarray:
-    """Return the distance (n,) float32 in metres to the nearest of the sources (s,), inf without sources; otherwise as
-    ``geodesic_distance``.
+    """Return the distance (n,) float32 in metres to the nearest of the sources (s,), as in ``geodesic_distance``; inf
+    without sources.
     """
     nodes = check_sources(surface, sources, np.inf)
     mesh = surface.arrays
@@ -237,7 +231,7 @@ def band_of(mesh: MeshArrays) -> float:
 
 
 def mean_edge_m(mesh: MeshArrays) -> float:
-    """Return the mean distance of neighbours on the grid, from a sample; 1 / ``BAND`` where there are none."""
+    """Return the mean distance of neighbours on the grid, from a sample; 1 / ``BAND`` without neighbours."""
     points, some = mesh.points_m, np.arange(0, len(mesh.points_m), max(1, len(mesh.points_m) // SAMPLED_EDGES))
     other = mesh.ring[some][:, [0, 2]]
     length = np.linalg.norm(points[other] - points[some][:, None], axis=2)[other >= 0]
@@ -246,7 +240,7 @@ def mean_edge_m(mesh: MeshArrays) -> float:
 
 @njit(cache=True)
 def _fields(mesh: MeshArrays, sets: np.ndarray, max_distance: np.float32, band: float) -> np.ndarray:
-    """Return one field, (s, n) float32, per row of sets (s, k) int32, which holds the field's sources. Fans are filled
+    """Return fields (s, n) float32, one per row of sets (s, k) int32; the row has the field's sources. Fans are filled
     once for all fields.
     """
     count = len(mesh.points_m)

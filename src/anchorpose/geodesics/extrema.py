@@ -1,7 +1,7 @@
 """Find the centre of the surface, its geodesic extrema (paper, Section IV-B, after Definition 2), and their caps.
 
-An extremum is a single node, the farthest of many nodes that are almost as far. Its cap, the surface around it, has a
-more stable centre and shows whether the limb really ends there.
+An extremum is a single node, the farthest of many nodes that are almost equally far. The surface around it, its cap,
+has a more stable centre and shows whether the limb really ends there.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from anchorpose.errors import DegenerateGeometry
 from anchorpose.geodesics.distance import Stop, band_of, geodesic_distance, march_on, new_front, start_at
 from anchorpose.surface.surface import MeshArrays, Surface
 
-# nodes whose mean distance defines the end; the single farthest node has half a centimetre of noise
+# number of farthest nodes whose mean distance is the end's distance; a single node has half a centimetre of noise
 FARTHEST: Final = 10
-# share of a cap's outer half that is cut; beside a bar all of it is cut, beside one wrong reading little
+# least share of a cap's outer half that lies at a cut, for a stump; beside a bar all of it does
 STUMP_SHARE: Final = 0.5
-# cap depths (9 cm) by which hidden skin continues; fingers lost by the sensor are shorter, a lost hand is longer
+# least length, in cap depths (9 cm), by which hidden skin continues a limb: more than fingers lost by the sensor
 LONGER: Final = 1.5
-LONGER_AT_CUT: Final = 1.0  # cap depths, the same where an object is in front of the end: a wrist behind a bar
+LONGER_AT_CUT: Final = 1.0  # cap depths, the same if an object is in front of the end, such as a bar before a wrist
 # area of a hidden node divided by that of a seen node: skin points are 2.2 cm apart, nodes 1.3 cm
 HIDDEN_AREA: Final = 3.0
-LEAST_SIGMA_M: Final = 0.003  # m, a quarter of the nodes' spacing, since a cap of one node has no radius
-SPREAD: Final = 0.20  # share of a cap's radius by which its centre moves from frame to frame
+LEAST_SIGMA_M: Final = 0.003  # m, least sigma of a cap's centre, a quarter of the nodes' spacing
+SPREAD: Final = 0.20  # sigma of a cap's centre from frame to frame, as a share of the cap's radius
 
 
 def surface_center(surface: Surface, among: np.ndarray | None = None) -> int:
     """Return V_c, the seen node closest to the average position of all seen nodes.
 
-    With a hole at the centre, this is the nearest node of the hole's rim. among (n,) bool: allowed nodes, None for all;
-    at least one of them is seen. Raises DegenerateGeometry on a surface without seen nodes.
+    If there is a hole at the centre, V_c is the nearest node on the hole's rim. among (n,) bool: allowed nodes, at
+    least one of them seen; None = all nodes. Raises DegenerateGeometry on a surface without seen nodes.
     """
     if surface.seen_count == 0:
         raise DegenerateGeometry("a surface without seen nodes has no centre")
@@ -48,11 +48,12 @@ def seen_mean(surface: Surface) -> np.ndarray:
 
 
 def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np.ndarray:
-    """Return seen nodes farther from the centre than all other seen nodes within ``radius_m``, the farthest first.
+    """Return (k,) int32: seen nodes farther from the centre than all other seen nodes within ``radius_m``, the farthest
+    first.
 
-    field (n,) float32: geodesic distance from the centre; inf (unreachable) nodes are never extrema. radius_m: r of the
-    paper, a geodesic distance that may run over hidden skin. Return (k,) int32. The rule is applied exactly: from each
-    node that no direct neighbour exceeds, a front marches until it meets a node that is as far from the centre.
+    field (n,) float32: geodesic distance from the centre; nodes at inf (not connected) are never extrema. radius_m: r
+    of the paper, a geodesic distance that may run over hidden skin. The rule is applied exactly: from each node without
+    a farther neighbour, a front marches until it meets a node that is as far from the centre.
     """
     if field.shape != (len(surface),):
         raise ValueError(f"field is {field.shape}, the surface has {len(surface)} nodes")
@@ -87,7 +88,7 @@ def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, radius: float, band: float) -> np.ndarray:
-    """Test each candidate by fast marching, which ends at the first node that is as far from the centre."""
+    """Test each candidate by fast marching, which stops at the first node that is as far from the centre."""
     stands = np.empty(len(candidates), np.bool_)
     front = new_front(len(mesh.points_m))
     for k in range(len(candidates)):
@@ -98,21 +99,15 @@ def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, ra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cap:
-    """The cap of one extremum: the seen surface within some depth of it.
+    """The cap of one extremum: the seen surface down to some depth below it."""
 
-    tip: the extremum. nodes (m,) int: seen nodes; center_m (3,): their mean, in which the outermost nodes have most
-    weight. reach_m: distance of the extremum from the centre of the surface. sigma_m: standard deviation of center_m
-    per axis. stump: whether the surface ends because an object is in front; continues: whether hidden skin leads much
-    farther.
-    """
-
-    tip: int
-    nodes: np.ndarray
-    center_m: np.ndarray
-    reach_m: float
-    sigma_m: float
-    stump: bool
-    continues: bool
+    tip: int  # the extremum
+    nodes: np.ndarray  # (m,) int, seen nodes
+    center_m: np.ndarray  # (3,) mean of the nodes, weighted towards the outermost nodes
+    reach_m: float  # distance of the extremum from the centre of the surface
+    sigma_m: float  # standard deviation of ``center_m`` per axis
+    stump: bool  # whether the surface ends because an object is in front
+    continues: bool  # whether hidden skin extends much farther
 
 
 def find_caps(
@@ -120,8 +115,9 @@ def find_caps(
 ) -> list[Cap]:
     """Return the caps of the extrema (k,), seen nodes, in their order.
 
-    field (n,) float32: distance from the centre; a cap holds nodes at most ``depth_m`` nearer to the centre than the
-    mean of its ten farthest nodes. cut (n,) bool: nodes at an edge that something else cut (``surface.border``).
+    field (n,) float32: distance from the centre; a cap has the nodes at most ``depth_m`` nearer to the centre than the
+    mean of its ten farthest nodes. cut (n,) bool: nodes at a border where something else cuts the surface
+    (``surface.border``).
     """
     if len(extrema) == 0:
         return []

@@ -1,10 +1,10 @@
 """Prepare a node's ring for a marching front, and compute the distances that the node can pass on to it.
 
-Eight edges and sixteen triangles are computed side by side in the lanes of the processor's vector registers. The lanes
-are the ring places E N W S NE NW SW SE. The four sides of the grid come first, because every triangle through which a
-node passes a distance has its third corner on a side. To NE this is the triangle with E or with N; to E it is the
-triangle with N or with S, whose right angle is at the node. So each lane has one triangle to its left
-(counter-clockwise) and one to its right. Sources: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431) with the point
+Eight edges and sixteen triangles are computed in parallel in the lanes of the processor's vector registers. The lanes
+are the ring places E N W S NE NW SW SE. The four sides of the grid (E N W S) come first, because every triangle through
+which a node passes a distance has its third corner on a side. To NE, these are the triangles with E and with N; to E,
+they are the triangles with N and with S, whose right angle is at the node. So each lane has one triangle to its left
+(counter-clockwise) and one to its right. Sources: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431), with the point
 source of Novotni and Klein 2002.
 """
 
@@ -19,56 +19,50 @@ from anchorpose.surface.surface import MeshArrays
 
 LANES: Final = 8
 PLACE: Final = np.array([0, 2, 4, 6, 1, 3, 5, 7])  # ring place of each lane
-LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # lane of the side on which the left triangle stands
+LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # per lane, lane of the third corner of the left triangle
 RIGHT: Final = np.array([3, 0, 1, 2, 0, 1, 2, 3])
-# columns of a fan: squared edges, and dot products with the sides; the last name is the fan's width
+# first columns of a fan's squared edges and of their dot products with the sides; the last value is the fan's width
 EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24
 
-# columns of a row of ``Rows``: the fan; the sides' squared edges, distances and bends, of which the right ones begin
-# two before the end of the left ones; the ring's distances; the candidates and their bends; the node's own values
+# first columns in a row of ``Rows``: the fan; squared edges, distances and bends of the sides (the values of the right
+# triangles begin two columns before the end of the left ones); the ring's distances; the candidates and their bends;
+# the node's own values
 SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = (np.int64(c) for c in (24, 30, 38, 44, 52, 58))
 BEFORE, CANDIDATE, CANDIDATE_BEND, OWN, OWN_BEND, OWN_RIM, UPDATED, ROW = 66, 74, 82, 90, 91, 92, 93, 96
-WIDE: Final = 4  # columns copied as one number
+WIDE: Final = 4  # number of columns that are copied as one number
 
 AWAY: Any = np.float32(1e6)  # metres; larger than any distance, but its square fits into a float32
-# m2; coinciding nodes count as a micrometre apart, to avoid a division by 0
+# m2, least squared distance of two nodes (a micrometre), to avoid a division by 0
 SMALLEST: Any = np.float32(1e-12)
 NOT_FILLED: Any = np.uint8(2)
 
 ZERO: Any
 ONE: Any
 TWO: Any
-ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)  # literals would make all numbers float64
+ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)  # literals would convert all numbers to float64
 
 FULL_TURN: Any = np.float32(1.0 / (1.0 - np.cos(np.radians(4.0))))
-"""Sharpness of a turn at the surface's rim from which the front starts again there: pixels do not make it by chance."""
+"""Least sharpness of a turn at the surface's rim from which the front starts again there; pixel steps have less."""
 
 FUSED: Final = {"contract", "nsz", "arcp"}  # fused and reordered products are allowed, but NaN stays NaN
 
 
 class Fans(NamedTuple):
-    """The rings of all n nodes; each is filled in when a front first reaches it.
+    """The rings of all n nodes; each is filled in when a front first reaches it."""
 
-    near (n, 8) uint32: the neighbour in each lane, n for a missing neighbour; fan (n, 24) float32: the columns above;
-    rim (n,) uint8: 1 where the surface ends, ``NOT_FILLED`` at first; edge (8, 3) float32: scratch; wide (n, 6)
-    complex128: the memory of fan, four columns per number.
-    """
-
-    near: np.ndarray
-    fan: np.ndarray
-    rim: np.ndarray
-    edge: np.ndarray
-    wide: np.ndarray
+    near: np.ndarray  # (n, 8) uint32, the neighbour in each lane; n = missing
+    fan: np.ndarray  # (n, 24) float32, the columns above
+    rim: np.ndarray  # (n,) uint8, 1 where the surface ends; ``NOT_FILLED`` at first
+    edge: np.ndarray  # (8, 3) float32, scratch memory
+    wide: np.ndarray  # (n, 6) complex128, the memory of ``fan`` with four columns per number
 
 
 class Rows(NamedTuple):
-    """Workspace of a round, one row per active node: table (n, 96) float32; flat and wide (n, 24) complex128: views of
-    it.
-    """
+    """Workspace of a round, one row per active node."""
 
-    table: np.ndarray
-    flat: np.ndarray
-    wide: np.ndarray
+    table: np.ndarray  # (n, 96) float32
+    flat: np.ndarray  # the same memory in one dimension
+    wide: np.ndarray  # (n, 24) complex128, the same memory with four columns per number
 
 
 @njit(cache=True)
@@ -87,9 +81,7 @@ def empty_rows(count: int) -> Rows:
 
 @njit(cache=True)
 def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
-    """Fill the fans of active nodes that no earlier round filled. Filling them only when needed makes a march that
-    stops early faster.
-    """
+    """Fill the fans of active nodes that no earlier round filled; so a march that stops early fills few fans."""
     for k in range(len(active)):
         node = active[k]
         if fans.rim[node] == NOT_FILLED:
@@ -100,7 +92,7 @@ def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
 def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
     """Fill in the neighbours and edges of one node; return whether the surface ends at it.
 
-    A triangle exists if its three edges exist; otherwise its dot product is NaN, which fails every comparison. A
+    A triangle exists if its three edges exist; otherwise its dot product is NaN, so that every comparison is False. A
     missing neighbour is ``AWAY``. The function is inlined, since a call would count the references to eleven arrays.
     """
     points, ring = mesh.points_m, mesh.ring
@@ -131,7 +123,7 @@ def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
 def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarray, rows: Rows) -> None:
     """Copy the inputs of the active nodes (k,) uint32 into the first k rows, before any distance changes.
 
-    distance, bend (n + 1,) float32: of ``Front``.
+    distance, bend (n + 1,) float32: as in ``Front``.
     """
     near, fan, table = fans.near, fans.fan, rows.table
     for k in range(len(active)):
@@ -149,7 +141,7 @@ def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarra
 
 @njit(cache=True)
 def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, s: float) -> None:
-    """Copy the values of the four sides to the lanes whose triangles stand on them: ``LEFT``, then ``RIGHT``."""
+    """Copy the values of the four sides to the lanes of their triangles: ``LEFT``, then ``RIGHT``."""
     table[k, at], table[k, at + 1], table[k, at + 2], table[k, at + 3] = n, w, s, e
     table[k, at + 4], table[k, at + 5], table[k, at + 6], table[k, at + 7] = n, w, s, e
     table[k, at + 8], table[k, at + 9], table[k, at + 10], table[k, at + 11] = n, w, e, n
@@ -191,13 +183,13 @@ def find_candidates(table: np.ndarray, count: int) -> None:
 def _through(
     own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
 ) -> tuple:
-    """Return the candidate distance through one triangle, its bend, and how far the path turns at the node if it cannot
-    cross the triangle.
+    """Return the candidate distance through one triangle, its bend, and the sharpness of the path's turn at the node if
+    the path cannot cross the triangle.
 
-    The triangle is laid flat with the node at the origin and the side at (c, 0). The front seems to come from the point
+    The triangle is laid flat with the node at the origin and the side at (c, 0). The front then comes from the point
     (x, -y), where ``towards`` = 2 c x and ``beside`` = 2 c y; ``area`` is c times the neighbour's height over the edge.
     A front that turned around the rim comes from the turning point, so ``own_bend`` is subtracted from the distances
-    and added again at the end. The distance is ``AWAY`` where the straight line misses the edge between node and side.
+    and added again at the end. The distance is ``AWAY`` if the straight line misses the edge between node and side.
     """
     since = min(own_bend, side_bend)
     radius = own - since

@@ -1,4 +1,4 @@
-"""Find from where each node's shortest path comes, in a field of distances of any solver."""
+"""Find the last piece of each node's shortest path, in a distance field of any solver."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def came_from(
     distance: np.ndarray,
     node: int,
 ) -> tuple[int, int, float]:
-    """Return from where a node's path comes: the point (1 - share) a + share b on an edge of its ring, or a node (a =
-    b).
+    """Return a, b and share: a node's path comes from the point (1 - share) a + share b on an edge of its ring, or from
+    a node (a = b).
 
     points (n, 3 or more) float32: the places in the first columns; ring to link_length: fields of ``MeshArrays``,
     passed separately because this is called for every node; distance (n,) float32: the field.
@@ -27,7 +27,7 @@ def came_from(
     one: Any
     other: Any
     best, share = np.inf, 0.0
-    one, other = np.int64(-1), np.int64(-1)  # with their final type, or callees are compiled for two types
+    one, other = np.int64(-1), np.int64(-1)  # with their final type, so that callees are compiled for one type only
     for k in range(8):
         a, b = np.int64(ring[node, k]), np.int64(ring[node, (k + 1) % 8])
         if b < 0 and _across(ring, node, k):
@@ -51,8 +51,8 @@ def came_from(
 
 @njit(cache=True, error_model="numpy")
 def unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any) -> tuple[float, float]:
-    """Return the distance across the edge a-b, laid flat, and the share of the edge at which the ray crosses it; inf if
-    it misses the edge.
+    """Return the distance of a node across the edge a-b, with the triangle laid flat, and the share of the edge at
+    which the path crosses it. The distance is inf if the path misses the edge.
     """
     c2, p2, dot = 0.0, 0.0, 0.0
     for axis in range(3):
@@ -97,7 +97,7 @@ def adjoin(ring: np.ndarray, node: Any, other: int) -> bool:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
-    """Return whether the edge to a neighbour is not part of any triangle."""
+    """Return whether the edge to a neighbour belongs to no triangle."""
     for k in range(8):
         if ring[node, k] == other:
             for way in (1, 2, 6, 7):  # a common neighbour is one or two places around the ring
@@ -110,8 +110,8 @@ def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def open_nodes(ring: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: rim nodes, around which the triangles do not close; a corner that a triangle cuts off counts as
-    closed.
+    """Return (n,) bool: rim nodes whose triangles do not close around them. A corner of the ring that is cut off by a
+    triangle counts as closed.
     """
     is_open = np.zeros(len(ring), np.bool_)
     for node in range(len(ring)):
@@ -124,8 +124,8 @@ def open_nodes(ring: np.ndarray, rim: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _across(ring: np.ndarray, node: int, k: int) -> bool:
-    """Return whether the two neighbours beside a missing diagonal neighbour are neighbours of each other, and so form a
-    triangle with the node.
+    """Return whether the two neighbours beside a missing diagonal neighbour are neighbours of each other: then they
+    form a triangle with the node.
     """
     if k % 2 == 1 or ring[node, k] < 0 or ring[node, (k + 2) % 8] < 0 or ring[node, (k + 1) % 8] >= 0:
         return False
@@ -134,9 +134,7 @@ def _across(ring: np.ndarray, node: int, k: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def by_distance(distance: np.ndarray) -> np.ndarray:
-    """Return the nodes at a finite distance, nearest first. They are sorted into as many bins as nodes, then within
-    each bin.
-    """
+    """Return the nodes at a finite distance, nearest first, by a bucket sort with as many buckets as nodes."""
     farthest, count = 0.0, 0
     for value in distance:
         if np.isfinite(value):

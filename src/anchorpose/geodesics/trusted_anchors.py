@@ -1,11 +1,10 @@
-"""Decide which anchor distances of a node can be trusted. Holes cast a shadow in which paths are too long.
+"""Decide which anchor distances of a node can be trusted: behind a hole in the surface, paths are too long.
 
-A node behind a bend of the path lies in the shadow of the hole's rim. In the plane of the bend, the path begins at the
-anchor, the origin, and runs along the first axis. If the hole were filled flat, the shortest path would be the chord to
-the path's end, but depth images show only the surface with its hole. A path from an anchor is a detour if it touches
-the rim of the hole and bends towards the hidden side. The node then lies in the anchor's shadow (paper, Definition 5).
-The length of the detour follows from the path: laid flat, the path is a chain of straight pieces, and the path over the
-complete skin is the chord from its beginning to its end. This assumes that the hole is as flat as the skin around it.
+A path from an anchor is a detour if it touches the rim of the hole and bends towards the hole. All nodes behind the
+bend lie in the anchor's shadow (paper, Definition 5). The length of the detour follows from the path. Laid flat, in a
+plane with the anchor at the origin and the first piece along the first axis, the path is a chain of straight pieces.
+Over the complete skin, the path would be the chord from its beginning to its end. This assumes that the hole is as flat
+as the skin around it.
 """
 
 from __future__ import annotations
@@ -21,16 +20,16 @@ from anchorpose.surface.surface import MeshArrays, Surface
 POINT, NORMAL, SKIN = 0, 3, 6  # columns of skin: place, normal; width
 PLACE, HEADING, SIDE, BEND = 0, 2, 5, 6  # columns of bend: below; width
 CORNER, ROOT, CHAIN = 0, 1, 2  # columns of chain: below; width
-"""Layout of the arrays, of many columns, that hold what the kernels know of the n nodes.
+"""Columns of the arrays in which the kernels keep the values of the n nodes.
 
-Functions that are called for every node take plain arrays and are inlined: counting the references to a bundle's arrays
-at every call took four fifths of the time.
+Functions that are called for every node take plain arrays and are inlined: with a named tuple of arrays, counting the
+references at every call took four fifths of the time.
 
-skin (n, 6) float32: point and normal. bend (n, 6) float64: how the paths of one field bend around rims. Place: where a
-shadow node is in the plane in which its path is laid out, with the anchor at the origin and the path's first piece
-along the first axis; heading: direction of the path's last piece; side: 1 or -1, to which side a rim node bends paths.
-chain (n, 2) int32. Corner: the rim node at which the path bends last, -1 outside shadows, -2 so deep in a shadow that
-it is not computed; root: the rim node at which it bends first, which identifies the plane.
+- skin (n, 6) float32: point and normal.
+- bend (n, 6) float64: how the paths of one field bend around rims. PLACE: place of a shadow node in the plane in which
+  its path is laid out; HEADING: direction of the path's last piece; SIDE: 1 or -1, the side to which a rim node bends.
+- chain (n, 2) int32. CORNER: the rim node at which the path bends last, -1 outside shadows, -2 so deep in a shadow that
+  it is not computed; ROOT: the rim node at which the path bends first, which identifies the plane.
 """
 
 
@@ -58,11 +57,11 @@ def cast_shadow(
     node: int,
     edge: tuple[int, int, float, bool],
 ) -> None:
-    """Find where a node lies in the plane of its path, if the path bends.
+    """Find the place of a node in the plane of its path, if the path bends.
 
-    edge: the edge that the path crosses before the node, as its ends a and b, the share of the way from a to b, and
-    whether it is a link; is_open (n,) bool: rim nodes whose triangles do not close around them; hole (n, 3) float64:
-    the direction out of the surface there.
+    edge: the last edge that the path crosses before the node: its ends a and b, the share of the way from a to b, and
+    whether the edge is a link. is_open (n,) bool: rim nodes whose triangles do not close around them; hole (n, 3)
+    float64: from ``hole_directions``.
     """
     a, b, share, linked = edge
     if chain[a, CORNER] == -2 or chain[b, CORNER] == -2:
@@ -110,9 +109,9 @@ def _behind(
     at_x: float,
     at_y: float,
 ) -> None:
-    """Continue a path behind its last corner, or behind the last corner at which it still bends.
+    """Continue a path behind the last corner at which it still bends.
 
-    at_x, at_y: a place on the path, seen from the corners; first: the corner at which it bends first.
+    at_x, at_y: a place on the path in its plane; first: the corner at which the path bends first.
     """
     while last >= 0:
         x, y = at_x - bend[last, PLACE], at_y - bend[last, PLACE + 1]
@@ -153,7 +152,7 @@ def _arrival(at: Any, bend: np.ndarray, chain: np.ndarray) -> tuple[float, float
 def _third_corner(
     a_x: float, a_y: float, b_x: float, b_y: float, from_a: float, from_b: float, side: float
 ) -> tuple[float, float]:
-    """Return the point at given distances from a and b; left of the line from a to b for side 1, right of it for -1."""
+    """Return the point at given distances from a and b: left of the line from a to b for side 1, right for side -1."""
     x, y = b_x - a_x, b_y - a_y
     length = max(np.sqrt(x * x + y * y), 1e-9)
     along = (from_a * from_a - from_b * from_b + length * length) / (2.0 * length)
@@ -163,8 +162,8 @@ def _third_corner(
 
 @njit(cache=True, error_model="numpy")
 def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: int) -> float:
-    """Return the angle between the path's pieces to and from a rim node, seen along the normal; 0 unless towards the
-    hole.
+    """Return the angle between the path's pieces before and after a rim node, seen along the normal; 0 unless the path
+    bends towards the hole.
     """
     cosine, sine, side, up_in, up_out = 0.0, 0.0, 0.0, 0.0, 0.0
     for axis in range(3):
@@ -186,7 +185,7 @@ def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: i
 
 
 TOLERANCE_M: Final = 0.010
-"""Length in metres of a detour that tracking may ignore: half of what the gate allows for the anchors' jitter."""
+"""Largest detour in metres that tracking may ignore: half of the gate's allowance for the jitter of anchors."""
 
 
 def trusted_anchors(
@@ -195,11 +194,11 @@ def trusted_anchors(
     """Return (n, k) bool: whether a node's distance to an anchor is the same as without occlusions.
 
     descriptor (n, k) metres, from ``anchor_descriptor``: the distances on this surface. rim (n,) bool: nodes where
-    something else ends the surface, ``surface.border.border(...) == Border.CUT``; a band of some nodes around the rim
-    does no harm, since paths bend only at nodes with an open ring of neighbours. The body's own outline is not a rim,
-    since it is the same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached (inf)
-    anchors are not trusted. Where the outline bends a path shortly before a rim does (at a hole beside the armpit), too
-    few anchors are trusted: the path through the hole would have bent as well.
+    something else ends the surface, ``surface.border.border(...) == Border.CUT``. A band of some nodes around the rim
+    may be included, since paths bend only at nodes with an open ring of neighbours. The body's own outline is not a
+    rim: it is the same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached (inf)
+    anchors are not trusted. If the outline bends a path shortly before a rim does (at a hole beside the armpit), fewer
+    anchors are trusted than possible: the path through the hole would have bent as well.
     """
     if not tolerance_m >= 0:
         raise ValueError(f"tolerance_m must not be negative, got {tolerance_m}")
@@ -211,10 +210,10 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
     """Return (n, k) float32 metres: by how much each distance is longer than it would be if the occluded holes were
     filled flat.
 
-    Arguments as in ``trusted_anchors``. The detour is NaN where the distance is not finite. Detours only grow along a
-    path, so nodes behind a detour of more than ``enough_m`` get a lower bound, which saves half the time. The detour is
-    inf where the path passes a strip without triangles beside the occlusion, in which bends are unknown. The direction
-    of each path at a rim is computed from the field, so distances of any solver can be used.
+    The arguments are those of ``trusted_anchors``. The detour is NaN if the distance is not finite. Detours only grow
+    along a path, so nodes behind a detour of more than ``enough_m`` get a lower bound, which saves half of the time.
+    The detour is inf if the path passes a strip without triangles beside the occlusion, where bends are unknown. The
+    direction of each path at a rim is computed from the field, so distances of any solver can be used.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:
         raise ValueError(
@@ -229,8 +228,8 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
 
 @njit(cache=True, error_model="numpy")
 def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np.ndarray, enough: float) -> np.ndarray:
-    """Return detours (n, k) float32 for fields (k, n), node by node in the order of distance. is_open (n,) bool, hole
-    (n, 3): as in ``cast_shadow``.
+    """Return detours (n, k) float32 for fields (k, n), computed node by node in the order of distance. is_open (n,)
+    bool, hole (n, 3): as in ``cast_shadow``.
     """
     count, skin = len(mesh.points_m), _skin(mesh)
     ring, link_start, link_node, link_length = mesh.ring, mesh.link_start, mesh.link_node, mesh.link_length_m
@@ -239,7 +238,7 @@ def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np
     for row in range(len(fields)):
         distance, found = fields[row], every[row]
         chain[:] = -1
-        affected = is_open.copy()  # rim nodes, and nodes with a nearer neighbour at a rim or in the shadow
+        affected = is_open.copy()  # rim nodes, and nodes with a nearer neighbour at a rim or in a shadow
         for number in by_distance(distance):
             node: Any = np.int64(number)
             found[node] = 0.0
@@ -283,7 +282,7 @@ def _set_heading(
 ) -> None:
     """Set the direction of a path's last piece, which begins between the ends of an edge.
 
-    The direction stays 0 behind a link, since a path across the hole does not bend around it.
+    The direction stays 0 after a link, since a path across the hole does not bend around it.
     """
     a, b = edge
     for axis in range(3):
@@ -297,7 +296,7 @@ def _set_heading(
 def _detour_of(
     distance: np.ndarray, found: np.ndarray, bend: np.ndarray, chain: np.ndarray, node: int, before: int
 ) -> np.float32:
-    """Return the detour of a node whose path is laid out, computed from the detour of the nearer node before it."""
+    """Return the detour of a node from its laid-out path; deep in a shadow, that of the node before it."""
     if chain[node, CORNER] >= 0:
         chord = np.sqrt(bend[node, PLACE] ** 2 + bend[node, PLACE + 1] ** 2)
         return np.float32(max(distance[node] - chord, 0.0))
@@ -308,7 +307,7 @@ def _detour_of(
 def _least_before(
     ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray, distance: np.ndarray, found: np.ndarray, node: int
 ) -> float:
-    """Return the least detour among the nearer neighbours; the node's path passes between two of them."""
+    """Return the least detour among the neighbours nearer to the anchor; the node's path passes between two of them."""
     least = np.inf
     for k in range(8):
         other = ring[node, k]

@@ -18,17 +18,17 @@ from anchorpose.isolation.components import JUMP_GATE, without_flying_pixels
 from anchorpose.isolation.depth_noise import Sensor
 from anchorpose.recording.equipment import EquipmentModel
 
-# sigmas of a pixel, as a limit for a 3x3 median; a median has 0.4 of a pixel's deviation, so these are five of its own
-# sigmas
+# limit for a 3x3 median, in sigmas of a single pixel; a median's sigma is 0.4 of a pixel's, so the limit is five of its
+# own sigmas
 BACKGROUND_GATE: Final = 2.0
-EQUIPMENT_GATE: Final = 3.0  # sigmas of a single pixel, not of a median, since thin bars are 3 pixels wide
-# m, error of the equipment, which was measured by hand and whose pose was estimated
+EQUIPMENT_GATE: Final = 3.0  # limit in sigmas of a single pixel; no median is used, since thin bars are 3 pixels wide
+# m, error of the equipment model, which was measured by hand and whose pose was estimated
 EQUIPMENT_TOLERANCE_M: Final = 0.01
 _SQUARE: Final = np.ones((3, 3), np.uint8)
 
 
 class BackgroundSource(StrEnum):
-    """The source of the background, which the run's notes state."""
+    """The source of the background; the texts appear in the run's notes."""
 
     PICTURE = "the given picture of the empty room"
     RECORDING = "what stays in place in the recording"
@@ -37,40 +37,31 @@ class BackgroundSource(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestingLayer:
-    """An object in front of the room, which rests here from from_s until until_s (reference clock) and is elsewhere at
-    other times.
+    """An object in front of the room that rests in one place for some time."""
 
-    depth_m (height, width) float32 metres, 0 = not here; sigma_m (height, width) float32: deviation of its readings.
-    """
-
-    depth_m: np.ndarray
-    sigma_m: np.ndarray
-    from_s: float
-    until_s: float
+    depth_m: np.ndarray  # (height, width) float32 m, 0 at pixels without the object
+    sigma_m: np.ndarray  # (height, width) float32, standard deviation of its readings
+    from_s: float  # s on the reference clock, when the object comes to rest
+    until_s: float  # s on the reference clock, when the object is moved away
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BackgroundModel:
-    """One camera's empty room.
+    """One camera's empty room."""
 
-    depth_m (height, width) float32 metres, 0 = nothing known. sigma_m (height, width) float32: standard deviation of a
-    live reading from depth_m where nobody stands. layers: movable objects, each for the time for which it rests.
-    usual_share: share of the known pixels that read the room in a usual frame (``other_place``); 0 where unknown.
-    """
-
-    depth_m: np.ndarray
-    sigma_m: np.ndarray
+    depth_m: np.ndarray  # (height, width) float32 m, 0 where unknown
+    sigma_m: np.ndarray  # (height, width) float32, standard deviation of readings from ``depth_m`` without people
     sensor: Sensor
     source: BackgroundSource
-    layers: tuple[RestingLayer, ...] = ()
-    usual_share: float = 0.0
+    layers: tuple[RestingLayer, ...] = ()  # movable objects, each for the time that it rests
+    usual_share: float = 0.0  # share of the known pixels that read the room in a usual frame (``other_place``)
 
 
 def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return (depth_m, sigma_m), (height, width) float32 each, with which readings at a time are compared.
+    """Return (depth_m, sigma_m), (height, width) float32 each, with which the readings of a frame are compared.
 
-    They describe the room or, where the reading is not behind it, a layer that is present at the time. time_s None:
-    only the room.
+    They describe the room, or a layer that rests there at the time unless the reading lies behind the layer. time_s
+    None: only the room.
     """
     room, sigma = model.depth_m, model.sigma_m
     for layer in model.layers:
@@ -84,12 +75,12 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
     """Return (height, width) bool: pixels nearer than the room by more than the noise explains, without flying
     pixels.
 
-    time_s: time of the frame, reference clock; None: no layers.
+    time_s: time of the frame on the reference clock; None: without layers.
 
     The test uses the 3x3 median of the difference in sigmas, so it finds even a sole on the floor: the margin is two
-    sigmas along the ray, at grazing incidence a centimetre of height. A pixel that is clearly nearer is tested without
-    a median, since fingers and corners of the outline are smaller than its window. Where the background is unknown, a
-    reading counts as foreground; pixels that do not belong to a person are removed later.
+    sigmas along the ray, which is a centimetre of height at grazing incidence. A pixel that is clearly nearer is tested
+    without a median, since fingers and corners of the outline are smaller than the median's window. Where the
+    background is unknown, every reading counts as foreground; pixels that do not belong to a person are removed later.
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)
@@ -98,8 +89,8 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
 
 @njit(cache=True, nogil=True)
 def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return how many sigmas each reading lies in front of the room; 1e3 where the room is unknown, -1e3 without a
-    reading.
+    """Return by how many sigmas each reading lies in front of the room; 1e3 if the room is unknown there, -1e3 without
+    a reading.
     """
     nearer = np.empty_like(depth)
     for row in range(depth.shape[0]):
@@ -115,22 +106,17 @@ def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedEquipment:
-    """One camera's view, if only the equipment were there.
+    """One camera's view of the equipment alone."""
 
-    depth_m (height, width) float32 metres, 0 = no equipment on this ray. A reading between low_m and high_m, (height,
-    width) float32, is the equipment; away from equipment low_m is inf. measured (height, width) bool: pixels of the
-    drawn equipment around which the background frame shows only equipment.
-    """
-
-    depth_m: np.ndarray
-    measured: np.ndarray
-    low_m: np.ndarray
-    high_m: np.ndarray
+    depth_m: np.ndarray  # (height, width) float32 m, 0 without equipment on this ray
+    measured: np.ndarray  # (height, width) bool, equipment pixels around which the background shows only equipment
+    low_m: np.ndarray  # (height, width) float32; a reading from low_m to high_m is the equipment; inf without equipment
+    high_m: np.ndarray  # (height, width) float32
 
 
 def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
-    """Return the depth (height, width) float32 of the equipment alone, 0 = none; raises ValueError where the pose is
-    unknown.
+    """Return the depth (height, width) float32 of the equipment alone, 0 without equipment; raises ValueError if the
+    camera's pose is unknown.
     """
     depth = np.zeros((camera.height, camera.width), np.float32)
     rendering = EquipmentCaster(equipment).render(camera, invert_rigid(camera.require_pose()))
@@ -142,8 +128,8 @@ def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
 def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> ExpectedEquipment:
     """Compute which readings show the equipment; once per camera is enough, since it does not move.
 
-    drawn_m: ``equipment_depth``. The silhouette is made one pixel wider than drawn, since a pixel that is half on a bar
-    reads the bar.
+    drawn_m: from ``equipment_depth``. The silhouette is made one pixel wider than drawn, since a pixel that lies half
+    on a bar reads the bar.
     """
     sigma = background.sensor.noise.sigma_m(drawn_m)
     reach = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(background.sigma_m, sigma)
@@ -156,12 +142,12 @@ def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> Expect
 
 
 def equipment_mask(depth_m: np.ndarray, nearer: np.ndarray, expected: ExpectedEquipment) -> np.ndarray:
-    """Return (height, width) bool: pixels whose view ends at the equipment, so that the patient may be behind it.
+    """Return (height, width) bool: pixels that show the equipment, so that the patient may be behind it.
 
-    These are pixels that read the equipment, and pixels without a reading where it is drawn; nearer readings are in
-    front of it. nearer (height, width) bool: ``background.foreground``. Where the background frame shows the empty
-    equipment, only ``nearer`` decides, since fingers around a bar stand out from the bar by less than the error of a
-    model measured by hand, and by less than one pixel's noise.
+    These are pixels that read the equipment, and pixels without a reading where the equipment is drawn; nearer readings
+    are in front of it. nearer (height, width) bool: from ``foreground``. Where the background frame shows the equipment
+    without people, only ``nearer`` decides: fingers around a bar stand out by less than the error of the equipment
+    model, and by less than one pixel's noise.
     """
     on_it = (depth_m >= expected.low_m) & (depth_m <= expected.high_m) & ~(expected.measured & nearer)
     mask: np.ndarray = on_it | ((depth_m <= 0) & (expected.depth_m > 0))

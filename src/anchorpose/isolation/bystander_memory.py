@@ -1,4 +1,4 @@
-"""Remember the skin of all people from frame to frame, to predict where this skin is in the next frame."""
+"""Remember the skin of all people from frame to frame, to predict its place in the next frame."""
 
 from __future__ import annotations
 
@@ -14,31 +14,27 @@ from anchorpose.isolation.ownership import OwnershipLikelihood
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
-SAMPLE_PX: Final = 3  # step in rows and columns between sampled pixels: two centimetres at 2.5 m
+SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels: two centimetres at 2.5 m
 CELL_M: Final = 0.05  # m; newly seen skin replaces remembered skin within this distance
 MEMORY_S: Final = 1.0  # s for which hidden skin is remembered: a person crosses in front of it
 SIGMA_M: Final = 0.012  # m, error of remembered points: noise and half of their spacing
-# m/s, speed of the skin of people who hold or stand; walking people are reached by region growing
+# m/s, growth of the error: skin of people who hold or stand; region growing finds the skin of walking people
 SPEED_M_S: Final = 0.30
-# m, gap within one cluster: a bar with its margins, so that a head over a rail still belongs to its body
+# m, largest gap within one cluster: a bar with its margins, so that a head above a rail still belongs to its body
 CLUSTER_GAP_M: Final = 0.10
 CLUSTER_AREA_M2: Final = 0.25  # m2, least skin of a person, seen by all cameras together; an arm has 0.15
-# number of cubes that a plane passes through, per cube face of its area; mean over all slants
+# mean number of cubes of a grid that a surface passes through, per area of one cube face
 CUBES_PER_FACE: Final = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BystanderMemory:
-    """The skin of all people, the patient included, as last seen.
+    """The skin of all people, the patient included, as last seen."""
 
-    points_m (n, 3) float32 world; owner (n,) uint8 label; age_s (n,) float32: time since the point was seen;
-    next_label: the label for the next new person.
-    """
-
-    points_m: np.ndarray
-    owner: np.ndarray
-    age_s: np.ndarray
-    next_label: int
+    points_m: np.ndarray  # (n, 3) float32 world
+    owner: np.ndarray  # (n,) uint8 label of the person
+    age_s: np.ndarray  # (n,) float32, time since the point was last seen
+    next_label: int  # the label for the next new person
 
     @property
     def without_patient(self) -> BystanderMemory:
@@ -74,7 +70,7 @@ class BystanderMemory:
         """Predict the remembered skin ``elapsed_s`` after the last frame; its uncertainty grows with the time since it
         was seen.
 
-        doubt_m: added to the deviation of the skin, since its person label may be wrong.
+        doubt_m: added to the skin's standard deviation, if its person label may be wrong.
         """
         spread = np.hypot(np.hypot(SIGMA_M, doubt_m), SPEED_M_S * (self.age_s + abs(elapsed_s)))
         return OwnershipLikelihood(self.points_m, self.owner, spread.astype(np.float32))
@@ -96,9 +92,8 @@ def update_memory(
 ) -> BystanderMemory:
     """Update the memory by one more frame.
 
-    Skin that is hidden from all cameras is remembered for ``MEMORY_S``; skin that a camera sees past has gone. Clusters
-    too small to be a person are dropped, so that an arm or head that was once labelled as the wrong person's does not
-    keep that label.
+    Skin that is hidden from all cameras is remembered for ``MEMORY_S``; skin that a camera sees past is forgotten.
+    Clusters too small to be a person are dropped, so that an arm or head with a wrong label does not keep it.
     """
     points, owner = _seen_now(pieces, views)
     kept = _hidden_since(before, points, pieces, cameras, elapsed_s)

@@ -8,21 +8,19 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-SUPPORT: Final = 3  # supporting neighbours out of eight; a pixel at the corner of a convex outline still has three
-JUMP_GATE: Final = 4.0  # sigmas by which neighbours on one surface may differ beyond the slope
-STEEPEST_SLOPE_RAD: Final = 1.40  # 80 degrees: steeper surfaces return no reading
+SUPPORT: Final = 3  # least supporting neighbours out of eight; a pixel at the corner of a convex outline has three
+JUMP_GATE: Final = 4.0  # sigmas by which neighbours on one surface may differ in addition to the slope
+STEEPEST_SLOPE_RAD: Final = 1.40  # rad (80 degrees); steeper surfaces return no reading
 
 
 @dataclass(frozen=True, slots=True)
 class JumpLimit:
     """The largest depth difference between neighbouring pixels of one surface: ``square z^2 + slope z`` metres at depth
     z.
-
-    square (1/m): part due to noise; slope: part per pixel due to the steepest surface that returns a reading.
     """
 
-    square: float
-    slope: float
+    square: float  # 1/m, part due to noise
+    slope: float  # part due to the slope of the steepest surface that returns a reading, per pixel
 
     def at(self, depth_m: np.ndarray) -> np.ndarray:
         """Return the limit of every pixel, in the shape of ``depth_m``."""
@@ -30,8 +28,8 @@ class JumpLimit:
 
 
 def jump_limit(noise_per_m: float, focal_px: float) -> JumpLimit:
-    """Return the limit for a sensor with noise ``noise_per_m z^2``: the slope's part, and ``JUMP_GATE`` deviations of a
-    difference.
+    """Return the limit for a sensor with noise ``noise_per_m z^2``: the part of the slope, and ``JUMP_GATE`` standard
+    deviations of the difference between two readings.
     """
     return JumpLimit(float(JUMP_GATE * np.sqrt(2.0) * noise_per_m), float(np.tan(STEEPEST_SLOPE_RAD) / focal_px))
 
@@ -40,18 +38,17 @@ def label_components(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) ->
     """Return the pieces of ``mask`` in which neighbouring pixels (8-neighbourhood) differ in depth by at most the
     limit.
 
-    depth_m (height, width) float32 metres; mask (height, width) bool. For two pixels, the limit of the farther one
-    applies. Return labels (height, width) int32, 0 = outside the mask, 1... in the order of their first pixels, and the
-    number of pieces.
+    depth_m (height, width) float32 metres; mask (height, width) bool. For two pixels, the limit at the greater depth
+    applies. Return labels (height, width) int32, 0 outside the mask, else from 1 in the order of the pieces' first
+    pixels; and the number of pieces.
     """
     return _label(depth_m, mask, limit.square, limit.slope)
 
 
 def without_flying_pixels(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> np.ndarray:
-    """Return ``mask`` without flying pixels, which hang between two surfaces: pixels with fewer than three neighbours
-    at their depth.
+    """Return ``mask`` without flying pixels: pixels with fewer than three neighbours at their depth.
 
-    Time-of-flight cameras report such mixed depths along every silhouette.
+    Time-of-flight cameras report such mixed depths, between two surfaces, along every silhouette.
     """
     return _supported(depth_m, mask, limit.square, limit.slope)
 

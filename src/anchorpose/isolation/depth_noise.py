@@ -1,10 +1,10 @@
-"""Describe one camera's depth images: noise, step between grey values, width of edges, smear between surfaces.
+"""Describe one camera's depth images: noise, step between grey values, width of edges, false ramps between surfaces.
 
-Spatial filters (such as librealsense's) connect a person with the wall behind by a false slope, a decimetre wide.
+Spatial filters (such as librealsense's) connect a person with the wall behind by a false ramp, a decimetre wide.
 
 Noise is measured on pixels that show the empty room in two sampled frames, since these differ only by noise. Second
-differences along a row (``first_frames``) would miss the error that neighbouring pixels share: a stereo camera's error
-comes in patches as wide as its matching window, so it hardly averages out over a limb.
+differences along a row (``first_frames``) would miss the error that neighbouring pixels share. A stereo camera's error
+is the same within patches as wide as its matching window, so it hardly averages out over a limb.
 """
 
 from __future__ import annotations
@@ -21,20 +21,18 @@ from anchorpose.calibration.first_frames import step_per_m
 from anchorpose.camera import Camera
 from anchorpose.isolation.components import JumpLimit, jump_limit
 
-LIMB_M: Final = 0.08  # m, thickness of a forearm, the thinnest limb: 25 cm around
-# pixels; across a sharp edge, neighbouring pixels show one side and the other, with at most one mixed pixel
+LIMB_M: Final = 0.08  # m, thickness of a forearm, the thinnest limb (25 cm in circumference)
+# pixels, width of a sharp edge: neighbouring pixels show one side and the other, with at most one mixed pixel between
 SHARP_EDGE_PX: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class DepthDetail:
-    """The edges and steps of one camera's depth. edge_px: width of its depth edges in pixels; focal_px: focal length in
-    pixels; step_per_m (1/m): the step between grey values is ``step_per_m z^2``, 0 = unknown.
-    """
+    """The edges and steps of one camera's depth."""
 
-    edge_px: float
-    focal_px: float
-    step_per_m: float = 0.0
+    edge_px: float  # width of its depth edges in pixels
+    focal_px: float  # focal length in pixels
+    step_per_m: float = 0.0  # 1/m; the step between grey values is ``step_per_m z^2``; 0 = unknown
 
     @property
     def filtered(self) -> bool:
@@ -55,19 +53,19 @@ class DepthDetail:
         return LIMB_M * self.focal_px / self.edge_px
 
 
-WIDEST_PX: Final = 16  # a wider edge is a slanting surface
-# m, depth difference between the sides of a measured edge; clothes, arms and seats are nearer to their background
+WIDEST_PX: Final = 16  # pixels; a wider edge is a slanting surface
+# m, least depth difference between the sides of a measured edge; clothes, arms and seats are nearer to what is behind
 JUMP_M: Final = 0.40
-FLAT: Final = 0.1  # share of the jump by which the two pixels on one side of an edge may differ
+FLAT: Final = 0.1  # largest difference between two pixels on one side of an edge, as a share of the jump
 MIDDLE: Final = (0.2, 0.8)  # shares of the jump between which the ramp's width is measured
-LEAST_EDGES: Final = 1000  # edges in all frames together; real recordings have tens of thousands
-SHARP_PX: Final = 2.0  # pixels, width of the ramp's middle; an unfiltered camera has at most one pixel there
+LEAST_EDGES: Final = 1000  # fewest edges in all frames together; real recordings have tens of thousands
+SHARP_PX: Final = 2.0  # pixels, largest width of the middle of a sharp edge; an unfiltered camera has at most one there
 FRAMES: Final = 8  # number of frames that are measured
-ON_RAMP: Final = 0.15  # share of the jump; a pixel that differs by more from both sides is on the ramp
+ON_RAMP: Final = 0.15  # a pixel that differs from both sides by more than this share of the jump is on the ramp
 
 
 def smear_px(frames_m: Sequence[np.ndarray]) -> int:
-    """Return the width in pixels of this camera's depth edges; 0 where they are sharp, or too few to measure.
+    """Return the width in pixels of this camera's depth edges; 0 if they are sharp or too few to measure.
 
     frames_m: (height, width) float32 metres, 0 = no reading.
     """
@@ -97,9 +95,7 @@ def _middles(depth_m: np.ndarray) -> np.ndarray:
 
 
 def smeared(depth_m: np.ndarray, width_px: int) -> np.ndarray:
-    """Return (height, width) bool: pixels on a ramp between two surfaces with a jump between them. width_px:
-    ``smear_px``.
-    """
+    """Return (height, width) bool: pixels on a false ramp between two surfaces. width_px: from ``smear_px``."""
     square = np.ones((2 * width_px + 1, 2 * width_px + 1), np.uint8)
     seen = depth_m > 0
     near = cv2.erode(np.where(seen, depth_m, np.float32(1e3)), square)
@@ -109,42 +105,37 @@ def smeared(depth_m: np.ndarray, width_px: int) -> np.ndarray:
 
 
 CHANGES: Final = 6  # pairs of frames that are compared: half a million pixels or more
-STILL_GATE: Final = 6.0  # sigmas; readings nearer to the background show it, people stand farther off
-OUTLIER_GATE: Final = 4.0  # sigmas; 1 in 16,000 of a normal distribution is beyond
-ROUNDS: Final = 3  # rounds in which outliers are left out
-EDGE_PX: Final = 2  # pixels beside a depth edge, where readings fly; they are counted separately
-EDGE_M: Final = 0.10  # m, depth range of 5x5 pixels that counts as an edge; a slanted surface has less
+STILL_GATE: Final = 6.0  # sigmas; readings nearer to the background show the background, since people are farther off
+OUTLIER_GATE: Final = 4.0  # sigmas; 1 in 16,000 readings of a normal distribution is beyond
+ROUNDS: Final = 3  # number of rounds in which outliers are left out
+EDGE_PX: Final = 2  # pixels beside a depth edge, where readings may be flying; they are counted separately
+EDGE_M: Final = 0.10  # m, least depth range of 5x5 pixels at an edge; a slanted surface has less
 BIN_M: Final = 0.5  # m, width of a depth bin
 SLANTS_DEG: Final = (35.0, 60.0)  # degrees between ray and surface normal, limits of facing, slanted and steep surfaces
-# readings per depth and slant, by which the deviation is known to a tenth even if 40 readings share an error
+# fewest readings per depth and slant: their deviation has an error of a tenth even if 40 readings share one error
 LEAST_READINGS: Final = 2000
-LONGEST_PX: Final = 24  # largest distance at which errors of neighbours are compared
-UNRELATED: Final = 0.05  # correlation; smaller ones may be chance
+LONGEST_PX: Final = 24  # pixels, largest distance at which errors of neighbours are compared
+UNRELATED: Final = 0.05  # a smaller correlation may be chance
 SMOOTH_PX: Final = 9  # pixels, window over which a surface normal is computed
 
 
 @dataclass(frozen=True, slots=True)
 class DepthNoise:
-    """The random error of one camera's readings along its optical axis.
+    """The random error of one camera's readings along its optical axis."""
 
-    at_m, sigma_at_m: depths in increasing order, and sigma (metres) there of a reading on a surface that faces the
-    camera. slants: factors on sigma for a slanted surface (35 to 60 degrees between ray and normal) and for a steep
-    surface, None where not measured. shared_px: number of pixels, on average, that share one error; 1 = independent
-    pixels. flying: share of the readings beside depth edges that show neither side; holes: share of the pixels on the
-    room's surfaces without a reading; None where not measured. measured: False where no still background was seen;
-    sigma is then measured between neighbouring readings, a lower bound.
-    """
-
-    at_m: tuple[float, ...]
-    sigma_at_m: tuple[float, ...]
+    at_m: tuple[float, ...]  # depths in increasing order
+    sigma_at_m: tuple[float, ...]  # m, sigma of a reading at these depths, on a surface that faces the camera
+    # factors on sigma for a slanted surface (35 to 60 degrees between ray and normal) and for a steep surface; None if
+    # not measured
     slants: tuple[float | None, float | None] = (None, None)
-    shared_px: float = 1.0
-    flying: float | None = None
-    holes: float | None = None
+    shared_px: float = 1.0  # mean number of pixels that share one error; 1 = independent pixels
+    flying: float | None = None  # share of the readings beside depth edges that show neither side; None if not measured
+    holes: float | None = None  # share of the pixels on the room's surfaces without a reading; None if not measured
+    # False if no still background was seen: sigma is then measured between neighbouring readings, a lower bound
     measured: bool = True
 
     def sigma_m(self, depth_m: np.ndarray, slant_deg: np.ndarray | None = None) -> np.ndarray:
-        """Return sigma, metres, at depths of any shape; slant_deg has the same shape, None: facing surfaces.
+        """Return sigma, metres, at depths of any shape; slant_deg has the same shape, None = facing surfaces.
 
         sigma / z^2 is linear between measured depths and constant beyond them.
         """
@@ -169,22 +160,18 @@ def neighbour_noise(neighbours_per_m: float) -> DepthNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor(DepthDetail):
-    """The measured properties of one camera's depth images.
+    """The measured properties of one camera's depth images."""
 
-    noise_per_m: the deviation between neighbouring readings is ``noise_per_m z^2``, which limits depth jumps on one
-    surface; noise: noise of single readings.
-    """
-
-    noise_per_m: float
-    noise: DepthNoise
+    noise_per_m: float  # 1/m; the deviation between neighbouring readings of one surface is ``noise_per_m z^2``
+    noise: DepthNoise  # noise of single readings
 
     @property
     def jump_limit(self) -> JumpLimit:
-        """Return the limit by which neighbours on one surface may differ in this camera's frames."""
+        """Return the largest depth difference between neighbours on one surface in this camera's frames."""
         return jump_limit(self.noise_per_m, self.focal_px)
 
     def without_ramps(self, depth_m: np.ndarray) -> np.ndarray:
-        """Remove the false readings that filters draw between two surfaces; (height, width) float32, 0 = no reading."""
+        """Return depth (height, width) float32, 0 = no reading, without the false ramps that filters draw."""
         return np.where(smeared(depth_m, int(self.edge_px)), np.float32(0.0), depth_m) if self.filtered else depth_m
 
 
@@ -199,7 +186,7 @@ def measure_noise(
     """Measure a camera's noise on frames (height, width) of one recording, 0 = no reading.
 
     room_m, sigma_m (height, width): the empty room, 0 = unknown, and the deviation of readings from it
-    (``BackgroundModel``). neighbours_per_m: used where too little of the room is seen twice (``neighbour_noise``).
+    (``BackgroundModel``). neighbours_per_m: used if too little of the room is seen twice (``neighbour_noise``).
     """
     chosen = np.unique(np.linspace(0, len(frames_m) - 1, CHANGES + 1).astype(int))
     frames = [frames_m[k] for k in chosen]
@@ -224,8 +211,8 @@ def measure_noise(
 
 
 def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest and the farthest depth (height, width) of the room around each pixel; 0 and inf if any
-    neighbour is unknown.
+    """Return the nearest and the farthest depth (height, width) of the room around each pixel; 0 and inf if the room is
+    unknown at any neighbour.
     """
     square = np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
     near, far = cv2.erode(room_m, square), cv2.dilate(room_m, square)
@@ -233,9 +220,7 @@ def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _slant_deg(room_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the angle (height, width), degrees, between each ray and the normal of the smoothed room; 0 where
-    unknown.
-    """
+    """Return the angle (height, width), degrees, between each ray and the normal of the smoothed room; 0 if unknown."""
     size = (SMOOTH_PX, SMOOTH_PX)
     share = cv2.blur((room_m > 0).astype(np.float32), size)
     smooth_m = np.where(room_m > 0, cv2.blur(room_m, size) / np.maximum(share, 1e-6), np.float32(0.0))
@@ -247,10 +232,11 @@ def _slant_deg(room_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNoise | None:
-    """Fit a model of sigma, a function of depth times a factor by slant, to the logarithms of all cells; return None
+    """Fit sigma as a function of depth times a factor for the slant, to the logarithms of all cells; return None
     without a cell.
 
-    change_m (n, height, width) with NaN: a reading's noise; slant (height, width): 0 facing, 1 slanted, 2 steep.
+    change_m (n, height, width): noise of each reading, NaN where unknown; slant (height, width): 0 = facing, 1 =
+    slanted, 2 = steep.
     """
     cells = _cells(change_m, room_m, slant)
     if not cells:
@@ -262,7 +248,7 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
     logs, depth_m = np.log(np.array(list(cells.values()))).T
     found = np.linalg.lstsq(matrix, logs, rcond=None)[0]
     by_level, by_slant = found[: len(levels)], dict(zip(slants, found[len(levels) :], strict=True))
-    # facing surfaces or, without them, the least slanted surfaces, whose sigma is too large
+    # facing surfaces or, without these, the least slanted surfaces, whose sigma is too large
     reference = by_slant[slants[0]]
     at_m = [float(np.exp(np.mean([d for d, (at, _) in zip(depth_m, cells, strict=True) if at == k]))) for k in levels]
     times = [float(np.exp(by_slant[k] - reference)) if k in by_slant else None for k in (1, 2)]
@@ -270,8 +256,8 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
 
 
 def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return sigma and median depth, metres, of each depth bin and slant that has enough readings and a noise above
-    zero.
+    """Return sigma and median depth, metres, by depth bin and slant. Cells with too few readings, or without noise, are
+    left out.
     """
     _, row, column = np.nonzero(np.isfinite(change_m))
     value, depth_m = change_m[np.isfinite(change_m)], room_m[row, column]
@@ -286,8 +272,8 @@ def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[
 
 
 def _deviation(values: np.ndarray) -> float:
-    """Return the root mean square without outliers. Medians are not used: they would be 0 where most readings of a
-    coarse scale repeat.
+    """Return the root mean square without outliers. A median is not used: with coarse grey values most readings repeat,
+    and it would be 0.
     """
     sigma = float(np.sqrt(np.mean(values**2)))
     for _ in range(ROUNDS):
@@ -298,9 +284,9 @@ def _deviation(values: np.ndarray) -> float:
 def _shared(in_sigmas: np.ndarray) -> float:
     """Return how many pixels share one error: the sum of a pixel's correlations with itself and all pixels around it.
 
-    in_sigmas (n, height, width): noise divided by its sigma, NaN where unknown. Correlations are summed ring by ring
-    until a ring is ``UNRELATED``. All lags are computed, by Fourier transforms, since the correlation may be a narrow
-    peak on a broad hill.
+    in_sigmas (n, height, width): noise divided by its sigma, NaN where unknown. Correlations are summed by rings of
+    equal distance, up to the first ring with a mean correlation below ``UNRELATED``. All lags are computed, by Fourier
+    transforms, since the correlation may be a narrow peak on a broad hill.
     """
     seen = np.abs(in_sigmas) < OUTLIER_GATE
     value = np.where(seen, in_sigmas, 0.0).astype(np.float32)

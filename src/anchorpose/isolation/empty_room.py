@@ -1,8 +1,8 @@
 """Learn the empty room of one camera from its background frame or, without such a frame, from surfaces that stay still
 in the recording.
 
-Still surfaces are the room, except people who never leave their place, whom the learnt descriptor recognises. Behind
-these people only floor and walls are known.
+Still surfaces are the room or people who never leave their place; the learnt descriptor recognises these people. Behind
+them only floor and walls are known.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
 BLOCK_PX: Final = 16  # pixels, side of the blocks in which noise is measured; noise changes slowly over the image
-READINGS_NEEDED: Final = 32  # readings per block, by which the median is known to a sixth of itself
-LEAST_READ: Final = 0.15  # share of the frames that must agree on a depth, for the room to be known there
-OFTEN_READ: Final = 0.5  # share of the frames with a reading; people hide the room, they do not add readings of it
-SAME_SIGMAS: Final = 6.0  # sigmas beyond ``SAME_M``; readings of one surface differ by less
-FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both percentiles show the room where a pixel is free a fifth of the time
+READINGS_NEEDED: Final = 32  # fewest readings per block: the median then has an error of a sixth
+LEAST_READ: Final = 0.15  # the room is known at a pixel if this share of the frames agree on its depth
+OFTEN_READ: Final = 0.5  # least share of the frames with a reading; people hide the room, but add no readings of it
+SAME_SIGMAS: Final = 6.0  # largest difference between readings of one surface: ``SAME_M`` plus this many sigmas
+FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room at a pixel that is free for a fifth of the time
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a normal distribution, in sigmas
 
-LEAN_M: Final = 0.25  # m beyond the equipment's outline on the ground, for arms over the rails and the back
-HEAD_M: Final = 2.3  # m above the floor, for a raised arm
-SOLE_M: Final = 0.015  # m above the floor, the plane's error and a third of a foot's height
+LEAN_M: Final = 0.25  # m beyond the equipment's outline on the ground: arms over the rails, and the back
+HEAD_M: Final = 2.3  # m above the floor: a raised arm
+SOLE_M: Final = 0.015  # m above the floor: the plane's error and a third of a foot's height
 
 
 def learn_background(
@@ -62,9 +62,9 @@ def learn_background(
     """Learn the background of one camera from a frame of the empty room or, without such a frame, from sampled frames.
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
-    needs a pose. Without an empty frame the background is the farthest surface most of the time, without people (by the
-    learnt descriptor). floor_height_m: None where no floor is seen; the equipment is not needed with an empty frame.
-    Raises ValueError without frames.
+    needs a pose. Without an empty frame, the background is the surface that is farthest most of the time; pixels that
+    show people by the learnt descriptor are left out. floor_height_m: None if no floor is seen. The equipment is used
+    only without an empty frame. Raises ValueError without frames.
     """
     if not frames_m:
         raise ValueError("a background needs at least one frame of the recording to measure the noise on")
@@ -79,7 +79,7 @@ def learn_background(
         sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
         return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
-    if len(frames_m) > 1:  # with a single frame, room and reading are the same value, which is rounded once
+    if len(frames_m) > 1:  # with a single frame, room and reading are the same rounded value
         sigma = _at_least_a_step(sigma, depth, detail.step_per_m)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
     return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.RECORDING)
@@ -97,7 +97,7 @@ def _from_recording(
     noise: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (depth_m, sigma_m) of the still surfaces without people; behind people who stay, floor and walls are
-    known.
+    filled in.
     """
     people = np.stack(each(lambda frame: people_mask(frame, camera), frames_m))
     depth, sigma = _what_stays(np.where(people, np.float32(0.0), np.stack(frames_m)), noise)
@@ -109,7 +109,7 @@ def _from_recording(
         margin = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(sigma, noise * drawn**2)
         hidden |= standing & ~((drawn > 0) & (depth > drawn - margin))
     depth = np.where(hidden, behind, depth)
-    # this includes places where floor and walls were filled in
+    # the lower bound applies also where floor and walls were filled in
     return depth, np.maximum(sigma, np.float32(noise) * depth**2)
 
 
@@ -126,8 +126,8 @@ def in_equipment(
 
 
 def _outside_m(points_m: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
-    """Return (height, width): distance of points (height, width, 3) outside the outline on the ground; negative
-    inside.
+    """Return (height, width): how far points (height, width, 3) lie outside the equipment's outline on the ground;
+    negative inside.
     """
     hull = ConvexHull(equipment.triangles()[0][:, [0, 2]])
     sides = points_m[..., [0, 2]] @ hull.equations[:, :2].T + hull.equations[:, 2]
@@ -136,9 +136,7 @@ def _outside_m(points_m: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
 
 
 def _fill_specks(depth_m: np.ndarray) -> np.ndarray:
-    """Fill single lost pixels of the background by the median of their 5x5 surroundings, where most of these were
-    read.
-    """
+    """Fill single pixels without a reading by the median of the 5x5 pixels around, if most of these have readings."""
     seen = (depth_m > 0).astype(np.float32)
     trusted = cv2.blur(seen, (5, 5)) > 0.6
     return np.where((depth_m <= 0) & trusted, cv2.medianBlur(depth_m, 5), depth_m)
@@ -147,8 +145,8 @@ def _fill_specks(depth_m: np.ndarray) -> np.ndarray:
 def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: float) -> np.ndarray:
     """Return the deviation of live readings from the background, block by block.
 
-    Only readings *behind* the background are used: nobody can stand there, so they are noise with a half-normal
-    distribution, whose median gives the deviation. Blocks that are always covered get the image's typical z^2 law.
+    Only readings *behind* the background are used: nobody can stand there, so they are noise. It has a half-normal
+    distribution, and its median gives the deviation. Blocks that are always covered get the image's typical z^2 law.
     """
     known = depth_m > 0
     behind = np.stack([np.where((frame > depth_m) & known, frame - depth_m, np.nan) for frame in frames_m])
@@ -161,7 +159,7 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
     """Return (depth_m, sigma_m) of the surface that is farthest most of the time, from (n, height, width) frames."""
     count = (frames_m > 0).sum(axis=0)
     rising = np.sort(frames_m, axis=0)  # lost readings are 0 and are sorted first
-    if len(frames_m) < FRAMES_NEEDED:  # a single reading may be a person; the farthest of several is the room
+    if len(frames_m) < FRAMES_NEEDED:  # a single reading may be a person; the farthest of several readings is the room
         depth = np.where(count >= min(2, len(frames_m)), rising[-1], np.float32(0.0))
         return depth, (np.sqrt(2.0) * noise * depth**2).astype(np.float32)
     near, far = (_percentile_of_last(rising, count, percent) for percent in (NEAR_PERCENTILE, FAR_PERCENTILE))
@@ -170,31 +168,27 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
     free = (far - near < same) & (count > 0)  # both percentiles show the room
     spread = (far - near) / ((FAR_SIGMAS - NEAR_SIGMAS) * square)
     sigma = _as_sigma(_block_median(np.where(free, spread, np.nan)[None]), far, floor=noise)
-    # where the room returns no reading, only passers-by are read
+    # where the room returns no reading, all readings are of passers-by
     agreeing = (np.abs(rising - far) < same).sum(axis=0)
     known = (agreeing >= LEAST_READ * len(frames_m)) | (count >= OFTEN_READ * len(frames_m))
     return np.where(known, np.maximum(far - FAR_SIGMAS * sigma, 0.0), 0.0).astype(np.float32), sigma
 
 
 def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -> np.ndarray:
-    """Return the percentile along the first axis of the last ``count`` sorted values of each pixel; 0 where count is
-    0.
-    """
+    """Return, per pixel, the percentile of the last ``count`` sorted values along the first axis; 0 if count is 0."""
     place = len(rising) - count + np.rint((np.maximum(count, 1) - 1) * percent / 100.0).astype(np.int64)
     return np.take_along_axis(rising, np.minimum(place, len(rising) - 1)[None], axis=0)[0]
 
 
 def _at_least_a_step(sigma_m: np.ndarray, depth_m: np.ndarray, step_per_m: float) -> np.ndarray:
-    """Raise sigma so that a reading counts as in front of the room only if it is nearer by more than one step of the
-    grey values.
-
-    Room and reading are each rounded by half a step, so neighbouring grey values may show the same depth.
+    """Increase sigma so that a reading counts as in front of the room only if it is nearer by more than one step of the
+    grey values: room and reading are each rounded by half a step, so neighbouring values may show the same depth.
     """
     return np.maximum(sigma_m, np.float32(0.5 * step_per_m) * depth_m**2)
 
 
 def _block_median(values: np.ndarray) -> np.ndarray:
-    """Reduce (n, height, width) with NaN to (rows, columns) of block medians; NaN where a block has too few values."""
+    """Return (rows, columns) block medians of values (n, height, width) with NaN; NaN if a block has too few values."""
     rows, columns = (-(-size // BLOCK_PX) for size in values.shape[1:])
     medians = np.full((rows, columns), np.nan)
     for row in range(rows):

@@ -1,7 +1,7 @@
 """Find depth images that do not show the camera's room, because the camera was covered or knocked over for a moment.
 
-Such an image has readings and surfaces, but it lacks two properties of usual images: nobody can stand behind the room,
-and nobody hides all of it, so a camera in its place sees some of its room in every image.
+Such an image has readings and surfaces, but it lacks two properties of usual images: no reading lies behind the room's
+surfaces, and people never hide all of the room.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from anchorpose.recording.recording import FrameSet
 
 SENTENCE: Final = "shows another place than usual: it was covered, or moved, for a moment"
 STEP_PX: Final = 4  # every fourth pixel of every fourth row is tested
-# m, largest difference between a reading of the room and the room, which may have been learnt a step off
+# largest difference between the room and a reading of it: SAME_M (m; the learnt room may be one step wrong) plus sigmas
 SAME_M, SAME_SIGMAS = 0.05, 6.0
-FRAMES_NEEDED: Final = 3  # least frames that determine how much of the room a usual image shows
-# share of the image where the room must be known; recorders that remove the room leave at most objects
+FRAMES_NEEDED: Final = 3  # fewest frames from which the usual share of the room is known
+# least share of the image where the room is known; recorders that remove the room leave at most some objects
 LEAST_KNOWN: Final = 0.2
-LEAST_USUAL: Final = 0.2  # share of the room's pixels; a camera that sees less of them is not tested
-COVERED: Final = 0.05  # share of the usual share; a passer-by who fills most of the image leaves half of it
-MOVED: Final = 0.6  # share of the usual share, for an image that also has readings behind the room
-# share of the room's pixels with readings behind the room: 0.002 where people walk, 0.04 where furniture is moved
+LEAST_USUAL: Final = 0.2  # a camera that usually sees less than this share of the room's pixels is not tested
+COVERED: Final = 0.05  # times the usual share, below which the camera is covered; a near passer-by leaves half of it
+MOVED: Final = 0.6  # times the usual share, below which an image with many readings behind the room shows another place
+# least share of the room's pixels with readings behind the room: 0.002 if people walk, 0.04 if furniture is moved
 MOST_BEHIND: Final = 0.05
 
 
 def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray]) -> float:
-    """Return the median share of the room's pixels that read the room, over frames (height, width) float32; 0:
+    """Return which share of the room's pixels read the room, the median over frames (height, width) float32; 0 if
     unknown.
 
     room_m, sigma_m (height, width) float32: as in ``BackgroundModel``.
@@ -42,9 +42,9 @@ def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.n
 
 
 def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
-    """Return whether a depth image (height, width) float32 cannot show the room that the camera saw all the time.
+    """Return whether a depth image (height, width) float32 shows another place than the camera's room.
 
-    It is False where too little of the room is known, for example if a recorder has removed it.
+    It is False if too little of the room is known, for example if a recorder has removed it.
     """
     if model.usual_share < LEAST_USUAL:
         return False
@@ -55,7 +55,7 @@ def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
 
 
 def without_other_places(frame_set: FrameSet, scenes: Sequence[Scene]) -> FrameSet:
-    """Remove images of another place from the frame set, and note each as a problem; scenes: one per camera."""
+    """Remove images of another place from the frame set, and report each as a problem; scenes: one per camera."""
     other = [
         depth is not None and is_of_other_place(depth, scene.background)
         for depth, scene in zip(frame_set.depths_m, scenes, strict=True)

@@ -1,4 +1,4 @@
-"""Decide which person owns a place, by the likelihood from all people's expected skin."""
+"""Decide which person's skin a place shows (the place's owner), by the likelihood from all people's expected skin."""
 
 from __future__ import annotations
 
@@ -10,44 +10,37 @@ import numpy as np
 from numba import njit
 
 NOBODY: Final = 0
-MIXED: Final = 255  # label of a cell with several people
+MIXED: Final = 255  # label of a cell with skin of several people
 # m; skin is searched in the cell of a place and the 26 cells around it, so all skin within this distance is found
 CELL_M: Final = 0.035
 # m, half the spacing of skin points; a place this far from the nearest point may still be on the skin
 SAMPLING_M: Final = 0.01
-GATE: Final = 3.0  # sigmas; places farther from expected skin have no owner at first, and are reached by region growing
-LEAST_LEAD: Final = 2.0  # squared deviations by which the most likely owner must lead all other people
+GATE: Final = 3.0  # sigmas; a place farther from all expected skin gets its owner by region growing
+LEAST_LEAD: Final = 2.0  # least lead of the most likely owner over all other people, in squared standard deviations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnershipLikelihood:
-    """Samples of people's expected skin, with their uncertainty.
+    """Samples of people's expected skin, with their uncertainty."""
 
-    points_m (n, 3) float32 world; owner (n,) uint8 label; sigma_m (n,) float32: standard deviation about the point.
-    """
-
-    points_m: np.ndarray
-    owner: np.ndarray
-    sigma_m: np.ndarray
+    points_m: np.ndarray  # (n, 3) float32 world
+    owner: np.ndarray  # (n,) uint8 label of the person
+    sigma_m: np.ndarray  # (n,) float32, standard deviation of the skin about the point
 
     def __len__(self) -> int:
         return len(self.points_m)
 
 
 class LikelihoodGrid(NamedTuple):
-    """Expected skin sorted by cells: the points of cell c are start[c] to start[c + 1].
+    """Expected skin sorted by cells: the points of cell c are start[c] to start[c + 1]."""
 
-    points_m (n, 3) float32, owner (n,) uint8; weight (n,) float32 = 1 / sigma^2; penalty (n,) float32 = 2 log(sigma);
-    origin_m (3,) float32; around (a, b, c) uint8: the owner of the skin in a cell and the 26 cells around it:
-    ``NOBODY``, one person's label or ``MIXED``.
-    """
-
-    points_m: np.ndarray
-    owner: np.ndarray
-    weight: np.ndarray
-    penalty: np.ndarray
+    points_m: np.ndarray  # (n, 3) float32
+    owner: np.ndarray  # (n,) uint8
+    weight: np.ndarray  # (n,) float32 = 1 / sigma^2
+    penalty: np.ndarray  # (n,) float32 = 2 log(sigma)
     start: np.ndarray
-    origin_m: np.ndarray
+    origin_m: np.ndarray  # (3,) float32
+    # (a, b, c) uint8, owner of the skin in a cell and the 26 cells around it: ``NOBODY``, a person's label or ``MIXED``
     around: np.ndarray
 
 
@@ -80,8 +73,8 @@ def sort_likelihood(likelihood: OwnershipLikelihood) -> LikelihoodGrid:
 
 @njit(cache=True, nogil=True)
 def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> None:
-    """Enter every point's owner in the point's cell and the 26 cells around it. All points must be at least one cell
-    away from the lower border.
+    """Enter the owner of each point in the point's cell and the 26 cells around it. All points must be at least one
+    cell away from the lower border of the grid.
     """
     before = np.full(3, -1, np.int64)
     whose = 0
@@ -103,12 +96,12 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
 def decide_ownership(
     grid: LikelihoodGrid, places_m: np.ndarray, compared: np.ndarray, gate: float = GATE, least_lead: float = LEAST_LEAD
 ) -> np.ndarray:
-    """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` where no owner is clear.
+    """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` if no owner is clear.
 
-    Where all skin around a place belongs to one person, that person owns the place. Elsewhere, and only where
-    ``compared`` (m,) bool, the most likely owner wins: the person with least (d / sigma)^2 + 2 log(sigma), from the
-    likelihood of a reading that is off the skin by the distance d. This person has to lead all others by
-    ``least_lead``; skin farther away than ``gate`` of its sigmas does not count.
+    If all skin around a place belongs to one person, that person owns the place. Otherwise the most likely owner is
+    chosen, but only where ``compared`` (m,) bool is True. This is the person with the least (d / sigma)^2 + 2
+    log(sigma), where d is the distance of the reading from the person's skin. The person must lead all others by
+    ``least_lead``; skin farther away than ``gate`` times its sigma does not count.
     """
     return _decide(grid, places_m, compared, gate, least_lead)
 

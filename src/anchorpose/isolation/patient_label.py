@@ -16,20 +16,20 @@ from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel
 
-LEAST_CONTACT_M: Final = 0.05  # a wrist's width
-# times a piece's width; half a head continues along its longest side, a held forearm does not
+LEAST_CONTACT_M: Final = 0.05  # m, least length of the border between a stray piece and its person: a wrist's width
+# least length of that border, times the piece's width; half a head continues along its longest side, a forearm does not
 LEAST_CONTACT: Final = 1.0
-# m2, a head; a leg below a bar is larger, and people kneeling in front of it border on all of it
+# m2, largest stray piece: a head; a leg below a bar is larger, but may border on people who kneel in front of it
 LARGEST_M2: Final = 0.03
 
 
 def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the owners (n,) uint8 of each camera, after stray pieces among the patient's pixels were given to the
-    person whose surface they continue.
+    """Return the owners (n,) uint8 of each camera after assigning stray pieces among the patient's pixels to the person
+    whose surface they continue.
 
     A stray piece is no larger than a head, is not connected to other pixels of the patient in this camera, and
-    continues another person's surface without a crease. An example is half a therapist's head where the patient's hand
-    was expected. A forearm beyond a bar that a hand may hold remains the patient's.
+    continues another person's surface without a crease: for example, half a therapist's head where the patient's hand
+    was expected. A forearm beyond a bar has no such border and remains the patient's.
     """
     return [_without_strays(pixels, owner) for pixels, owner in zip(shown, owners, strict=True)]
 
@@ -56,16 +56,16 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
     return grow_regions(pixels, np.where(mine & stray[piece], np.uint8(NOBODY), owner))
 
 
-PART_CONTACT_M: Final = 0.05  # m, a wrist's width: least border between a part of the patient and the rest
-ON_SKIN_M: Final = 0.05  # m from the patient's expected skin, for its spacing, clothes and movement
-LAST_LABEL: Final = 254
+PART_CONTACT_M: Final = 0.05  # m, least border between a part of the patient and the rest: a wrist's width
+ON_SKIN_M: Final = 0.05  # m; pixels nearer to the patient's expected skin are on it: its spacing, clothes, movement
+LAST_LABEL: Final = 254  # the largest person label
 
 
 def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood) -> list[np.ndarray]:
-    """Return the owners after parts of the patient that had another person's label were given back to the patient.
+    """Return the owners after parts of the patient with another person's label were given back to the patient.
 
-    A label is another person if it has a body, or if it has enough pixels for a person off the patient's expected skin.
-    Otherwise its pixels are a part of the patient, if they are connected to the patient.
+    A label stands for another person if a body is fitted to it, or if enough of its pixels for a person lie off the
+    patient's expected skin. Otherwise its pixels are a part of the patient, if they are connected to the patient.
     """
     bodies = np.unique(expected.owner)
     labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}
@@ -79,8 +79,8 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
 
 def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
-    """Return whether a label's pixels are a part of the patient: most lie on the patient's skin (given as a KD-tree),
-    they are connected to the patient's pixels, and too few for a person lie elsewhere.
+    """Return whether a label's pixels are a part of the patient: most lie on the patient's expected skin (a KD-tree),
+    they are connected to the patient's pixels, and too few pixels for a person lie off this skin.
     """
     on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
     for pixels, owner in zip(shown, owners, strict=True):

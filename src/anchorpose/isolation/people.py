@@ -20,39 +20,34 @@ from anchorpose.threads import each
 class IsolationConfig:
     """Settings of how closely people's skin follows its prediction."""
 
-    skin_sigma_m: Positive = 0.02  # m; deviation of the patient's skin from its prediction, by clothes and shape
+    skin_sigma_m: Positive = 0.02  # m, deviation of the patient's skin from its prediction: clothes and shape
 
 
 PERSON_AREA_M2: Final = 0.12  # m2, least seen surface of a person: a fifth of an adult's frontal area
 FOREGROUND: Final = 0.33
-"""Share of a found person's area that must be foreground where this is less than ``LEAST_AREA_M2``: people have 0.5 to
-0.9, since rays at outlines have no pixel of their depth; parts of the room that were taken for people had 0.1 and
-0.16."""
+"""Least share of a found person's area that is foreground; it is asked only if the foreground is smaller than
+``LEAST_AREA_M2``. People have 0.5 to 0.9, since rays at outlines have no pixel of their depth; parts of the room that
+were taken for people had 0.1 and 0.16."""
 
 EDGE_M: Final = 0.1  # m, largest depth step from a pixel to its nearest ray; across an outline depth jumps by more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """One person. ground_xz_m (2,) float64: place of the pelvis over the ground; bottom_m, top_m: lowest and highest
-    height of the seen surface; area_m2: area of this surface.
-    """
+    """One person."""
 
-    ground_xz_m: np.ndarray
-    bottom_m: float
-    top_m: float
-    area_m2: float
+    ground_xz_m: np.ndarray  # (2,) float64, place of the pelvis over the ground
+    bottom_m: float  # lowest height of the seen surface
+    top_m: float  # highest height of the seen surface
+    area_m2: float  # area of the seen surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class People:
-    """The people at one moment.
-
-    of: per camera, (n,) int32 number of the person of each foreground pixel, -1 = nobody.
-    """
+    """The people at one moment."""
 
     people: tuple[Person, ...]
-    of: tuple[np.ndarray | None, ...]
+    of: tuple[np.ndarray | None, ...]  # per camera, (n,) int32, number of each foreground pixel's person, -1 = nobody
 
     def points_m(self, pieces: Sequence[Pieces | None], number: int) -> np.ndarray:
         """Return the places (n, 3) of a person's pixels in all cameras."""
@@ -80,24 +75,19 @@ class People:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatientChoice:
-    """The place (2,) float64, X and Z, of the patient in a frame, and why this person was chosen.
+    """The place of the patient in a frame, and why this person was chosen."""
 
-    sure: whether the patient was named or is in the equipment, and nobody else is nearly as likely. frame: the frame's
-    number, None where it does not matter. rival_xz_m: place (2,) of another person who may be the patient, None without
-    such a person.
-    """
-
-    ground_xz_m: np.ndarray
-    reason: str
-    sure: bool
-    frame: int | None = None
-    rival_xz_m: np.ndarray | None = None
+    ground_xz_m: np.ndarray  # (2,) float64, X and Z
+    reason: str  # end of a sentence that begins with "who"
+    sure: bool  # whether the user named the patient, or the patient is in the equipment and nobody else is as likely
+    frame: int | None = None  # number of the frame; None if it does not matter
+    rival_xz_m: np.ndarray | None = None  # (2,) place of another person who may be the patient; None if there is none
 
 
 def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> People:
     """Find the people in the foreground of all cameras at one moment by the learnt descriptor.
 
-    A pixel belongs to the person of its nearest ray; it has -1 where the descriptor sees nobody.
+    A pixel belongs to the person of its nearest ray; it has -1 if the descriptor finds nobody there.
     """
     depths = [None if pixels is None else pixels.depth_m for pixels in pieces]
     said = each(lambda depth, camera: None if depth is None else described(depth, camera), depths, cameras)
@@ -117,7 +107,7 @@ def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> Pe
 
 
 def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray | None]) -> np.ndarray:
-    """Return the person (n,) int32 of each foreground pixel, -1 where no person's ray is near it at the same depth."""
+    """Return the person (n,) int32 of each foreground pixel, -1 if the nearest ray has no person or another depth."""
     said = described(pixels.depth_m, camera)
     owner = np.full(said.person.shape, -1, np.int32)
     for number, own in enumerate(rays):
@@ -130,7 +120,7 @@ def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray 
 
 
 def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, np.ndarray]]) -> Person | None:
-    """Return the person with a number, measured on their foreground pixels; None where these are too few, so that the
+    """Return the person with a number, measured on the person's foreground pixels; None if these are too few: then the
     descriptor took a part of the room for a person.
     """
     heights = np.concatenate([pixels.points_m[own == number, 1] for pixels, own in shown])

@@ -10,20 +10,19 @@ from numba import njit
 from anchorpose.isolation.ownership import NOBODY
 from anchorpose.isolation.scene import Pieces
 
-# steps over the surface that cost as much as a valley with a depth of one deviation of the noise
+# cost of a valley, in steps per standard deviation of the noise by which it is deeper than CREASE_SIGMAS
 CREASE_COST: Final = 4.0
-CREASE_PX: Final = 3  # pixels to either side in which creases are searched: a finger's width at 2.5 m
-CREASE_SIGMAS: Final = 2.0  # deviations of the noise; a deeper valley is a crease
+CREASE_PX: Final = 3  # pixels on either side with which a pixel is compared: a finger's width at 2.5 m
+CREASE_SIGMAS: Final = 2.0  # standard deviations of the noise; a deeper valley is a crease
 DEEPEST: Final = 60  # steps, largest cost of a crease: as many pixels as a forearm is long
 
 
 def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_COST) -> np.ndarray:
     """Spread owners over the surface along the cheapest paths, until they meet or the depth jumps.
 
-    owner (n,) uint8 for each foreground pixel: ``NOBODY`` where undecided. A step costs 1. In a valley it costs
-    ``crease_cost`` more for each deviation of the noise by which the surface lies behind its neighbours on both sides;
-    two bodies that touch meet in such a valley. Return (n,) uint8; ``NOBODY`` remains where a pixel is not connected to
-    any owner.
+    owner (n,) uint8 for each foreground pixel: ``NOBODY`` if undecided. A step costs 1, and more in a valley, where the
+    surface lies behind its neighbours on both sides: two bodies that touch meet in such a valley. Return (n,) uint8;
+    ``NOBODY`` remains at pixels that are not connected to any owner.
     """
     limit, noise = pixels.sensor.jump_limit, float(np.sqrt(1.5)) * pixels.sensor.noise_per_m
     surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
@@ -36,8 +35,8 @@ def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarra
     """Return (count, count) metres: length of the border across which the surfaces of two owners continue without a
     crease.
 
-    owner (n,) int: 0 to count - 1 for each foreground pixel, -1 = nobody. Two touching bodies meet in a crease; at the
-    border within a single body that was divided there is no crease.
+    owner (n,) int: 0 to count - 1 for each foreground pixel, -1 = nobody. Two touching bodies meet in a crease; a
+    border without a crease divides a single body.
     """
     limit, noise = pixels.sensor.jump_limit, float(np.sqrt(1.5)) * pixels.sensor.noise_per_m
     surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
@@ -46,31 +45,24 @@ def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarra
 
 
 class _Surface(NamedTuple):
-    """The fields of ``Pieces`` that growing needs. number: the field ``index``; noise: deviation of a valley's depth at
-    one metre.
-    """
+    """The fields of ``Pieces`` that growing needs."""
 
-    number: np.ndarray
+    number: np.ndarray  # the field ``index``
     depth: np.ndarray
     row: np.ndarray
     column: np.ndarray
     square: float
     slope: float
-    noise: float
+    noise: float  # standard deviation of a valley's depth at one metre
 
 
 class _Queue(NamedTuple):
-    """A queue of pixels to give to an owner (``NOBODY``: the pixel keeps its owner), in a ring of buckets by cost; each
-    bucket is a linked list.
+    """A queue of pixels and their new owners, in a ring of buckets by cost; each bucket is a linked list."""
 
-    head (buckets,): the first entry of each bucket, -1 = none; after, pixel, owner (capacity,): next entry, pixel and
-    owner of each entry.
-    """
-
-    head: np.ndarray
-    after: np.ndarray
-    pixel: np.ndarray
-    owner: np.ndarray
+    head: np.ndarray  # (buckets,) the first entry of each bucket, -1 = none
+    after: np.ndarray  # (capacity,) the next entry after each entry
+    pixel: np.ndarray  # (capacity,) the pixel of each entry
+    owner: np.ndarray  # (capacity,) its new owner; ``NOBODY``: the pixel keeps its owner
 
 
 @njit(cache=True, nogil=True)
@@ -130,7 +122,7 @@ def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, crease_cost: float) -> tuple[int, int]:
-    """Return the neighbour of a pixel in a direction, -1 where growing cannot go there, and the cost in steps."""
+    """Return the neighbour of a pixel in a direction, -1 if regions cannot grow there, and the cost in steps."""
     depth = surface.depth
     r, c = surface.row[pixel], surface.column[pixel]
     nr, nc = r + d_r, c + d_c

@@ -1,6 +1,7 @@
 """Find the planes of an empty room, and gaps in its walls: doorways, windows or mirrors.
 
-A depth camera measures along the path of light, so in a mirror it sees a room, and people, beyond the mirror's plane.
+A depth camera measures along the path of light, so it shows a mirrored room, and mirrored people, beyond a mirror's
+plane.
 """
 
 from __future__ import annotations
@@ -16,19 +17,19 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
 
-PLANES: Final = 6  # number of planes: floor, ceiling and the walls in view
-TRIALS: Final = 200  # number of trials; a plane with a fifth of the points is drawn once in 125 trials
+PLANES: Final = 6  # most planes that are searched: floor, ceiling and the walls in view
+TRIALS: Final = 200  # number of trials per plane; a plane with a fifth of the points is drawn once in 125 trials
 VOTERS: Final = 5000  # number of points that vote on a plane
-LEAST_SHARE: Final = 0.03  # share of the image; a smaller plane is furniture, or a person's back
-MOST_BEYOND: Final = 0.02  # share of the readings that may lie on the far side; nothing is behind a wall
+LEAST_SHARE: Final = 0.03  # least share of the image; a smaller plane is furniture, or a person's back
+MOST_BEYOND: Final = 0.02  # largest share of the readings on a wall's far side, where nothing should be seen
 
 
 def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.ndarray:
-    """Return (height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 where the ray meets
+    """Return (height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 if the ray meets
     none of them.
 
     room_m (height, width) float32: the known room, 0 = unknown. Walls are planes with many readings on them and none
-    behind them. A room is convex, so the nearest of several planes is the one that is visible.
+    behind them. A room is assumed to be convex, so the nearest plane along a ray is the visible plane.
     """
     nearest = np.full(room_m.shape, np.inf, np.float32)
     for plane in find_planes(room_m, camera, noise_per_m):
@@ -37,8 +38,8 @@ def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.
 
 
 def depth_of_plane(plane: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the depth (height, width) float32 of a plane (4,) of ``find_planes`` along each ray; inf where the ray
-    does not meet it.
+    """Return the depth (height, width) float32 along each ray of a plane (4,) from ``find_planes``; inf if the ray does
+    not meet it.
     """
     rays = np.concatenate([camera.pixel_rays(), np.ones((camera.height, camera.width, 1), np.float32)], axis=-1)
     towards = rays @ plane[:3].astype(np.float32)
@@ -49,10 +50,10 @@ def depth_of_plane(plane: np.ndarray, camera: Camera) -> np.ndarray:
 def find_planes(
     room_m: np.ndarray, camera: Camera, noise_per_m: float, most_beyond: float = MOST_BEYOND
 ) -> list[np.ndarray]:
-    """Return planes (4,), camera frame, largest first: unit normal away from the camera and offset, ``normal @ p =
-    offset``.
+    """Return planes (4,) in the camera frame, largest first: unit normal away from the camera, then offset, with
+    ``normal @ p = offset``.
 
-    room_m: as in ``depth_of_room``; most_beyond: share of the readings that may be on the far side of a plane.
+    room_m: as in ``depth_of_room``; most_beyond: largest share of the readings on the far side of a plane.
     """
     points = camera.back_project(room_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]
@@ -84,8 +85,8 @@ def _best(
     most_beyond: float,
     rng: np.random.Generator,
 ) -> np.ndarray | None:
-    """Return the plane through three of the points ``left_m`` with most points on it and few beyond, None if too
-    few.
+    """Return the plane through three of the points ``left_m`` that has most points on it and few beyond; None if too
+    few points are on it.
     """
     normals, offsets = drawn_planes(left_m, TRIALS, rng)
     sign = np.where(offsets < 0, -1.0, 1.0)
@@ -100,7 +101,7 @@ def _best(
 
 
 def off_plane_m(depth_m: np.ndarray, noise_per_m: float) -> np.ndarray:
-    """Return how far readings at a depth may lie from the plane that they show."""
+    """Return the largest distance of readings at a depth from the plane that they show."""
     return np.asarray(TOLERANCES_M[0] + NOISE_GATE * noise_per_m * depth_m**2)
 
 
@@ -113,33 +114,27 @@ def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np
     return np.append(normal, normal @ centre)
 
 
-UPRIGHT: Final = 0.2  # cosine between a mirror's normal and the vertical, for a mirror that leans by 11 degrees
-FRAMED: Final = 0.6  # share of a gap's border that must be wall; a doorway has no wall at the floor
+UPRIGHT: Final = 0.2  # largest cosine between an upright plane's normal and the vertical: it may lean by 11 degrees
+FRAMED: Final = 0.6  # least share of a gap's border that is wall; a doorway has no wall at the floor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wall:
-    """An upright plane in one camera's empty room; the room is on the plane's near side.
-
-    normal (3,): unit vector in the world, away from the camera, with ``normal @ p = offset_m``; depth_m (height, width)
-    float32: depth of the plane along each ray, inf where the ray does not meet it; on_it (height, width) bool: pixels
-    of the empty room that show the plane; gap (height, width) bool: pixels between these that show something beyond the
-    plane, or nothing.
-    """
+    """An upright plane in one camera's empty room; the room is on the plane's near side."""
 
     camera: Camera
-    normal: np.ndarray
+    normal: np.ndarray  # (3,) unit vector in the world, away from the camera, with ``normal @ p = offset_m``
     offset_m: float
-    depth_m: np.ndarray
-    on_it: np.ndarray
-    gap: np.ndarray
+    depth_m: np.ndarray  # (height, width) float32, depth of the plane along each ray; inf if the ray does not meet it
+    on_it: np.ndarray  # (height, width) bool, pixels of the empty room that show the plane
+    gap: np.ndarray  # (height, width) bool, pixels between these that show something beyond the plane, or nothing
 
     def beyond_m(self, points_m: np.ndarray) -> np.ndarray:
-        """Return (...) how far points (..., 3) lie beyond the plane, negative on the camera's side."""
+        """Return (...) the distance of points (..., 3) beyond the plane, negative on the camera's side."""
         return np.asarray(points_m @ self.normal - self.offset_m)
 
     def reflected(self, points_m: np.ndarray) -> np.ndarray:
-        """Return (..., 3) where a mirror in this plane shows points (..., 3)."""
+        """Return (..., 3) the places where a mirror in this plane would show points (..., 3)."""
         return np.asarray(points_m - 2.0 * self.beyond_m(points_m)[..., None] * self.normal)
 
     def gap_before(self, point_m: np.ndarray) -> np.ndarray | None:
@@ -151,7 +146,7 @@ class Wall:
         return np.asarray(piece == own) if inside and own else None
 
     def frames(self, gap: np.ndarray) -> bool:
-        """Return whether the plane surrounds a gap (height, width), so that it does not only border on it."""
+        """Return whether the plane surrounds a gap (height, width) instead of only bordering on it."""
         border = cv2.dilate(gap.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool) & ~gap
         return bool(border.any() and self.on_it[border].mean() > FRAMED)
 

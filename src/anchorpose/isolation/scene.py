@@ -28,21 +28,21 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 
-SMALLEST_PIECE_M2: Final = 0.0005  # m2; a piece smaller than a fingertip is not a person
+SMALLEST_PIECE_M2: Final = 0.0005  # m2, a fingertip; a smaller piece is not a person
 FEET_M: Final = 0.3  # m above the lowest pixel: an ankle's height, and the part that is removed together with the floor
-LEAST_M2: Final = 0.15  # m2; smaller pieces are not tested, since a patch of a body between bars may be flat
-FLATTEST: Final = 0.025  # deviation from a plane, as a share of the width; trunks bulge by 5 %
-LEAST_FILLED: Final = 0.85  # share of its enclosing rectangle that a board fills; a trunk with thighs fills less
+LEAST_M2: Final = 0.15  # m2; smaller pieces are not tested for flatness: a patch of a body between bars may be flat
+FLATTEST: Final = 0.025  # largest deviation of a board from a plane, as a share of its width; trunks bulge by 5 %
+LEAST_FILLED: Final = 0.85  # least share of its enclosing rectangle that a board fills; a trunk with thighs fills less
 SAMPLE: Final = 500  # number of points of a piece that are tested
 
 
 def flat_pieces(
     points_m: np.ndarray, depth_m: np.ndarray, piece: np.ndarray, area_m2: np.ndarray, noise_per_m: float
 ) -> np.ndarray:
-    """Return (n,) bool: pixels of pieces that are planes, within the noise and ``FLATTEST`` of their width, and
-    rectangles.
+    """Return (n,) bool: pixels of boards, which are pieces that are flat (within the noise and ``FLATTEST`` of their
+    width) and rectangular.
 
-    points_m (n, 3), depth_m (n,), piece (n,) from 1, area_m2 (n,): one camera's foreground pixels.
+    points_m (n, 3), depth_m (n,), piece (n,) numbered from 1, area_m2 (n,): one camera's foreground pixels.
     """
     area = np.bincount(piece, area_m2, minlength=1)
     flat = np.zeros(len(area), dtype=bool)
@@ -53,19 +53,19 @@ def flat_pieces(
         own -= own.mean(axis=0)
         spread, axes = np.linalg.eigh(own.T @ own / len(own))
         across = np.abs(own @ axes[:, 0])
-        thickness = 1.483 * _median(across)  # robust thickness: a hand at the edge may stick out
+        thickness = 1.483 * _median(across)  # robust, since a hand at the edge may stick out
         noise = noise_per_m * _median(depth_m[mine]) ** 2
         if thickness - noise > FLATTEST * np.sqrt(12.0 * spread[1]):  # the variance over a width w is w^2 / 12
             continue
         _, sides, _ = cv2.minAreaRect((own @ axes[:, 1:]).astype(np.float32))
-        # area as if the piece faced the camera, less than its true area: a slanting board may be missed
+        # area as if the piece faced the camera; it is less than the true area, so a slanting board may be missed
         facing = area[large]
         flat[large] = facing > LEAST_FILLED * sides[0] * sides[1]
     return flat[piece]
 
 
 def _median(values: np.ndarray) -> float:
-    """Return the median as ``np.median``, which takes ten times as long for a few hundred values."""
+    """Return the same median as ``np.median``, which takes ten times as long for a few hundred values."""
     ordered = np.sort(values)
     half = len(values) // 2
     return float(ordered[half]) if len(values) % 2 else float(ordered[half - 1] + ordered[half]) / 2
@@ -83,23 +83,17 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """The people's pixels of one camera's frame, all people together.
+    """The people's pixels of one camera's frame, all people together."""
 
-    depth_m (height, width) float32; labels (height, width) uint8 of ``PixelLabel``, CLUTTER where a person may be;
-    index (height, width) int32: number of the foreground pixel, -1 = none; row, column, piece (n,) int32: place and
-    connected piece (from 1) of each foreground pixel; points_m (n, 3) float32 world; area_m2 (n,) float32: area that a
-    pixel covers on a surface that faces the camera.
-    """
-
-    depth_m: np.ndarray
-    labels: np.ndarray
-    index: np.ndarray
-    row: np.ndarray
-    column: np.ndarray
-    piece: np.ndarray
+    depth_m: np.ndarray  # (height, width) float32
+    labels: np.ndarray  # (height, width) uint8 of ``PixelLabel``; CLUTTER where a person may be
+    index: np.ndarray  # (height, width) int32, number of the foreground pixel, -1 = not foreground
+    row: np.ndarray  # (n,) int32, row of each foreground pixel
+    column: np.ndarray  # (n,) int32, its column
+    piece: np.ndarray  # (n,) int32, its connected piece, numbered from 1
     piece_count: int
-    points_m: np.ndarray
-    area_m2: np.ndarray
+    points_m: np.ndarray  # (n, 3) float32 world
+    area_m2: np.ndarray  # (n,) float32, area that the pixel covers on a surface that faces the camera
     sensor: Sensor
 
     def only(self, kept: np.ndarray) -> Pieces:
@@ -119,7 +113,7 @@ class Pieces:
 
 
 def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentModel | None) -> Scene:
-    """Prepare one camera; raises ValueError where its pose is unknown."""
+    """Prepare one camera; raises ValueError if its pose is unknown."""
     camera.require_pose()
     rays = camera.pixel_rays()
     if equipment is None:
@@ -128,7 +122,7 @@ def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentM
 
 
 def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces | None]:
-    """Return the pieces of all cameras at one moment; None where a camera has no frame."""
+    """Return the pieces of all cameras at one moment; None for a camera without a frame."""
 
     def pieces_of(depth_m: np.ndarray | None, scene: Scene) -> Pieces | None:
         return None if depth_m is None else find_pieces(depth_m, scene, frame_set.time_s)
@@ -137,10 +131,10 @@ def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces
 
 
 def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) -> Pieces:
-    """Remove room and equipment from one frame, and cut the rest at its depth jumps; pixels on ramps lose their
-    reading.
+    """Remove room and equipment from one frame, and cut the rest at its depth jumps; readings on false ramps are
+    removed.
 
-    time_s: time of the frame, reference clock; None: resting objects are not part of the room.
+    time_s: time of the frame on the reference clock; None: resting objects are not part of the room.
     """
     model, camera, sensor = scene.background, scene.camera, scene.background.sensor
     depth_m = sensor.without_ramps(depth_m)
@@ -177,8 +171,8 @@ def _first_labels(
 
 @njit(cache=True, nogil=True)
 def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: float) -> np.ndarray:
-    """Return each pixel's label: NO_READING, BACKGROUND, or CLUTTER for a reading in front of the room, which may be
-    flying.
+    """Return each pixel's label: NO_READING, BACKGROUND, or CLUTTER for a reading in front of the room (which may be a
+    flying pixel).
     """
     labels = np.zeros(depth.shape, np.uint8)
     for row in range(depth.shape[0]):
@@ -191,10 +185,10 @@ def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: floa
 
 
 def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return (height, width) bool: pixels without a reading where certainly nobody is, since they were removed with the
+    """Return (height, width) bool: pixels without a reading where nobody is, since a recorder removed them with the
     room.
 
-    Recorders that remove the room remove feet with the floor, so pixels near the lowest foreground pixel are uncertain.
+    Such recorders remove feet together with the floor, so pixels near the lowest foreground pixel are left out.
     """
     rows = np.flatnonzero(people.any(axis=1))
     feet_px = int(FEET_M * camera.intrinsics.fy / float(np.median(depth_m[people])))

@@ -1,5 +1,5 @@
-"""Label the person of every pixel (transient occlusion; paper, Section III), by the likelihood of expected skin, by
-creases and by distance.
+"""Label the person of every pixel by the likelihood of expected skin, by creases and by distance (transient occlusion;
+paper, Section III).
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# pixels; between two people, every second row and column is decided, and the pixels between grow from these
+# pixels; between two people, the owner is decided in every second row and column, and region growing fills the rest
 DECISION_PX: Final = 2
-DETACHED_M: Final = 0.12  # m, a bar's width and the movement of a hidden forearm
-# m, added to the deviation of remembered skin without a body, which then ties with the patient's predicted skin
+# m, largest distance of a detached piece from its person: a bar's width and the movement of a hidden forearm
+DETACHED_M: Final = 0.12
+# m, added to the standard deviation of remembered skin without a body, so that it does not beat the predicted skin
 UNSUPPORTED_SIGMA_M: Final = 0.04
-FIRST_EARLIER_LABEL: Final = 128  # first label of people met in the backward pass
+FIRST_EARLIER_LABEL: Final = 128  # first label of people who are first seen in the backward pass
 
 
 def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: PatientChoice) -> tuple[View | None, ...]:
@@ -52,7 +53,7 @@ def by_distance(people: People, ground_xz_m: np.ndarray) -> np.ndarray:
 def label_people(pieces: Sequence[Pieces | None], people: People, order: np.ndarray) -> tuple[View | None, ...]:
     """Label each camera's pixels by person.
 
-    order (k,): numbers of the people; the first becomes the patient. Pixels in which the descriptor sees nobody join
+    order (k,): numbers of the people; the first becomes the patient. Pixels in which the descriptor finds nobody join
     the person to whom they are connected, up to the creases between touching people.
     """
     label = np.full(len(people.people) + 1, NOBODY, np.uint8)  # the last entry stands for nobody
@@ -69,14 +70,13 @@ def separate(
     elapsed_s: float,
     cameras: Sequence[Camera],
 ) -> tuple[View | None, ...]:
-    """Label each camera's pixels by the people ``elapsed_s`` ago and, if given, by predicted skin.
+    """Label each camera's pixels by the people seen ``elapsed_s`` ago and, if given, by predicted skin.
 
-    expected: the likelihood of people with predicted skin; all other people are expected where they were seen last. A
-    pixel goes to the most likely owner if this owner leads clearly (``decide_ownership``). Remaining pixels, between
-    two people or out of range, go to the person to whom they are connected (``grow_regions``). A separate piece goes to
-    the person that it nearly touches, such as a forearm that a bar cuts off. A remaining piece that the learnt
-    descriptor takes for a person is a new person. elapsed_s: negative in the backward pass, whose new people get labels
-    from another range, different from those of people met later in time.
+    expected: the likelihood of people with predicted skin; all other people are expected where they were seen last. (1)
+    A pixel gets the most likely owner if this owner leads clearly (``decide_ownership``). (2) Other pixels get the
+    person to whom they are connected (``grow_regions``). (3) A separate piece, such as a forearm that a bar cuts off,
+    gets the person that it nearly touches. (4) A remaining piece that the learnt descriptor takes for a person is a new
+    person. elapsed_s: negative in the backward pass, in which new people get labels from another range.
     """
     shown = [pixels for pixels in pieces if pixels is not None]
     of_shown = [camera for pixels, camera in zip(pieces, cameras, strict=True) if pixels is not None]
@@ -114,7 +114,7 @@ def _grown(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.nda
 
 
 def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np.ndarray]:
-    """Return the owners after pieces without an owner went to the person that they nearly touch, in any camera."""
+    """Return the owners after pieces without an owner got the person that they nearly touch, seen by any camera."""
     cameras = list(zip(shown, owners, strict=True))
     if not any(pixels.area_m2[owner == NOBODY].sum() >= SMALLEST_PIECE_M2 for pixels, owner in cameras):
         return owners
@@ -124,16 +124,14 @@ def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np
     points = np.concatenate([place for place, _, _ in owned])
     if not len(points):
         return owners
-    # building a tree of all skin would take longer than the search
+    # a tree of all skin would take longer to build than the search takes
     near = ((points >= low) & (points <= high)).all(axis=1)
     label, tree = np.concatenate([whose for _, whose, _ in owned])[near], cKDTree(points[near])
     return [_to_neighbour(pixels, owner, tree, label) for pixels, owner in cameras]
 
 
 def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.ndarray) -> np.ndarray:
-    """Return (n,) uint8 owners, after each piece gave its unowned pixels to the nearest person within
-    ``DETACHED_M``.
-    """
+    """Return (n,) uint8 owners after the unowned pixels of each piece got the nearest person within ``DETACHED_M``."""
     unowned = np.flatnonzero(owner == NOBODY)
     if not len(unowned):
         return owner
@@ -141,7 +139,7 @@ def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.nd
     found = np.isfinite(distance)
     piece, distance, whose = pixels.piece[unowned[found]], distance[found], label[nearest[found]]
     to = np.zeros(pixels.piece_count + 1, np.uint8)
-    order = np.argsort(-distance, kind="stable")  # the nearest is written last and remains
+    order = np.argsort(-distance, kind="stable")  # the nearest person is written last, so this label remains
     to[piece[order]] = whose[order]
     assigned = owner.copy()
     assigned[unowned] = to[pixels.piece[unowned]]
@@ -149,10 +147,10 @@ def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.nd
 
 
 def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], skin_m: np.ndarray) -> list[np.ndarray]:
-    """Return the owners after unowned pixels went to the patient where the patient's skin (p, 3) was in the last frame.
+    """Return the owners after unowned pixels near the patient's skin (p, 3) of the last frame got the patient's label.
 
-    So neither the patient, if the prediction is wrong, nor a connected part that was hidden before becomes a new
-    person. Other people keep their pixels.
+    So the patient does not become a new person if the prediction is wrong, nor does a part of the patient that was
+    hidden before. Other people keep their pixels.
     """
     if not len(skin_m) or not any((owner == NOBODY).any() for owner in owners):
         return owners
@@ -169,7 +167,7 @@ def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], 
 def _with_newcomers(
     shown: Sequence[Pieces], cameras: Sequence[Camera], owners: list[np.ndarray], next_label: int
 ) -> list[np.ndarray]:
-    """Return the owners with new labels for people most of whose pixels are unowned."""
+    """Return the owners with a new label for each person who has mostly unowned pixels."""
     free = [owner == NOBODY for owner in owners]
     if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, free, strict=True)) < PERSON_AREA_M2:
         return owners
@@ -191,7 +189,7 @@ def _with_newcomers(
 
 
 def _views(pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray]) -> tuple[View | None, ...]:
-    """Return one view per camera, None for a camera without a frame. owners: only of cameras with a frame."""
+    """Return one view per camera, None for a camera without a frame. owners: one per camera with a frame."""
     left = iter(owners)
     return tuple(None if pixels is None else view_of(pixels, next(left)) for pixels in pieces)
 

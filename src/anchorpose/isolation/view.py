@@ -9,7 +9,7 @@ import numpy as np
 
 
 class PixelLabel(IntEnum):
-    """The kind of thing that a pixel shows. Labels above ``OTHER_PERSON`` are further people, one label per person."""
+    """The kind of thing that a pixel shows. Labels from ``OTHER_PERSON`` on are other people, one label per person."""
 
     NO_READING = 0
     BACKGROUND = 1
@@ -21,13 +21,10 @@ class PixelLabel(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One camera's depth frame and the label of each pixel.
+    """One camera's depth frame and the label of each pixel."""
 
-    depth_m (height, width) float32 metres, 0 = no reading; labels (height, width) uint8 of ``PixelLabel``.
-    """
-
-    depth_m: np.ndarray
-    labels: np.ndarray
+    depth_m: np.ndarray  # (height, width) float32 m, 0 = no reading
+    labels: np.ndarray  # (height, width) uint8 of ``PixelLabel``
 
     @property
     def patient(self) -> np.ndarray:
@@ -36,5 +33,5 @@ class View:
 
     @property
     def hidden_by_equipment(self) -> np.ndarray:
-        """Return (height, width) bool: pixels whose view ends at the equipment; the patient may be behind it."""
+        """Return (height, width) bool: pixels that show the equipment; the patient may be behind it."""
         return self.labels == np.uint8(PixelLabel.EQUIPMENT)

@@ -1,13 +1,13 @@
-"""Read and index reference movements: from the shipped file, files of ``motions build``, and skeletons of other
-trackers.
+"""Read and index reference movements: from the shipped file, from files of ``motions build``, and from skeletons of
+other trackers.
 
-A pose vector theta does not depend on where the patient stands and faces. It holds 21 x 3 joint positions relative to
-SpineBase in the trunk's heading frame (X where the trunk faces, Y up, Z to its right), then a path of 4 numbers. Three
-are the way of SpineBase along X, Y, Z of the *momentary* heading frame, summed from step to step like an odometer; the
-fourth is the heading, radians, unwrapped. Only differences of the path are meaningful.
+A pose vector theta does not depend on where the patient stands and faces. It has 21 x 3 joint positions relative to
+SpineBase in the trunk's heading frame (X where the trunk faces, Y up, Z to its right), then 4 numbers for the path. The
+first three are the distance travelled by SpineBase along X, Y and Z of the *momentary* heading frame, summed over all
+steps; the fourth is the heading, radians, unwrapped. Only differences of these 4 numbers have a meaning.
 
 The scaled set D_s (paper, Section IV) is never stored: a sub-list is a place in the recorded clips and a speed (frames
-of the clip per frame of the recording), and its poses are interpolated when needed.
+of the clip per frame of the recording), and its poses are interpolated on demand.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from anchorpose.recording.writable import whole_file
 COMPARED: Final = 3 * JOINT_COUNT
 """Number of columns of a pose vector that measure how similar two poses are."""
 
-# neighbours in time that share a bound; larger groups differ more, which costs more tests than it saves
+# number of sub-lists, neighbours in time, that share a bound; larger groups have looser bounds and cost more tests
 SEGMENT: Final = 4
-COLUMNS: Final = 16  # principal columns used for the bounds, which then reach nine tenths of the cost
-_SAMPLES: Final = 5000  # poses from which the principal directions are computed
+COLUMNS: Final = 16  # number of principal columns used for the bounds; bounds then reach nine tenths of the cost
+_SAMPLES: Final = 5000  # number of poses from which the principal directions are computed
 
 _ROOT: Final = JOINT_INDEX["SpineBase"]
 _LEFT: Final = [JOINT_INDEX["HipLeft"], JOINT_INDEX["ShoulderLeft"]]
@@ -38,44 +38,30 @@ _RIGHT: Final = [JOINT_INDEX["HipRight"], JOINT_INDEX["ShoulderRight"]]
 
 
 class SubLists(NamedTuple):
-    """All w sub-lists; sub-lists of one clip and speed are contiguous, in the order of time.
+    """All w sub-lists; sub-lists of one clip and speed are contiguous, in the order of time."""
 
-    place (w,) float64: row of theta of the newest pose, possibly between two rows. stride (w,) float64: rows per frame.
-    followed (w,) int32: number of frames after the newest pose in its clip.
-    summary (w, 2, COLUMNS) float32: mean pose and displacement, in the leading columns of ``turned``.
-    segment (s + 1,) int64: where each group of neighbours begins; centre (s, 2, COLUMNS) float32: the mean of their
-    summaries; radius (s, 2) float32: largest distance of their mean poses, and of their displacements, from it.
-    """
-
-    place: np.ndarray
-    stride: np.ndarray
-    followed: np.ndarray
-    summary: np.ndarray
-    segment: np.ndarray
-    centre: np.ndarray
-    radius: np.ndarray
+    place: np.ndarray  # (w,) float64, row of theta of the newest pose, possibly between two rows
+    stride: np.ndarray  # (w,) float64, rows per frame
+    followed: np.ndarray  # (w,) int32, number of frames after the newest pose in its clip
+    summary: np.ndarray  # (w, 2, COLUMNS) float32, mean pose and displacement, in the leading columns of ``turned``
+    segment: np.ndarray  # (s + 1,) int64, where each segment (group of neighbours) begins
+    centre: np.ndarray  # (s, 2, COLUMNS) float32, mean of the segment's summaries
+    radius: np.ndarray  # (s, 2) float32, largest distance of its mean poses, and of its displacements, from the centre
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionDatabase:
-    """Reference movements D, one after another, and the sub-lists of D_s.
+    """Reference movements D, one after another, and the sub-lists of D_s."""
 
-    theta (n, d) float32, at their recorded rates. The first ``compared`` columns decide how similar two poses are; all
-    other columns (a path over the floor with an arbitrary origin) are only predicted. turned (n, compared) float32 =
-    theta[:, :compared] @ basis, basis orthonormal: distances are the same, but mostly in the first columns.
-    """
-
-    theta: np.ndarray
-    compared: int
-    turned: np.ndarray
-    basis: np.ndarray
+    theta: np.ndarray  # (n, d) float32, pose vectors at their recorded rates
+    compared: int  # the first so many columns decide how similar two poses are; the rest, the path, is only predicted
+    turned: np.ndarray  # (n, compared) float32 = theta[:, :compared] @ basis; distances are mostly in its first columns
+    basis: np.ndarray  # (compared, compared) orthonormal
     sublists: SubLists
 
 
 def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
-    """Return the pose vectors (t, 67) float64 of consecutive frames of joints (t, 21, 3), world, metres; NaN is
-    kept.
-    """
+    """Return the pose vectors (t, 67) float64 of consecutive frames of joints (t, 21, 3), world, metres; NaN stays."""
     heading = heading_rad(joints_m)
     root = joints_m[:, _ROOT]
     relative = _turned(joints_m - root[:, None], -heading)
@@ -98,8 +84,8 @@ def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) 
 
 
 def heading_rad(joints_m: np.ndarray) -> np.ndarray:
-    """Return the angle (t,) about Y from world X to the trunk's heading, which is perpendicular to the lines of hips
-    and shoulders, whichever are known.
+    """Return the angle (t,) about Y from world X to the trunk's heading. The heading is perpendicular to the lines
+    between hips and between shoulders; one of both lines is enough.
     """
     across = joints_m[:, _RIGHT] - joints_m[:, _LEFT]
     across = np.where(np.isfinite(across).all(axis=(2,), keepdims=True), across, 0.0).sum(axis=1)
@@ -126,7 +112,7 @@ def build_database(
     """Build D_s for a recording of ``at_hz`` from clips, (n_i, d) each, whose rates are ``rate_hz``.
 
     history: poses per sub-list; past: frames that a clip must have before the newest pose of a sub-list (at least its
-    other poses). Raises ValueError where a clip has missing values, or where no clip is long enough for the past and
+    other poses). Raises ValueError if a clip has missing values, or if no clip is long enough for ``past`` frames and
     one step.
     """
     if any(not np.isfinite(clip).all() for clip in clips):
@@ -156,7 +142,7 @@ def poses_at(theta: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 def summarise(turned: np.ndarray, place: np.ndarray, stride: np.ndarray, history: int) -> np.ndarray:
     """Return (w, 2, COLUMNS) float32: mean pose and displacement of sub-lists of ``history`` poses, in the leading
-    columns.
+    columns of ``turned``.
     """
     leading = turned[:, :COLUMNS].astype(np.float32)
     total = poses_at(leading, place)
@@ -168,14 +154,14 @@ def summarise(turned: np.ndarray, place: np.ndarray, stride: np.ndarray, history
 
 
 def _principal(poses: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis (d, d) float32, ordered such that poses differ most along the first direction."""
+    """Return an orthonormal basis (d, d) float32; poses differ most along its first direction."""
     some = poses[:: max(1, len(poses) // _SAMPLES)].astype(np.float64)
     apart = some - some.mean(axis=0)
     return np.linalg.eigh(apart.T @ apart)[1][:, ::-1].astype(np.float32)
 
 
 def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: int, past: int) -> SubLists:
-    """List the sub-lists of runs. A run consists of the first row of a clip, the rows per frame, and the number of
+    """List the sub-lists of runs. A run is a clip at one speed: its first row, its rows per frame, its number of
     frames.
     """
     place, stride, followed, segment = [], [], [], [np.zeros(1, dtype=np.int64)]
@@ -212,7 +198,7 @@ _SKELETON_ARRAYS: Final = ("joints_mm", "offsets", "names", "joint_names", "rate
 _SKELETON_REMEDY: Final = (
     "give joints_mm (frames, joints, 3) with Y up, offsets (clips + 1), names (clips) and joint_names (joints)"
 )
-FARTHEST_MM: Final = 10_000  # mm from the first frame; larger values mean that the unit is not the millimetre
+FARTHEST_MM: Final = 10_000  # mm, largest distance from the first frame; larger values are not in millimetres
 
 _TRUNK: Final = {"SpineBase": "Waist", "SpineMid": "Spine", "SpineShoulder": "Chest"}
 _LIMBS: Final = {
@@ -227,31 +213,29 @@ _LIMBS: Final = {
 BONE_BEGINNING_AT: Final = _TRUNK | {
     f"{joint}{side}": f"{side[0]}{bone}" for joint, bone in _LIMBS.items() for side in ("Left", "Right")
 }
-"""The bone that begins at a joint; UI-PRMD names joints in this way."""
+"""The bone that begins at each joint; UI-PRMD names joints by these bones."""
 
 DERIVED: Final = {
     "HandLeft": ("ElbowLeft", "WristLeft", 1.15),
     "HandRight": ("ElbowRight", "WristRight", 1.15),
     "Neck": ("SpineShoulder", "Head", 0.31),
 }
-"""Joints that a file may lack, as shares of the way from the first joint to the second, on the shipped mean adult."""
+"""Joints that a file may lack, and how they are derived: as a share of the way from the first joint to the second. The
+shares are those of the shipped mean adult."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceClips:
-    """Movements without gaps: joints_m (n_i, 21, 3) metres, Y up, any place and heading, each with a name and a rate.
+    """Movements without gaps, each with a name and a rate."""
 
-    notes: sentences on their origin, and on derived or omitted joints.
-    """
-
-    joints_m: tuple[np.ndarray, ...]
+    joints_m: tuple[np.ndarray, ...]  # (n_i, 21, 3) m each, Y up, any place and heading
     names: tuple[str, ...]
     rate_hz: tuple[float, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # sentences about the origin, and about derived or omitted joints
 
     @property
     def frame_count(self) -> int:
-        """Return the frames of all clips."""
+        """Return the number of frames of all clips together."""
         return sum(len(clip) for clip in self.joints_m)
 
 
@@ -266,7 +250,7 @@ def join_clips(parts: Sequence[ReferenceClips]) -> ReferenceClips:
 
 
 def write_motions(path: Path, clips: ReferenceClips) -> None:
-    """Write the clips in millimetres, each moved to the origin; ``path`` is either completely written or unchanged."""
+    """Write the clips in millimetres, each moved to the origin. ``path`` is either completely written or unchanged."""
     root = JOINT_INDEX["SpineBase"]
     millimetres = [np.rint(1000.0 * (clip - clip[0, root])).astype(np.int16) for clip in clips.joints_m]
     with whole_file(path) as partial, partial.open("wb") as stream:
@@ -304,9 +288,9 @@ def read_motions(path: Path) -> ReferenceClips:
 def read_skeletons(path: Path, rate_hz: float | None) -> ReferenceClips:
     """Read the clips of a skeleton file and convert them to our 21 joints.
 
-    rate_hz: frames per second where the file has no ``rate_hz``. Joints are found by our names, or by the names of
-    bones that begin there; hands and neck may be derived, which a note states. Raises InputError where a joint is
-    missing or the file is not valid.
+    rate_hz: frames per second, if the file has no ``rate_hz``. Joints are found by our names, or by the names of bones
+    that begin there; hands and neck may be derived, and a note states this. Raises InputError if a joint is missing or
+    the file is not valid.
     """
     arrays = read_arrays(path, _SKELETON_ARRAYS, _SKELETON_REMEDY)
     missing = [name for name in _SKELETON_ARRAYS[:-1] if name not in arrays]
@@ -340,10 +324,10 @@ def _check_skeletons(path: Path, joints: np.ndarray, offsets: np.ndarray, clips:
 
 
 def _in_our_joints(path: Path, joints: np.ndarray, columns: list[str]) -> tuple[np.ndarray, list[str]]:
-    """Return the joints (n, 21, 3) and the names of the derived ones."""
+    """Return the joints (n, 21, 3) and the names of derived joints."""
     found: dict[str, np.ndarray] = {}
     for name in JOINT_NAMES:
-        # columns Neck and Head are our joints in both namings; LHand is where the hand begins, so it is the wrist
+        # Neck and Head are the same joints in both namings; LHand is the bone that begins at the wrist
         for known in (name, BONE_BEGINNING_AT.get(name)):
             if known in columns and name not in found:
                 found[name] = joints[:, columns.index(known)]

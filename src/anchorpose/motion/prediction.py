@@ -1,5 +1,5 @@
-"""Predict the next joints by scaled motion dynamics from the most similar movements (paper, Section IV), which are
-found exactly.
+"""Predict the next joints by scaled motion dynamics from the most similar movements (paper, Section IV). The search for
+these movements is exact.
 """
 
 from __future__ import annotations
@@ -29,40 +29,37 @@ from anchorpose.motion.database import (
 )
 from anchorpose.settings import Count, NotNegative, Positive, settings
 
-_SEEDS: Final = 16  # segments searched first, to get a cost with which bounds are compared
-_ROUNDED: Final = np.float32(0.9999)  # bounds are stored in single precision, which may round up ...
-_SLACK_M: Final = np.float32(1e-5)  # ... and near 0 by more than a share
+_SEEDS: Final = 16  # number of segments that are searched first, to get a cost with which bounds are compared
+# factor on bounds and metres subtracted from them, since single precision may round a bound up
+_ROUNDED: Final = np.float32(0.9999)
+_SLACK_M: Final = np.float32(1e-5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """The most similar sub-lists, the best first.
+    """The most similar sub-lists, the best first."""
 
-    place (m,): database row of the newest pose; stride (m,): rows per frame, as in ``SubLists``.
-    distance_m (m,): root-mean-square distance over the joints, mean over the frames.
-    """
-
-    place: np.ndarray
-    stride: np.ndarray
-    distance_m: np.ndarray
+    place: np.ndarray  # (m,) database row of the newest pose, as in ``SubLists``
+    stride: np.ndarray  # (m,) rows per frame
+    distance_m: np.ndarray  # (m,) root-mean-square distance over the joints, mean over the frames
 
     def poses(self, database: MotionDatabase, frames: np.ndarray) -> np.ndarray:
-        """Return the pose vectors (m, f, d) of each match ``frames`` (f,) after its newest pose; negative = before."""
+        """Return the pose vectors (m, f, d) of each match, ``frames`` (f,) after its newest pose; negative = before."""
         return poses_at(database.theta, self.place[:, None] + frames * self.stride[:, None])
 
 
 def best_sublists(
     history: np.ndarray, database: MotionDatabase, steps: int, count: int, displacement_weight: float
 ) -> Matches | None:
-    """Return the ``count`` sub-lists most similar to the last poses; None where no column is known or no clip is long
+    """Return the ``count`` sub-lists most similar to the last poses; None if no column is known or no clip is long
     enough.
 
-    The cost is the sum over v of ed(theta^(t-v), theta_s^(j-v)), as in the paper, plus ``displacement_weight`` k times
-    the distance of the displacements over the history, since one pose occurs in both directions and at every speed.
-    history (k, d): the newest pose last. Only sub-lists that are followed by ``steps`` more frames count. Sub-lists
-    whose lower bound is too high are skipped. The result is exact, since k distances sum up to at least k times the
-    distance of the means, and omitted columns only lower this bound. Ties go to the earlier sub-list. A column that is
-    missing anywhere in the history is not compared, and then every sub-list is tested.
+    The cost is the paper's sum over v of ed(theta^(t-v), theta_s^(j-v)), plus ``displacement_weight`` k times the
+    distance between the displacements over the history, since one pose occurs in movements of any direction and speed.
+    history (k, d): the newest pose last. Only sub-lists that are followed by ``steps`` more frames are used. Sub-lists
+    with too high a lower bound are skipped. The result is still exact, since k distances sum up to at least k times the
+    distance of the means, and omitted columns only lower this bound. Of equal sub-lists, the earlier is taken. A column
+    that is missing anywhere in the history is not compared; then every sub-list is tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
@@ -92,7 +89,7 @@ def _rank(
     count: int,
     displacement_weight: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best sub-lists by increasing cost. query: shaped like a summary; without it no bounds are used."""
+    """Return the best sub-lists by increasing cost. query: summary of the history; without it no bounds are used."""
     best, cost = np.full(count, -1, dtype=np.int64), np.full(count, np.inf)
     place, stride, followed, segment = sublists.place, sublists.stride, sublists.followed, sublists.segment
     found = 0
@@ -118,7 +115,7 @@ def _rank(
 
 @njit(cache=True)
 def _insert(best: np.ndarray, cost: np.ndarray, found: int, w: int, total: float) -> int:
-    """Insert a sub-list among the best if it belongs there; return the number of best sub-lists."""
+    """Insert a sub-list among the best if its cost is low enough; return the number of best sub-lists."""
     if found == len(best):
         if total > cost[-1] or (total == cost[-1] and w > best[-1]):
             return found
@@ -171,7 +168,7 @@ def _bound_segments(
 def _cost(
     theta: np.ndarray, history: np.ndarray, place: float, stride: float, displacement_weight: float, limit: float
 ) -> float:
-    """Return the cost of one sub-list, or infinity as soon as the cost exceeds ``limit``."""
+    """Return the cost of one sub-list; inf if it exceeds ``limit``."""
     k, d = history.shape
     last = len(theta) - 1
     new, old = int(place), int(place - (k - 1) * stride)
@@ -197,12 +194,12 @@ def _cost(
     return total if total <= limit else np.inf
 
 
-SPANS: Final = (1, 2, 4)  # frames over which the patient's velocity is measured
+SPANS: Final = (1, 2, 4)  # numbers of frames over which the patient's velocity is measured
 DAMPING: Final = 0.85  # factor on the velocity per frame, since a limb reverses within a few tenths of a second
-OWN_VELOCITY: Final = 0.8  # share of the velocity difference, patient minus matches, added; 1 would follow its noise
-# one-frame predictions on which each span is tested; with some 60 columns each, this is enough
+OWN_VELOCITY: Final = 0.8  # share of the velocity difference, patient minus matches, that is added; 1 adds its noise
+# number of one-frame predictions on which each span is tested; each has about 60 columns
 _CHECKED_STEPS: Final = 6
-_SHARPNESS: Final = 4  # exponent; a span whose squared error is a fifth larger gets half the weight
+_SHARPNESS: Final = 4  # exponent of the weights: a span with a squared error larger by a fifth gets half the weight
 
 
 class MotionRule(StrEnum):
@@ -216,19 +213,18 @@ class MotionRule(StrEnum):
 
 @settings
 class MotionConfig:
-    """Settings of how movements are compared and continued; a pose vector theta is in metres, see
-    ``motion.database``.
+    """Settings of how movements are compared and continued. Pose vectors are described in ``motion.database``.
 
     The numbers were chosen on four subjects of UI-PRMD, each left out in turn (docs/tracking.md).
     """
 
     rule: MotionRule = MotionRule.BLEND
-    history: Annotated[int, Field(ge=2, strict=True)] = 5  # frames compared; at 30 Hz they show a direction
-    # factors on speed, in half octaves
+    history: Annotated[int, Field(ge=2, strict=True)] = 5  # number of frames compared; at 30 Hz they show a direction
+    # factors on the speed of reference movements, half an octave apart
     speeds: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.71, 1.0, 1.41, 2.0)
-    displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0: the paper's equation
-    neighbours: Count = 32  # similar sub-lists that are averaged; a single one adds its own noise, and 64 are no better
-    checked: Count = 7  # age in frames of the predictions whose errors decide how matches and velocity are weighted
+    displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0 = the paper's equation
+    neighbours: Count = 32  # similar sub-lists that are averaged: a single one would add its noise, 64 are no better
+    checked: Count = 7  # frames back at which predictions are tested, to weight matches and velocity
 
     @property
     def uses_database(self) -> bool:
@@ -237,7 +233,7 @@ class MotionConfig:
 
     @property
     def past(self) -> int:
-        """Return the number of frames that a sub-list's clip must have before its newest one."""
+        """Return the number of frames that a clip must have before the newest frame of a sub-list."""
         return max(self.history - 1, self.checked, *SPANS)
 
 
@@ -245,31 +241,25 @@ class PredictionSource(StrEnum):
     """The source of a prediction."""
 
     DATABASE = "database"
-    OWN_VELOCITY = "own_velocity"  # no reference movements, or a history too short to compare
+    OWN_VELOCITY = "own_velocity"  # there are no reference movements, or the history is too short to compare
     STANDSTILL = "standstill"  # prediction from one frame of history: the velocity is unknown
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """A prediction: theta (steps, d) float64, NaN where the last pose is unknown. matches: None where no matches were
-    searched or found.
+    """A prediction of pose vectors."""
 
-    trust: from 0 (only the patient's own velocity) to 1 (only the continuation of the matches).
-    """
-
-    theta: np.ndarray
+    theta: np.ndarray  # (steps, d) float64, NaN where the last pose is unknown
     source: PredictionSource
-    matches: Matches | None
-    trust: float
+    matches: Matches | None  # None if no matches were searched for or found
+    trust: float  # from 0 (only the patient's own velocity) to 1 (only the continuation of the matches)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPrediction:
-    """Predicted joints: joints_m (steps, 21, 3) float64 world, NaN where the history lacks a joint; source, trust: see
-    ``Prediction``.
-    """
+    """Predicted joints; fields without a comment are described in ``Prediction``."""
 
-    joints_m: np.ndarray
+    joints_m: np.ndarray  # (steps, 21, 3) float64 world, NaN for joints that the history lacks
     source: PredictionSource
     trust: float
 
@@ -277,12 +267,14 @@ class JointPrediction:
 def joint_database(
     clips_m: Sequence[np.ndarray], rate_hz: Sequence[float], at_hz: float, config: MotionConfig
 ) -> MotionDatabase:
-    """Build the motion database of clips of joints, (n_i, 21, 3), metres, Y up; any place, any heading, any rate."""
+    """Build the motion database from clips of joints, (n_i, 21, 3) metres, Y up, with any place, heading and rate."""
     return reference_motions([pose_vectors(clip) for clip in clips_m], rate_hz, at_hz, COMPARED, config)
 
 
 def load_motions(path: Path, at_hz: float, config: MotionConfig) -> MotionDatabase | None:
-    """Read the database for a recording of ``at_hz``. Returns None if the rule needs no database. Raises InputError."""
+    """Read the database for a recording of ``at_hz``; return None if the rule needs no database. Raises InputError if
+    the file cannot be used.
+    """
     if not config.uses_database:
         return None
     clips = read_motions(path)
@@ -295,16 +287,14 @@ def load_motions(path: Path, at_hz: float, config: MotionConfig) -> MotionDataba
 def reference_motions(
     clips: Sequence[np.ndarray], rate_hz: Sequence[float], at_hz: float, compared: int, config: MotionConfig
 ) -> MotionDatabase:
-    """Build the database of clips of pose vectors (n_i, d), recorded at ``rate_hz`` each, for a recording of
-    ``at_hz``.
-    """
+    """Build the database for a recording of ``at_hz`` from clips of pose vectors (n_i, d); rate_hz: one per clip."""
     return build_database(clips, rate_hz, at_hz, compared, config.speeds, config.history, config.past)
 
 
 def predict_joints(
     history_m: np.ndarray, steps: int, database: MotionDatabase | None, config: MotionConfig
 ) -> JointPrediction:
-    """Predict the joints of the next ``steps`` frames from the last ones (k, 21, 3), world, metres, newest last."""
+    """Predict the joints of the next ``steps`` frames from the last frames (k, 21, 3), world, metres, newest last."""
     recent = np.asarray(history_m, dtype=np.float64)
     vectors = pose_vectors(recent)
     prediction = predict(vectors, steps, COMPARED, database, config)
@@ -316,11 +306,11 @@ def predict(
 ) -> Prediction:
     """Predict the next ``steps`` poses after ``history`` (k, d), newest last. Raises ValueError on an empty history.
 
-    compared: columns that count in a prediction's error, as in the database. The paper's rule is theta^(t+h) = theta^t
-    + theta_s^(j+h) - theta_s^j. Our rule takes the mean of this over several sub-lists and adds the difference between
-    the patient's velocity and theirs. The result is mixed with a prediction by the velocity alone. The weights follow
-    from how well each would have predicted the present ``checked`` frames ago: the share of the velocity's squared
-    error in the sum of both. So a movement that the database does not contain is predicted by its velocity.
+    compared: number of columns that count in a prediction's error, as in the database. The paper's rule is theta^(t+h)
+    = theta^t + theta_s^(j+h) - theta_s^j. Our rule takes the mean of this over several sub-lists and adds most of the
+    difference between the patient's velocity and the sub-lists' velocity. The result is mixed with a prediction by the
+    patient's velocity alone. The weights follow from the squared errors that both predictions, made ``checked`` frames
+    ago, would have today. So a movement that the database does not contain is predicted by its velocity.
     """
     if not len(history):
         raise ValueError("a prediction needs at least one pose")
@@ -365,8 +355,8 @@ def _blend(
 
 
 def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compared: int, checked: int) -> float:
-    """Return the trust, 0 to 1: how much better the matches explain the last frames of the history than the velocity
-    before these frames does.
+    """Return the trust, 0 to 1: the squared error of a prediction by velocity, made ``checked`` frames ago, divided by
+    the sum of its and the matches' squared errors.
     """
     back = min(checked, len(history) - 2)
     known = np.flatnonzero(np.isfinite(history[:, :compared]).all(axis=0))
@@ -385,10 +375,10 @@ def _travelled(steps: int) -> np.ndarray:
 def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
     """Return the weight (s,) float64, sum 1, of the velocity over each span (frames, rising).
 
-    A short span follows the movement, a long span averages the noise out. Weights follow from how well each span would
-    have predicted the newest frames from the earlier frames, over all columns. A span that is too long to be tested on
-    the history (k, d), newest last, has no weight; with two frames the shortest span has all weight. Columns with
-    missing values are left out.
+    A short span follows the movement quickly, a long span averages out noise. The weights follow from how well each
+    span would have predicted the newest frames from earlier frames, over all columns. A span that is too long to be
+    tested on the history (k, d), newest last, has weight 0; with two frames the shortest span has weight 1. Columns
+    with missing values are left out.
     """
     known = history[:, np.isfinite(history).all(axis=0)]
     squared = np.full(len(spans), np.inf)
@@ -405,8 +395,8 @@ def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
 
 
 def velocity(poses: np.ndarray, spans: Sequence[int], shares: np.ndarray, at: int = -1) -> np.ndarray:
-    """Return the velocity (..., d) per frame at pose ``at`` (counted from the end) of (..., k, d), newest last; a span
-    that is too long is cut.
+    """Return the velocity (..., d) per frame at pose ``at`` (negative: counted from the end) of poses (..., k, d),
+    newest last. Spans that are too long are shortened.
     """
     total = np.zeros(poses.shape[:-2] + poses.shape[-1:])
     for span, share in zip(spans, shares, strict=True):

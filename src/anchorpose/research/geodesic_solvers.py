@@ -42,8 +42,8 @@ def solve_distance(
 ) -> np.ndarray:
     """Return (s, n) float32 metres from each source, as ``geodesic_distance``, by any solver.
 
-    HEAT and EXACT use only triangles: they give NaN at nodes that are connected by other edges only, and raise
-    ValueError where the surface has links or a source has no triangle; MissingPackage where their package is not
+    HEAT and EXACT use only triangles and give NaN at nodes that are connected by other edges only. They raise
+    ValueError if the surface has links or a source has no triangle, and MissingPackage if their package is not
     installed.
     """
     if solver is Solver.FAST_MARCHING:
@@ -64,9 +64,9 @@ def edge_graph(surface: Surface) -> csr_array:
 
 
 def edge_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """Return (s, n) float32: shortest path along edges from each of the nodes (s,); missing values as
-    ``geodesic_distance``.
+    """Return (s, n) float32 metres: shortest path along edges from each of the nodes (s,).
 
+    Missing values are marked as by ``geodesic_distance``.
     Source: Dijkstra 1959 (doi:10.1007/BF01386390) by scipy, which stops at ``max_distance_m``.
     """
     if len(nodes) == 0:
@@ -75,10 +75,10 @@ def edge_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = n
 
 
 Prepared = Callable[[np.ndarray], np.ndarray]
-"""Function from some vertices of a patch to the distance (k,) of all its vertices to the nearest of them."""
+"""Function that takes some vertices of a patch and returns the distance (k,) of every vertex to the nearest of them."""
 
 Solve = Callable[[np.ndarray, np.ndarray], Prepared]
-"""Function that prepares one patch, vertices (k, 3) and faces, for many solutions."""
+"""Function that prepares one patch, given by vertices (k, 3) and faces, to be solved many times."""
 
 
 def _exact(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
@@ -118,15 +118,13 @@ def _heat(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
 class TriangleMesh:
     """The surface as triangles alone, connected where they share a side.
 
-    vertices_m (v, 3) float64; faces (f, 3) int32 of vertices; node (v,) int32: the surface's node of each vertex; patch
-    (v,) int32: the connected patch of each vertex. A node whose triangles share only that corner is several vertices,
-    as solvers of manifold meshes need it.
+    A node whose triangles share only this corner becomes several vertices, since solvers need a manifold mesh.
     """
 
-    vertices_m: np.ndarray
-    faces: np.ndarray
-    node: np.ndarray
-    patch: np.ndarray
+    vertices_m: np.ndarray  # (v, 3) float64
+    faces: np.ndarray  # (f, 3) int32, vertices
+    node: np.ndarray  # (v,) int32, the surface's node of each vertex
+    patch: np.ndarray  # (v,) int32, number of the connected patch of each vertex
 
 
 def triangle_mesh(surface: Surface) -> TriangleMesh:
@@ -149,7 +147,7 @@ def triangle_mesh(surface: Surface) -> TriangleMesh:
 
 
 def _components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return (count,) int32: the connected component of each node when the pairs are joined."""
+    """Return (count,) int32: the connected component of each node if the nodes of every pair are joined."""
     graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
     return connected_components(graph, directed=False)[1].astype(np.int32)
 
@@ -172,8 +170,9 @@ def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: 
 
 
 def _field(surface: Surface, mesh: TriangleMesh, node: int, solve: Solve, prepared: dict[int, Prepared]) -> np.ndarray:
-    """Return the distances (n,) float64 from one node; NaN on its piece of surface where no triangles lead, inf beyond
-    this piece.
+    """Return the distances (n,) float64 from one node.
+
+    They are inf on other pieces of the surface, and NaN on the node's own piece where no triangles lead.
     """
     field = np.full(len(surface), np.inf)
     field[node] = 0.0

@@ -18,9 +18,11 @@ from anchorpose.surface.mesh import edges, faces, keep_nodes
 from anchorpose.surface.surface import Surface
 
 TOLERANCE_M: Final = 1e-4
-"""Difference in metres that counts as undistorted with the exact solver: rounding, and cells at the rim that are cut
-along the other diagonal. A larger tolerance would call bright what lies around a corner: a path that bends by 0.1 rad
-0.1 m before its end is 0.5 mm longer. With fast marching take 4 mm, its own error between two meshes.
+"""Difference in metres that still counts as undistorted with the exact solver.
+
+It covers rounding, and cells at the rim that are cut along the other diagonal. With a larger tolerance, nodes around a
+corner would count as bright: a path that bends by 0.1 rad 0.1 m before its end is only 0.5 mm longer. With fast
+marching, use 4 mm, which is its own error between two meshes.
 """
 
 
@@ -37,17 +39,13 @@ class Region:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occlusion:
-    """A surface with and without its hidden nodes.
+    """A surface with and without its hidden nodes. Outside this class, nodes are numbered as in ``whole``."""
 
-    whole: the surface without an occlusion; hidden (n,) bool; seen: the rest of it, and node (m,) int32: the whole
-    surface's number of each seen node. Node numbers outside this class are those of the whole surface. boundary: the
-    seen nodes and edges where the surface ends because of the occlusion, without those where the whole surface ends.
-    """
-
-    whole: Surface
-    hidden: np.ndarray
-    seen: Surface
-    node: np.ndarray
+    whole: Surface  # the surface without the occlusion
+    hidden: np.ndarray  # (n,) bool
+    seen: Surface  # the surface without the hidden nodes
+    node: np.ndarray  # (m,) int32, number in ``whole`` of each node of ``seen``
+    # seen nodes and edges where the surface ends because of the occlusion, not because the whole surface ends
     boundary: Region
     solver: Solver
     tolerance_m: float
@@ -55,13 +53,11 @@ class Occlusion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """The effect of the occlusion on distances from one node.
-
-    distortion_m (n,) float32: by how much the distance to each node is longer than on the whole surface; inf where the
-    occlusion disconnects it, NaN at hidden nodes and where the whole surface is not connected either.
-    """
+    """The effect of the occlusion on distances from one node."""
 
     occlusion: Occlusion
+    # (n,) float32, by how much the distance to each node is longer than on the whole surface; inf if the occlusion
+    # disconnects the node, NaN for hidden nodes and for nodes that the whole surface does not connect either
     distortion_m: np.ndarray
 
     @property
@@ -93,7 +89,7 @@ def occlude(
 ) -> Occlusion:
     """Remove the hidden nodes (n,) bool from a surface.
 
-    Raises ValueError where hidden does not fit, or hides no or all nodes.
+    Raises ValueError if ``hidden`` has another shape, or hides no node or every node.
     """
     if hidden.shape != (len(whole),) or hidden.dtype != bool:
         raise ValueError(f"hidden must be ({len(whole)},) bool, got {hidden.shape} {hidden.dtype}")
@@ -120,10 +116,10 @@ def light_from(occlusion: Occlusion, node: int) -> Light:
 
 
 def border_is_covered(lights: Sequence[Light]) -> bool:
-    """Return whether the union of the bright regions covers the occlusion's boundary, every edge of it (Proposition 2).
+    """Return whether the bright regions together cover every edge of the occlusion's boundary (Proposition 2).
 
-    If so, every seen node has an undistorted distance to at least one of the lights' nodes, where Proposition 1 holds
-    (docs/occlusion.md); otherwise, nodes just outside a dark edge have none.
+    If they do, and Proposition 1 holds (docs/occlusion.md), every seen node has an undistorted distance to at least one
+    of the lights' nodes. If they do not, nodes just outside an uncovered edge have no undistorted distance.
     """
     if not lights:
         return False
@@ -147,6 +143,6 @@ def _outline(triangles: np.ndarray) -> np.ndarray:
 
 
 def _within(nodes: np.ndarray, candidates: np.ndarray) -> Region:
-    """Return the nodes of a (n,) bool mask and those of the edges that connect two of them."""
+    """Return the nodes of a (n,) bool mask, and the candidate edges that connect two of these nodes."""
     inside = nodes[candidates].all(axis=1) if len(candidates) else np.zeros(0, bool)
     return Region(np.flatnonzero(nodes).astype(np.int32), np.sort(candidates[inside], axis=1).astype(np.int32))

@@ -1,7 +1,7 @@
 """Build kinds of equipment: standing frame, parallel bars and chest pad, walker, wheelchair, sling, stool.
 
 All equipment stands still. It is fitted around the space that the patient's skin sweeps over in the recording, so that
-no trunk moves through it.
+the trunk does not move through it.
 """
 
 from __future__ import annotations
@@ -15,23 +15,21 @@ from anchorpose.rotations import FORWARD, RIGHT, UP
 from anchorpose.simulate.person import Person
 
 ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # parts of the names of arm bones
-LOOSE_M = 0.06  # m, distance to the chest up to which straps still act as a harness
-WIDEST_M = 0.62  # m between the middle and a rail, for the widest bars that are made
+LOOSE_M = 0.06  # m, largest distance of the chest from straps that act as a harness
+WIDEST_M = 0.62  # m, distance of a rail from the middle, on the widest bars that are made
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """The space that a patient sweeps over: the dressed skin at k moments (k, v, 3), which vertices belong to arms (v,)
-    bool, and the pelvis (k, 3).
-    """
+    """The space that a patient sweeps over, sampled at k moments."""
 
-    skin_m: np.ndarray
-    arms: np.ndarray
-    pelvis_m: np.ndarray
+    skin_m: np.ndarray  # (k, v, 3) dressed skin
+    arms: np.ndarray  # (v,) bool, vertices of the arms
+    pelvis_m: np.ndarray  # (k, 3)
 
     def within(self, low_m: float, high_m: float, aside_m: float = np.inf, arms: bool = False) -> np.ndarray:
-        """Return all skin points (n, 3) between two heights and near the middle plane, without arms unless asked
-        for.
+        """Return the skin points (n, 3) of all moments between two heights and at most ``aside_m`` from the middle
+        plane; arms: whether points of the arms are included.
         """
         skin = self.skin_m if arms else self.skin_m[:, ~self.arms]
         inside = (skin[..., 1] > low_m) & (skin[..., 1] < high_m) & (np.abs(skin[..., 2]) < aside_m)
@@ -59,19 +57,19 @@ def sweep_of(person: Person, bones: np.ndarray) -> Sweep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldEquipment:
-    """Equipment that the patient holds; grip_m (2, 3): where the left and the right hand hold it."""
+    """Equipment that the patient holds."""
 
     parts: tuple[EquipmentPart, ...]
-    grip_m: np.ndarray
+    grip_m: np.ndarray  # (2, 3) places where the left and the right hand hold it
 
 
 def fit_standing_frame(
     rng: np.random.Generator, pelvis_m: float, knee_m: float, front_m: float, half_width_m: float
 ) -> HeldEquipment:
-    """Build posts, rails to hold, a cross-bar before the belly, a bar before the knees, runners on the floor.
+    """Build a standing frame: posts, rails, a cross-bar before the belly, a bar before the knees, runners on the floor.
 
-    pelvis_m, knee_m: heights of pelvis and knees; front_m: x of the foremost of belly and knees; half_width_m: space
-    for the arms beside the trunk.
+    pelvis_m, knee_m: heights of pelvis and knees; front_m: x of belly or knees, whichever is farther forward;
+    half_width_m: distance from the middle that leaves space for the arms.
     """
     bar_height_m = rng.uniform(0.05, 0.09)
     bar_depth_m = rng.uniform(0.03, 0.05)
@@ -95,7 +93,7 @@ def fit_standing_frame(
 
 
 def fit_parallel_bars(rng: np.random.Generator, pelvis_m: float, half_width_m: float) -> HeldEquipment:
-    """Build two rails on four posts around a patient at the origin, the same from both ends."""
+    """Build two rails on four posts around a patient at the origin; they look the same from both ends."""
     rail_m = pelvis_m + rng.uniform(-0.06, 0.04)
     half_m = max(half_width_m, 0.32) + rng.uniform(0.0, 0.05)
     tube_m, length_m = rng.uniform(0.035, 0.045), rng.uniform(1.6, 2.2)
@@ -129,9 +127,9 @@ def build_stool(rng: np.random.Generator, center_m: tuple[float, float], height_
 def fit_chest_pad(
     rng: np.random.Generator, sweep: Sweep, sternum_m: float, rail_m: float, half_m: float
 ) -> tuple[EquipmentPart, ...]:
-    """Return a pad before the sternum on a post that stands on a bar between the rails, and straps around the hips.
+    """Return a pad before the sternum, on a post that stands on a bar between the rails, and straps around the hips.
 
-    sternum_m, rail_m: heights; half_m: from the middle to a rail.
+    sternum_m, rail_m: heights; half_m: distance from the middle to a rail.
     """
     height_m, thick_m, gap_m = rng.uniform(0.20, 0.28), rng.uniform(0.04, 0.07), rng.uniform(0.02, 0.045)
     low_m = sternum_m - height_m / 2.0
@@ -179,7 +177,7 @@ def fit_walker(rng: np.random.Generator, sweep: Sweep, handle_m: float) -> HeldE
 
 
 def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[EquipmentPart, ...]:
-    """Return a wheelchair under a patient who sits at times, else parked behind; its leg rests are swung away."""
+    """Return a wheelchair: under a patient who sits at times, else parked behind. Its leg rests are swung away."""
     depth_m = rng.uniform(0.40, 0.44)
     seat = sweep.seated() if sits else sweep
     legs = sweep.standing().within(0.2, 0.6)
@@ -214,9 +212,7 @@ def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[
 
 
 def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_m: float) -> tuple[EquipmentPart, ...]:
-    """Build a spreader bar above the head, two straps beside it, and a harness on the chest of a trunk that keeps
-    still.
-    """
+    """Build a spreader bar above the head, two straps beside the head, and, for a still trunk, a chest harness."""
     standing = sweep.standing()
     chest = standing.within(sternum_m - 0.1, sternum_m + 0.1, 0.2)
     middle_m = float(chest[:, 0].mean())
@@ -235,7 +231,7 @@ def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_
         parts.append(_box(f"strap-{side}", (middle_m, (bar_m + end_m) / 2.0, way * aside_m), size))
     band, worn = (s.within(sternum_m - 0.16, sternum_m - 0.02, 0.2) for s in (sweep, standing))
     if max(_front(band) - _front(worn), float(worn[:, 0].min() - band[:, 0].min())) > LOOSE_M:
-        return tuple(parts)  # a moving trunk takes its harness with it, which is then not still equipment
+        return tuple(parts)  # on a moving trunk the harness would move, but all equipment stands still
     for name, x in (("harness-front", _front(band) + 0.015), ("harness-back", float(band[:, 0].min()) - 0.015)):
         parts.append(_box(name, (x, sternum_m - 0.09, 0.0), (0.012, 0.12, 0.30)))
     return tuple(parts)

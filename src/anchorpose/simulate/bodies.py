@@ -1,4 +1,4 @@
-"""Draw bodies outside every shape space: segments of any length and girth within human ranges, shoes, braces."""
+"""Draw bodies that no shape space contains: segments of any length and girth within human ranges, shoes, braces."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ LENGTH_SPREAD: Final = {"UpLeg": 0.05, "Leg": 0.04, "Arm": 0.04, "ForeArm": 0.04
 GIRTH_SPREAD: Final = {"UpLeg": 0.06, "Leg": 0.06, "Arm": 0.07, "ForeArm": 0.06, "Hand": 0.04, "Foot": 0.04}
 TRUNK: Final = ("LowerBack", "Spine", "Spine1")
 TRUNK_SPREAD: Final = (0.06, 0.035, 0.04)  # relative standard deviations of depth, height and breadth
-MOST_ASYMMETRIC: Final = 0.04  # relative difference between the two sides' lengths
-WASTED: Final = (0.75, 0.90)  # factor on the girth of thighs and shanks
-STRONGER: Final = (1.02, 1.10)  # factor on the girth of arms
-BELLY_M: Final = (0.03, 0.08)
-FATTER: Final = (1.05, 1.20)
-SHOE_M: Final = (0.003, 0.008)  # m, thickness of the upper; bare feet have none
-SOLE_M: Final = (0.010, 0.030)
+MOST_ASYMMETRIC: Final = 0.04  # largest relative difference between the lengths of both sides
+WASTED: Final = (0.75, 0.90)  # range of the factor on the girth of wasted thighs and shanks
+STRONGER: Final = (1.02, 1.10)  # range of the factor on the girth of strong arms
+BELLY_M: Final = (0.03, 0.08)  # m, range of a belly's bulge
+FATTER: Final = (1.05, 1.20)  # range of the factor on the girth of a heavy person's segments
+SHOE_M: Final = (0.003, 0.008)  # m, range of the thickness of a shoe's upper
+SOLE_M: Final = (0.010, 0.030)  # m, range of the thickness of a sole
 SHOD_SHARE: Final = 0.75  # share of the people who wear shoes
-BRACE_M: Final = (0.008, 0.018)  # m between a brace and the widest part of the covered segment
+BRACE_M: Final = (0.008, 0.018)  # m, range of the gap between a brace and the widest part of the covered segment
 BRACED: Final[dict[BraceName, tuple[str, ...]]] = {
     "left shank": ("LeftLeg",),
     "right shank": ("RightLeg",),
@@ -43,23 +43,20 @@ class OtherBody:
 
     build: Build = "ordinary"
     braces: tuple[BraceName, ...] = ()  # stiff orthoses over these segments
-    file: Path | None = None  # a body of another source (``rigged_body``), in place of one drawn from the asset
-    missing: tuple[MissingPart, ...] = ()  # limbs or parts that the patient lacks; recording.json states them
+    file: Path | None = None  # file with a body of another source (``rigged_body``); None = drawn from the asset
+    missing: tuple[MissingPart, ...] = ()  # limbs or parts of limbs that the patient lacks; stated in recording.json
 
 
 @dataclass(frozen=True, slots=True)
 class Scales:
-    """Factors on the length (b,) and thickness (b, 2) of each bone's segment, relative to the original body.
+    """Factors on the size of each bone's segment, relative to the original body."""
 
-    For limbs both thicknesses are equal; for the trunk they are depth and breadth.
-    """
-
-    length: np.ndarray
-    girth: np.ndarray
+    length: np.ndarray  # (b,)
+    girth: np.ndarray  # (b, 2) depth and breadth; both are equal for limbs
 
 
 def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) -> Scales:
-    """Draw the scales of all segments independently; left and right are nearly alike."""
+    """Draw the scales of all segments independently; only left and right are nearly equal."""
     length, girth = np.ones(len(names)), np.ones((len(names), 2))
     if build == "ordinary":
         return Scales(length, girth)
@@ -109,7 +106,7 @@ def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
 
 
 def _carry_to_ends(names: tuple[str, ...], parents: np.ndarray, stretch: np.ndarray) -> None:
-    """Move fingers and toes with the growing hand and foot, in place."""
+    """Give fingers and toes the stretch of hand and foot, in place."""
     for bone, name in enumerate(names):
         if name.endswith(("FingerBase", "HandFinger1", "Thumb", "ToeBase")):
             stretch[bone] = np.eye(3) * np.cbrt(np.linalg.det(stretch[parents[bone]]))
@@ -145,9 +142,10 @@ def with_shoes(body: BodyMesh, normals: np.ndarray, upper_m: float, sole_m: floa
 
 
 def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[BodyMesh, np.ndarray]:
-    """Add a stiff shell around the segments of some bones; return also how far (v,) it covers each vertex, 0 to 1.
+    """Add a stiff shell around the segments of some bones; also return (v,) the share, 0 to 1, to which it covers each
+    vertex.
 
-    The shell is wider than nine tenths of the skin beneath it by ``off_m``.
+    On legs, the shell has at least the 90th percentile of the skin's radius; everywhere, it lies ``off_m`` outside.
     """
     asset, vertices, covered = body.asset, body.vertices.copy(), np.zeros(len(body.vertices))
     for name in bones:
@@ -165,7 +163,7 @@ def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[Bo
 
 
 def amputated(body: BodyMesh, parts: tuple[MissingPart, ...]) -> BodyMesh:
-    """Return the body whose missing parts collapse to the stump and move with it; the bones stay."""
+    """Return the body with its missing parts collapsed to the stumps, which carry them; the bones do not change."""
     asset, vertices = body.asset, body.vertices.copy()
     bones, weights = asset.skin_bones.copy(), asset.skin_weights.copy()
     for part in parts:

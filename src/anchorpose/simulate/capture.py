@@ -13,9 +13,9 @@ from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, unit
 from anchorpose.simulate.movement_file import CLIP_HZ, SEATED, Clips, movement_of
 from anchorpose.simulate.timeline import ease
 
-SMOOTHING_S: Final = 0.07  # Kinect v2 joints jitter by millimetres to centimetres between frames
+SMOOTHING_S: Final = 0.07  # s, smoothing window: Kinect v2 joints jitter by millimetres to centimetres between frames
 OVERLAP_S: Final = 0.4  # s, overlap of one repetition with the next
-STRAIGHT_RAD: Final = 0.35  # a limb bent by less takes its plane from earlier frames
+STRAIGHT_RAD: Final = 0.35  # rad; the plane of a limb that is bent by less comes from earlier frames
 PLANE_MEMORY_S: Final = 0.5
 
 _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # the file's left, up and ahead in the world
@@ -23,31 +23,25 @@ _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # the file's left, up and ahead 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """A captured movement at CLIP_HZ; the subject faces +X on average. In arrays of limbs the second axis is the side.
+    """A captured movement at CLIP_HZ; the subject faces +X on average. The second axis of limb arrays is the side."""
 
-    start_s: time of the first row. waist_m (n, 3); pelvis, thorax (n, 3, 3): turns from upright; head (n, 3):
-    direction; arms, legs (n, 2, 2, 3): directions of upper and lower segment; arm_axis (n, 2, 3): axis that bends the
-    elbow; knee_m (n, 2, 3): from the line between hip and ankle to the knee; ankle_m (n, 2, 3); toes (n, 2, 3):
-    direction of the foot; leg_m: length of a leg; seated: whether the movement leads to a seat.
-    """
-
-    start_s: float
-    waist_m: np.ndarray
-    pelvis: np.ndarray
-    thorax: np.ndarray
-    head: np.ndarray
-    arms: np.ndarray
-    legs: np.ndarray
-    arm_axis: np.ndarray
-    knee_m: np.ndarray
-    ankle_m: np.ndarray
-    toes: np.ndarray
-    leg_m: float
-    seated: bool
+    start_s: float  # time of the first row
+    waist_m: np.ndarray  # (n, 3)
+    pelvis: np.ndarray  # (n, 3, 3) rotation from upright
+    thorax: np.ndarray  # (n, 3, 3) rotation from upright
+    head: np.ndarray  # (n, 3) direction
+    arms: np.ndarray  # (n, 2, 2, 3) directions of upper arm and forearm
+    legs: np.ndarray  # (n, 2, 2, 3) directions of thigh and shank
+    arm_axis: np.ndarray  # (n, 2, 3) axis about which the elbow bends
+    knee_m: np.ndarray  # (n, 2, 3) vector from the line between hip and ankle to the knee
+    ankle_m: np.ndarray  # (n, 2, 3)
+    toes: np.ndarray  # (n, 2, 3) direction of the foot
+    leg_m: float  # length of a leg
+    seated: bool  # whether the movement leads to a seat
 
 
 def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: float) -> Capture:
-    """Lay out repetitions one after another, so that time 0 falls into clip ``first`` at ``phase`` (0 start, 1 end)."""
+    """Join repetitions one after another; time 0 is in clip ``first`` at ``phase`` (0 = its start, 1 = its end)."""
     rows_before = int(np.ceil(-from_s * CLIP_HZ))
     count = rows_before + int(np.ceil(until_s * CLIP_HZ)) + 2
     zero = int(phase * (len(clips.joints_m[first]) - 1))
@@ -62,14 +56,14 @@ def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: floa
 
 
 def _overlap(clips: Clips, index: int) -> int:
-    """Return the rows that a clip shares with the next one."""
+    """Return the number of rows in which a clip overlaps with the next clip."""
     shortest = min(len(clips.joints_m[index]), len(clips.joints_m[(index + 1) % len(clips.joints_m)]))
     return min(int(OVERLAP_S * CLIP_HZ), shortest // 3)
 
 
 def _chain(clips: Clips, index: int, count: int) -> np.ndarray:
-    """Return (count, j, 3) clips from ``index`` on, each moved so that its feet begin where the feet of the previous
-    clip end.
+    """Return joints (count, j, 3) of the clips from ``index`` on; each clip is moved so that its feet begin where the
+    feet of the previous clip end.
     """
     feet = [clips.joint_names.index(name) for name in ("LFoot", "RFoot")]
     series = clips.joints_m[index].copy()

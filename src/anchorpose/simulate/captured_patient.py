@@ -17,23 +17,23 @@ from anchorpose.simulate.posture import OUTWARD
 from anchorpose.simulate.retarget import CapturedActor, retarget
 from anchorpose.simulate.timeline import ease
 
-MARGIN_S: Final = 3.0  # margin before and after the recording, for cameras whose clocks are wrong
-ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())
-GIVES_M: Final = 0.01  # m, depth to which soft tissue gives way
-HANGING_RAD: Final = 1.0  # an upper arm raised by less than this is abducted by the whole angle,
-RAISED_RAD: Final = 1.6  # an arm raised by more than this keeps its direction
-DRAWS: Final = 6
-CHECK_HZ: Final = 3.0
-DEEPEST_M: Final = 0.15  # m, half a trunk; deeper inside, the nearest skin may be on the other side
-UNDER_SKIN: Final = 0.7  # cosine: a point inside the body has the nearest skin straight above it
+MARGIN_S: Final = 3.0  # s, margin before and after the recording, for cameras whose clocks are wrong
+ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())  # angles of abduction that are tried
+GIVES_M: Final = 0.01  # m, allowed depth inside the body: soft tissue gives way
+HANGING_RAD: Final = 1.0  # rad; an upper arm raised by less than this is abducted by the whole angle
+RAISED_RAD: Final = 1.6  # rad; an arm raised by more than this keeps its direction
+DRAWS: Final = 6  # most movements drawn until one keeps the arms out of the body
+CHECK_HZ: Final = 3.0  # moments per second at which this is tested
+DEEPEST_M: Final = 0.15  # m, half a trunk; from deeper points, the nearest skin may be on the other side
+UNDER_SKIN: Final = 0.7  # least cosine between the normal of the nearest skin and the direction to it, inside the body
 FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")  # parts of the names of bones that may meet the trunk
 ARMS: Final = (*FOREARMS, "Arm", "Shoulder")
 
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
-    """Draw the configuration's movement; it begins at a random moment, so a recording may begin in the middle of it.
+    """Draw the configuration's movement. It begins at a random phase, so the recording may begin in the middle of it.
 
-    If the arms cannot be kept out of the body, another subject's movement is drawn, a few times.
+    If the arms cannot be kept out of the body, the movement is drawn again, up to ``DRAWS`` times in all.
     """
     if config.movement_file is None or config.movement is None:
         raise ValueError("a captured movement needs movement_file and movement")
@@ -50,8 +50,8 @@ def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Pe
 def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor, bool]:
     """Abduct the arms by the least angle at which no forearm is inside trunk or legs; return the movement and True.
 
-    If none of ``ANGLES_RAD`` suffices, the last is used and False returned. seconds: duration from time 0 that is
-    tested.
+    If none of ``ANGLES_RAD`` is enough, the last angle is used and False returned. seconds: tested duration from time
+    0.
     """
     times_s = np.arange(0.0, seconds, 1.0 / CHECK_HZ)
     for angle in ANGLES_RAD:
@@ -63,7 +63,7 @@ def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor
 
 
 def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
-    """Return the greatest depth (t,) of forearms and hands inside trunk or legs, metres, 0 where they are outside."""
+    """Return the greatest depth (t,) in metres of forearms and hands inside trunk or legs; 0 if they are outside."""
     from scipy.spatial import cKDTree
 
     points = body_points()
@@ -83,7 +83,7 @@ def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
 
 
 def _abducted(capture: Capture, angle: float) -> Capture:
-    """Turn the arms outward about the thorax's forward axis, by less the higher they are raised."""
+    """Turn the arms outward about the thorax's forward axis; the higher they are raised, the smaller is the angle."""
     arms, axes = capture.arms.copy(), capture.arm_axis.copy()
     forward = rotate(capture.thorax, np.broadcast_to(FORWARD, (len(arms), 3)))
     down = rotate(capture.thorax, np.broadcast_to(-UP, (len(arms), 3)))

@@ -1,6 +1,4 @@
-"""Compute the pelvis on legs whose knees bend by given angles: its height, and its tilt where the knees bend
-unequally.
-"""
+"""Compute the pelvis on legs whose knees bend by given angles: its height, and its tilt if the knees bend unequally."""
 
 from __future__ import annotations
 
@@ -11,27 +9,25 @@ import numpy as np
 
 from anchorpose.rotations import FORWARD, rotate, turns_about
 
-LEAST_LOAD: Final = 1e-3  # share of a foot in the air, so that shares have a sum
+LEAST_LOAD: Final = 1e-3  # share of the load on a foot in the air; above 0, so that the sum of both is not 0
 ROUNDS: Final = 8  # iterations for the tilt; each leaves a tenth of its error
 
 LEAST_HEIGHT_M: Final = 0.1
-"""From an ankle up to its hip: less is a foot that no leg reaches, and has no height."""
+"""Least height (m) from an ankle to its hip. If it is less, the leg does not reach the foot, and gives no height."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KneeBend:
-    """The bend of both knees, radians (t, 2), 0 straight. carry (t,): share by which the legs carry the pelvis; 0: the
-    posture determines its place. load (t, 2): share of the load on each foot, above 0.
-    """
+    """The bend of both knees, and how the legs carry the pelvis."""
 
-    flexion: np.ndarray
-    carry: np.ndarray
-    load: np.ndarray
+    flexion: np.ndarray  # (t, 2) rad, 0 = straight
+    carry: np.ndarray  # (t,) 1 = the legs determine the height of the pelvis; 0 = the posture does
+    load: np.ndarray  # (t, 2) share of the load on each foot, above 0
 
 
 def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeBend | None:
-    """Return how far the knees bend, (t, 2) as in ``KneeBend``; None where no leg carries. lift: 1 is as high as in a
-    step.
+    """Return the bend of the knees; None if no leg carries the pelvis at any time. lift (t, 2): height of each foot; 1
+    = as high as in a step.
     """
     if not carry.any():
         return None
@@ -40,21 +36,19 @@ def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeB
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Legs:
-    """The legs in the rest pose, left and right. hips_m (2, 3): hips relative to the pelvis; lengths_m (2, 2): lengths
-    of thigh and shank.
-    """
+    """The legs in the rest pose, left and right."""
 
-    hips_m: np.ndarray
-    lengths_m: np.ndarray
+    hips_m: np.ndarray  # (2, 3) hips relative to the pelvis
+    lengths_m: np.ndarray  # (2, 2) lengths of thigh and shank
 
 
 def carried_pelvis(
     bend: KneeBend, legs: Legs, ankles_m: np.ndarray, pelvis_m: np.ndarray, pelvis_turn: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return place (t, 3) and rotation (t, 3, 3) of the pelvis: the legs determine its height, and its place over the
-    floor stays.
+    """Return place (t, 3) and rotation (t, 3, 3) of the pelvis. The legs determine its height; its place over the floor
+    is that of the posture.
 
-    It tilts to one side where the legs are not equally long, and less where a foot is in the air. ankles_m (t, 2, 3);
+    It tilts to one side if the legs reach to unequal heights, and less if a foot is in the air. ankles_m (t, 2, 3);
     pelvis_m, pelvis_turn: pelvis in the posture.
     """
     first, second = legs.lengths_m.T
@@ -72,7 +66,7 @@ def carried_pelvis(
 
 
 def _pelvis_heights(reach_m: np.ndarray, hips_m: np.ndarray, ankles_m: np.ndarray, pelvis_m: np.ndarray) -> np.ndarray:
-    """Return (t, 2) height of the pelvis by either leg; hips_m (t, 2, 3) from the pelvis."""
+    """Return (t, 2) the height of the pelvis that each leg implies; hips_m (t, 2, 3): relative to the pelvis."""
     aside_m = (pelvis_m[:, None] + hips_m - ankles_m)[..., [0, 2]]
     rise_m = np.sqrt(np.maximum(reach_m**2 - (aside_m**2).sum(axis=2), LEAST_HEIGHT_M**2))
     return np.asarray(ankles_m[..., 1] + rise_m - hips_m[..., 1])

@@ -1,4 +1,4 @@
-"""Define the choices of a simulated recording, by names that are also values of options of ``anchorpose simulate``."""
+"""Define the choices of a simulated recording; the names are also values of options of ``anchorpose simulate``."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ Speed = Literal["slow", "normal", "fast", "mixed"]
 Scene = Literal["enters-late", "leaves", "hidden", "sits"]
 Equipment = Literal["none", "standing-frame", "parallel-bars", "walker", "wheelchair", "sling"]
 When = Literal["off", "on", "both", "none"]
-"""The trials of a session: without stimulation, with it, all, or none."""
+"""Some trials of a session: off = those without stimulation, on = those with stimulation, both = all trials."""
 Build = Literal["ordinary", "varied", "wasted-legs", "heavy", "child"]
-"""ordinary: of the body asset. varied: every segment by itself. wasted-legs: the same, with thin legs under a strong
-upper body, as after years of paralysis. heavy: the same with a belly, and more on all limbs. child: of 1.0 to
-1.5 m, every segment by itself."""
+"""ordinary: drawn from the body asset. varied: the size of every segment is drawn separately. wasted-legs: as varied,
+with thin legs and a strong upper body, as after years of paralysis. heavy: as varied, with a belly and thicker limbs.
+child: as varied, 1.0 to 1.5 m tall."""
 BraceName = Literal["left shank", "right shank", "left thigh", "right thigh", "trunk"]

@@ -1,4 +1,4 @@
-"""Draw all people and things in the room from one seed, and compute where they are at any time."""
+"""Draw all people and things in the room from one seed, and compute their places at any time."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ AZIMUTH_SPREAD_RAD = (0.08, 0.2, 0.2, 0.3)
 WALL_M = 2.7
 
 Programme = Callable[[np.random.Generator, Person], Actor]
-"""Function that draws what a person does; the generator provides its random numbers."""
+"""Function that draws a person's movements with the random numbers of a generator."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,24 +58,22 @@ class Clinic:
     room: np.ndarray  # (n, 3, 3) triangles
     equipment: EquipmentModel | None
     patient: Actor | CapturedActor
-    therapists: tuple[Therapist, ...]  # therapists, and after them people who pass by
-    scene: RoomScene | None = None  # scene of a real room: its content beside the people
-    plan: tuple[PlannedTrial, ...] = ()  # plan of a session
+    therapists: tuple[Therapist, ...]  # first therapists, then people who pass by
+    scene: RoomScene | None = None  # content of a real room; None for a training room
+    plan: tuple[PlannedTrial, ...] = ()  # trials of a session
 
     @property
     def parts(self) -> tuple[EquipmentPart, ...]:
-        """Return the parts of the equipment; none without equipment."""
+        """Return the parts of the equipment; empty without equipment."""
         return () if self.equipment is None else self.equipment.parts
 
     def pushed_m(self, time_s: float) -> np.ndarray:
-        """Return the displacement (3,) of the equipment, if it was pushed before the given time."""
+        """Return the displacement (3,) of the equipment at a time; 0 before it is pushed."""
         at_s, (x, z) = self.config.equipment_moves_at_s, self.config.equipment_shift_m
         return np.array([x, 0.0, z]) if at_s is not None and time_s >= at_s else np.zeros(3)
 
     def true_times_s(self, camera: int) -> np.ndarray:
-        """Return the true times (t,) at which a camera takes its images; its stamps state frame / fps since its
-        epoch.
-        """
+        """Return the true times (t,) at which a camera takes its images. Its stamps state its epoch + frame / fps."""
         stamps = np.arange(self.config.frames) / self.config.fps
         late = self.config.clock_late_s[camera] if self.config.clock_late_s else 0.0
         drift = self.config.clock_drift[camera] if self.config.clock_drift else 0.0
@@ -90,14 +88,14 @@ class Clinic:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Performance:
-    """The bones of all people, patient first: (t, b, 4, 4) T_world_rest each."""
+    """The movements of all people at given times."""
 
     clinic: Clinic
-    times_s: np.ndarray
-    bones: tuple[np.ndarray, ...]
+    times_s: np.ndarray  # (t,)
+    bones: tuple[np.ndarray, ...]  # per person, the patient first: (t, b, 4, 4) T_world_rest of the bones
 
     def figures(self, frame: int) -> tuple[Figure, ...]:
-        """Return the dressed skin of all people in one frame; a patient who is away has no faces to draw."""
+        """Return the dressed skin of all people in one frame; a patient who is away has no faces."""
         nobody = self.away[frame]
         people = [self.clinic.patient.person, *(therapist.actor.person for therapist in self.clinic.therapists)]
         return tuple(
@@ -111,7 +109,7 @@ class Performance:
         )
 
     def joints_m(self) -> np.ndarray:
-        """Return (t, 21, 3) the patient's joints, NaN while they are away, and of missing limbs."""
+        """Return (t, 21, 3) the patient's joints; NaN while the patient is away, and for missing limbs."""
         body = self.clinic.patient.person.body
         joints = np.array([body.joints(bones) for bones in self.bones[0]])
         joints[self.away] = np.nan
@@ -120,12 +118,12 @@ class Performance:
 
     @property
     def away(self) -> np.ndarray:
-        """Return (t,) bool: the patient is out of the room."""
+        """Return (t,) bool: whether the patient is out of the room."""
         spans = self.clinic.config.away_s
         return np.array([any(a <= time_s < b for a, b in spans) for time_s in self.times_s.tolist()], dtype=bool)
 
     def held_joints(self) -> np.ndarray:
-        """Return (t, n, 2) int: the joint in each hand of each therapist, -1 none."""
+        """Return (t, n, 2) int: the patient's joint that each hand of each therapist holds, -1 = none."""
         patient, therapists = self.clinic.patient, self.clinic.therapists
         held = np.full((len(self.times_s), len(therapists), 2), -1)
         for index, therapist in enumerate(therapists):
@@ -141,7 +139,7 @@ def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.
 
 
 def draw_clinic(config: SimulationConfig, programme: Programme | None = None) -> Clinic:
-    """Draw people, room and cameras from ``config.seed``. programme: movements of a patient who does not follow
+    """Draw people, room and cameras from ``config.seed``. programme: draws the patient's movements in place of
     ``config.motions``.
     """
     if config.room is not None:
@@ -172,7 +170,7 @@ def draw_clinic(config: SimulationConfig, programme: Programme | None = None) ->
 
 
 def _session(config: SimulationConfig, session: SessionConfig) -> Clinic:
-    """Return a patient who does the trials of a session, between therapists who help in some of them."""
+    """Return the clinic of a session: a patient who does its trials, and therapists who help in some trials."""
     person, scenery = draw_patient_person(random_stream(config, "patient"), config), random_stream(config, "room")
     plan, held = draw_plan(random_stream(config, "session"), session), fit_held(scenery, config, person)
     patient = draw_session_patient(random_stream(config, "programme"), person, held, plan)

@@ -31,29 +31,31 @@ MOTIONS: Final = (
     *("reach", "arm-raise", "head", "rails"),
     "buckle",
 )
-"""What a patient can be asked to do; ``mixed`` draws from all but ``NAMED_ONLY``, legs and arms at once."""
+"""Motions that a simulated patient can do. ``mixed`` draws motions of legs and arms together, from all except
+``NAMED_ONLY``.
+"""
 
 NAMED_ONLY: Final = ("buckle",)
-"""Motions that nobody does on purpose."""
+"""Motions that are simulated only if they are named, since nobody does them on purpose."""
 
 BEHIND_AND_BEFORE: Final[tuple[TaskName, ...]] = ("trunk from behind", "both knees from the front")
 FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
-"""Motions that a standing frame with a knee bar does not leave room for."""
+"""Motions for which a standing frame with a knee bar leaves no room."""
 
 SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # the paper's five sizes, Section V
-ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # separate random streams, besides those of ``clinic``
+ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # keys of random streams in addition to those of ``clinic``
 ROOM_MOTIONS: Final[dict[Posture, tuple[tuple[str, ...], ...]]] = {
     "stands": (("mixed",), ("squat", "reach", "arm-raise"), ("weight-shift", "trunk", "steps", "head", "reach")),
     "sits": (("reach", "arm-raise"), ("reach", "head"), ("arm-raise", "head", "standing")),
     "stands-up": (("sit-to-stand", "reach"), ("sit-to-stand", "squat", "arm-raise"), ("sit-to-stand", "trunk", "head")),
 }
 ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # a seat is drawn apart from them
-# share of the standing patients in rooms who move as captured, where there is a file of captured movements
+# share of the standing patients in rooms who do a captured movement, if there is a file of captured movements
 CAPTURED_SHARE: Final = 0.6
-ABSENT_SHARE: Final = 0.15  # share of the recording before a patient who is late comes into view
+ABSENT_SHARE: Final = 0.15  # share of the recording that is over when a late patient comes into view
 HIDDEN_S: Final = 2.0  # s for which the patient is behind a curtain
 LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0
-THICKEST_CLOTHING_M: Final = 0.015  # thicker clothes would hide the body's shape
+THICKEST_CLOTHING_M: Final = 0.015  # m; thicker clothes would hide the body's shape
 
 ProperShare = Annotated[float, Field(ge=0, lt=1)]
 
@@ -65,47 +67,47 @@ class SimulationConfig:
     seed: Annotated[int, Field(ge=0)]
     seconds: Annotated[float, Field(gt=0, le=LONGEST_S)] = 10.0
     fps: Annotated[float, Field(gt=0, le=HIGHEST_HZ)] = 30.0  # every simulated sensor runs at 30 Hz
-    cameras: Annotated[int, Field(ge=1, le=4)] = 3  # front, left, right, then behind
-    sensor: Sensor = "kinect-v2"  # the paper's
-    sensors: tuple[Sensor, ...] = ()  # one sensor per camera, where the cameras are of different models
-    lens: LensName | None = None  # lens of the sensor; None: the lens of its model
+    cameras: Annotated[int, Field(ge=1, le=4)] = 3  # number of cameras: in front, left, right, then behind
+    sensor: Sensor = "kinect-v2"  # the sensor of the paper
+    sensors: tuple[Sensor, ...] = ()  # one sensor per camera, if the cameras are of different models
+    lens: LensName | None = None  # lens of the sensor; None = the lens of its model
     equipment: Equipment = "standing-frame"
-    chest_pad: bool = False  # on the parallel bars, with straps beside the hips
-    equipment_moves_at_s: float | None = None  # when the equipment is pushed; None: never
-    equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # along X and Z
-    stool: bool = True  # something solid under a patient who sits
-    therapists: Annotated[int, Field(ge=0, le=3)] = 2
-    therapist_tasks: tuple[TaskName, ...] = ()  # tasks of the first therapists; the tasks of all others are drawn
-    therapists_stay: bool = False  # therapists stay from first to last, as in the middle of an exercise
+    chest_pad: bool = False  # add a chest pad to the parallel bars, with straps beside the hips
+    equipment_moves_at_s: float | None = None  # s, time at which the equipment is pushed; None = never
+    equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # m along X and Z by which it is pushed
+    stool: bool = True  # a stool under a patient who sits
+    therapists: Annotated[int, Field(ge=0, le=3)] = 2  # number of therapists
+    therapist_tasks: tuple[TaskName, ...] = ()  # tasks of the first therapists; other therapists' tasks are drawn
+    therapists_stay: bool = False  # therapists are there from the first to the last frame
     # number of people who walk through between a camera and the patient
     passers_by: Annotated[int, Field(ge=0, le=3)] = 0
     motions: Annotated[tuple[str, ...], Field(min_length=1)] = ("mixed",)
-    movement_file: Path | None = None  # captured movements instead of motions
-    movement: str | None = None  # one of ``MOVEMENTS`` in movement_file.py, or the name of a clip
+    movement_file: Path | None = None  # file of captured movements, which replace ``motions``
+    movement: str | None = None  # one of ``MOVEMENTS`` in movement_file.py, or the name of a clip in the file
     subjects: tuple[int, ...] = SUBJECTS  # subjects from whom movements are drawn
     speed: Speed = "mixed"
-    clothing_m: Annotated[float, Field(ge=0, le=THICKEST_CLOTHING_M)] = 0.009  # how far folds stand off the skin
-    away_s: tuple[tuple[float, float], ...] = ()  # start and end of each absence of the patient, who walks out and in
-    # start and end of the time in which a curtain hides the patient from all cameras
+    clothing_m: Annotated[float, Field(ge=0, le=THICKEST_CLOTHING_M)] = 0.009  # m, height of folds above the skin
+    away_s: tuple[tuple[float, float], ...] = ()  # s, start and end of each absence; the patient walks out and in
+    # s, start and end of the time in which a curtain hides the patient from all cameras; None = no curtain
     curtain_s: tuple[float, float] | None = None
-    hole_radius_m: float = 0.0  # 0: no holes
+    hole_radius_m: float = 0.0  # m, radius of the hole cut into some frames; 0 = no holes
     hole_share: Share = 0.5  # share of the frames with a hole
-    height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # None: drawn, adults from 1.5 to 1.9
-    body: OtherBody = OtherBody()  # the patient's body; default: drawn from the body asset
-    pose_known: bool = True  # False: camera_to_world is null
-    clock_late_s: tuple[float, ...] = ()  # one per camera: seconds by which an image is taken later than its stamp
-    clock_drift: tuple[float, ...] = ()  # one per camera: further seconds of lateness per second
-    clock_epoch_s: tuple[float, ...] = ()  # one per camera: the time that its stamps state at the start
-    stamp_jitter_s: NotNegative = 0.0  # standard deviation of every stamp
-    # share of the depth images of every camera but the first that are lost on the way to the disk
+    height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # m; None = drawn, for adults from 1.5 to 1.9
+    body: OtherBody = OtherBody()  # the patient's body; default = drawn from the body asset
+    pose_known: bool = True  # False: camera_to_world is null in recording.json
+    clock_late_s: tuple[float, ...] = ()  # s per camera, by which an image is taken later than its stamp states
+    clock_drift: tuple[float, ...] = ()  # s per second and camera, by which this lateness grows
+    clock_epoch_s: tuple[float, ...] = ()  # s per camera, the time that its stamps state at the start
+    stamp_jitter_s: NotNegative = 0.0  # s, standard deviation of the error of every stamp
+    # share of the depth images that are lost on the way to the disk; the first camera loses none
     dropped_share: ProperShare = 0.0
-    doubled_share: ProperShare = 0.0  # share of the files of every camera that hold the previous depth image again
-    starts_late_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the start
-    ends_early_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the end
-    # one per camera, the first 1: a camera records every n-th of its images, which lowers its rate
+    doubled_share: ProperShare = 0.0  # share of each camera's files that contain the previous depth image again
+    starts_late_s: tuple[NotNegative, ...] = ()  # s per camera without images at the start; 0 for the first camera
+    ends_early_s: tuple[NotNegative, ...] = ()  # s per camera without images at the end; 0 for the first camera
+    # n per camera, which records only every n-th image, at a lower rate; 1 for the first camera
     every: tuple[Count, ...] = ()
-    room: RoomConfig | None = None  # a real room seen by one camera instead of a place of training
-    session: SessionConfig | None = None  # trials with and without stimulation instead of motions
+    room: RoomConfig | None = None  # a real room seen by one camera, in place of a training room
+    session: SessionConfig | None = None  # trials with and without stimulation, in place of motions
 
     def __post_init__(self) -> None:
         _check_equipment(self)
@@ -123,11 +125,11 @@ class SimulationConfig:
 
 
 def _check_equipment(config: SimulationConfig) -> None:
-    """Raise ValueError where motions, holes and equipment do not fit together."""
+    """Raise ValueError if motions, holes and equipment do not fit together."""
     for motion in config.motions:
         _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
     captured = config.movement_file is not None
-    in_frame = config.equipment == "standing-frame" and not captured  # fitted around a captured movement
+    in_frame = config.equipment == "standing-frame" and not captured  # else it is fitted around the movement
     clash = FRAMELESS_MOTIONS.intersection(config.motions) if in_frame else frozenset()
     _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")
     _require(not config.chest_pad or config.equipment == "parallel-bars", "a chest pad needs parallel bars")
@@ -151,7 +153,7 @@ def _check_equipment(config: SimulationConfig) -> None:
 
 
 def _check_cameras(config: SimulationConfig) -> None:
-    """Raise ValueError where the values given per camera do not fit the cameras."""
+    """Raise ValueError if the values given per camera do not fit the cameras."""
     for name in ("sensors", "clock_late_s", "clock_drift", "clock_epoch_s", "starts_late_s", "ends_early_s", "every"):
         values = getattr(config, name)
         _require(len(values) in (0, config.cameras), f"{name} needs one value per camera, got {len(values)}")
@@ -164,7 +166,7 @@ def _check_cameras(config: SimulationConfig) -> None:
 
 
 def _check_scene(config: SimulationConfig) -> None:
-    """Raise ValueError where the patient cannot be away or hidden as set."""
+    """Raise ValueError if absences, curtain, room or session do not fit the other settings."""
     times = [time_s for span in config.away_s for time_s in span]
     _require(times == sorted(times), f"away_s must be spans in the order of time, got {config.away_s}")
     held = config.equipment != "none" or config.movement_file is not None
@@ -187,16 +189,15 @@ def _require(holds: bool, problem: str) -> None:
 
 
 def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
-    """Stand training: three cameras, a standing frame, two therapists."""
+    """Return stand training with three cameras, a standing frame and two therapists."""
     return SimulationConfig(seed=seed, seconds=seconds, fps=fps)
 
 
 def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
-    """Return ``config`` with a patient whom a tracker may easily lose: away at first or later, hidden behind a curtain,
-    or seated.
+    """Return ``config`` with a patient who is easily lost: away at first or later, hidden behind a curtain, or seated.
 
-    The standing frame is left out where the patient walks or sits. Raises ValueError for other equipment in the way of
-    walking, and for captured movements, which have no motions.
+    If the patient walks or sits, the standing frame is left out. Raises ValueError for other equipment that is in the
+    way of walking, and for captured movements.
     """
     seconds = config.seconds
     equipment: Equipment = "none" if config.equipment == "standing-frame" else config.equipment
@@ -213,7 +214,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
 
 
 def rough_recorder(config: SimulationConfig) -> SimulationConfig:
-    """Return ``config`` recorded by unsynchronised devices; the size of the differences is drawn from its seed."""
+    """Return ``config`` recorded by devices without synchronisation; its seed gives clock errors and losses."""
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROUGH_KEY,)))
     others = config.cameras - 1
     return replace(
@@ -243,13 +244,13 @@ def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) 
 
 
 def single(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
-    """Return ``config`` with one camera, one person and no occluder."""
+    """Return a recording with one camera, one person and nothing that hides the person."""
     return SimulationConfig(seed=seed, seconds=seconds, fps=fps, cameras=1, equipment="none", stool=False, therapists=0)
 
 
 def room(seed: int, seconds: float = 10.0, fps: float = 15.0, movement_file: Path | None = None) -> SimulationConfig:
-    """Return a real room seen by one camera at an unknown place; some patients do captured movements where a file is
-    given.
+    """Return a real room seen by one camera at an unknown place. With a file of captured movements, some patients do
+    such a movement.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PLAN_KEY,)))
     height_m, sensor = rng.uniform(1.5, 1.9), draw_sensor(rng)
@@ -281,10 +282,11 @@ def room(seed: int, seconds: float = 10.0, fps: float = 15.0, movement_file: Pat
 def rehabilitation(
     config: SimulationConfig, movement_file: Path, movement: str | None, equipment: Equipment, passers_by: int = 0
 ) -> SimulationConfig:
-    """``config`` with a captured movement that is under way when the recording begins, drawn by its seed where None.
+    """Return ``config`` with a captured movement, which is in progress when the recording begins. movement: None =
+    drawn by the seed.
 
-    Parallel bars come with a chest pad and straps where the movement leaves room for it, one therapist behind and one
-    on the knees in front. Where the patient steps or raises a leg, there is only the one behind.
+    If the movement leaves room, parallel bars have a chest pad and straps. One therapist stands behind the patient and
+    one holds the knees in front. If the patient steps or raises a leg, there is only the therapist behind.
     """
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(MOVEMENT_KEY,)))
     roomy = equipment in ("none", "sling", "parallel-bars")
@@ -292,7 +294,7 @@ def rehabilitation(
     movement = drawn if movement is None else movement
     in_bars, steps = equipment == "parallel-bars", movement_of(movement) in STEPPING
     tasks = BEHIND_AND_BEFORE if in_bars else ()
-    if steps:  # nobody kneels in front of a leg that is raised
+    if steps:  # no therapist kneels in front of a leg that is raised
         config, tasks = replace(config, therapists=min(config.therapists, 1)), BEHIND_AND_BEFORE[:1]
     return replace(
         config,

@@ -28,14 +28,14 @@ from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.timeline import Movement, ball_ahead_m, stand, standing_pelvis_m
 
 SWEEP_HZ = 5.0
-STOOL_HALF_M = 0.20  # half a stool and a margin: the legs of a standing patient are in front of it
+STOOL_HALF_M = 0.20  # m, half a stool and a margin: the legs of a standing patient are in front of it
 CEILING_M = 2.65
 BELOW_NECK_M = 0.15  # m from the joint between the shoulders down to the middle of the sternum
 HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that hands hold
 
 
 def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person) -> HeldEquipment | None:
-    """Build the equipment that holds a patient who follows motions; it is fitted to upright standing."""
+    """Build the equipment that a patient who follows motions holds; it is fitted to upright standing."""
     if config.equipment not in HELD:
         return None
     sweep = sweep_of(person, _posed(person).bones(np.zeros(1)))
@@ -47,7 +47,7 @@ def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person)
 def fit_around(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, held: HeldEquipment | None
 ) -> tuple[EquipmentPart, ...]:
-    """Build all equipment of a configuration; ``held``: result of ``fit_held``, None for a captured movement."""
+    """Build all equipment of a configuration. held: from ``fit_held``, None for a captured movement."""
     parts = () if held is None else held.parts
     captured = isinstance(patient, CapturedActor)
     if config.equipment != "none" and (captured or config.equipment not in HELD or config.chest_pad):
@@ -101,7 +101,7 @@ def _trunk_half_width_m(person: Person, sweep: Sweep) -> float:
 
 
 def _arms_half_width_m(sweep: Sweep, rail_m: float, least_m: float) -> float:
-    """Return half the width that arms sweep over at the height of the rails, up to the widest rails."""
+    """Return half the width that arms sweep over at the height of the rails, at most that of the widest rails."""
     arms = np.abs(sweep.within(rail_m - 0.12, rail_m + 0.12, arms=True)[:, 2])
     return float(np.clip(arms.max() + 0.05, min(least_m, WIDEST_M), WIDEST_M))
 
@@ -111,7 +111,7 @@ def _knee_m(person: Person) -> float:
 
 
 def _handle_m(person: Person) -> float:
-    """Return the height of a walker's handles: that of the wrists of hanging arms, slightly below the hips."""
+    """Return the height of a walker's handles: the wrists of hanging arms, slightly below the hips."""
     return 0.96 * standing_pelvis_m(person.body)
 
 
@@ -133,7 +133,7 @@ def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> t
     hips_m = bones[0, :3, :3] @ person.body.bone_heads[0] + bones[0, :3, 3]
     center = (min(float(hips_m[0] + 0.02), foremost_m), float(hips_m[2]))
     above = (np.abs(skin[:, 0] - center[0]) < 0.2) & (np.abs(skin[:, 2] - center[1]) < 0.2)
-    # heels may be drawn back under the seat
+    # only these bones: heels may be drawn back under the seat
     above &= np.isin(np.array(person.body.asset.bone_names)[person.body.asset.main_bone()], SEAT_BONES)
     return build_stool(rng, center, float(skin[above, 1].min()) + 0.01)
 

@@ -1,7 +1,7 @@
-"""Find where the feet of a captured movement stand, step and rise, and keep standing feet still.
+"""Find when and where the feet of a captured movement stand, step and rise, and keep standing feet still.
 
-Kinect v2's ankles waver by centimetres while the foot stands. A foot that stands is therefore held in one place, a heel
-that rises turns about the ball, and only a foot that clearly leaves the floor moves freely.
+The ankles of Kinect v2 waver by centimetres while the foot stands. So a standing foot is kept in one place, a heel that
+rises turns about the ball of the foot, and only a foot that clearly leaves the floor moves freely.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
 WAVER_M: Final = 0.06  # m, range in which the ankles of standing feet rise and fall
-CLEAR_M: Final = 0.06  # height above this range at which the captured height is fully used
-HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # an ankle that rises and moves by less is a heel that rises
-MOVING_M_S: Final = 0.30  # a faster foot has left the floor
-SHORTEST_STAND_S: Final = 0.25
-SAME_PLACE_M: Final = 0.08  # a foot that comes down this near to its former place has not moved
+CLEAR_M: Final = 0.06  # m above this range, from which the captured height is fully used
+HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # m; if an ankle rises and moves by less, only the heel rises
+MOVING_M_S: Final = 0.30  # m/s; a faster foot has left the floor
+SHORTEST_STAND_S: Final = 0.25  # s, least duration of a stand
+SAME_PLACE_M: Final = 0.08  # m; a foot that comes down nearer to its former place than this has not moved
 EASE_S: Final = 0.15  # s, duration of the transition into and out of a stand
 YAW_LIMIT: Final = 0.5
 
@@ -29,23 +29,19 @@ Spans = list[tuple[int, int]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footing:
-    """Both feet, rows at CLIP_HZ; the second axis is the side.
+    """Both feet, with rows at CLIP_HZ; the second axis is the side."""
 
-    place_m (n, 2, 3): place of the ankle of a flat foot, where y is its height above standing; stands (n, 2): 1 while
-    the foot bears weight, 0 in the air; yaw (n, 2): direction, to the left; heel (n, 2): radians by which the heel of a
-    standing foot is raised.
-    """
-
-    place_m: np.ndarray
-    stands: np.ndarray
-    yaw: np.ndarray
-    heel: np.ndarray
+    place_m: np.ndarray  # (n, 2, 3) the ankle of a flat foot; y is its height above that of a standing foot
+    stands: np.ndarray  # (n, 2) 1 while the foot bears weight, 0 in the air
+    yaw: np.ndarray  # (n, 2) rad, direction of the foot, positive to the left
+    heel: np.ndarray  # (n, 2) rad, rotation by which the heel of a standing foot is raised
 
 
 def find_footing(ankle_m: np.ndarray, height_m: np.ndarray, toes: np.ndarray, foot_m: float) -> Footing:
     """Compute the footing from captured ankles (n, 2, 3).
 
-    height_m (n, 2): captured height above the floor; toes (n, 2, 3): directions; foot_m: from the ankle to the ball.
+    height_m (n, 2): captured height above the floor; toes (n, 2, 3): directions of the feet; foot_m: distance from the
+    ankle to the ball.
     """
     lift, heel_m = _lift(ankle_m, height_m)
     spans = [_stands(ankle_m[:, side], lift[:, side]) for side in (0, 1)]
@@ -59,9 +55,9 @@ def find_footing(ankle_m: np.ndarray, height_m: np.ndarray, toes: np.ndarray, fo
 
 
 def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the height (n, 2) of each foot in the air, and the rise (n, 2) of a heel while the toes stay down."""
+    """Return the height (n, 2) of each foot in the air, and the rise (n, 2) of each heel while the toes are down."""
     floor = np.percentile(height_m, 10.0, axis=0)
-    above = height_m - np.minimum(floor, floor.min() + WAVER_M)  # a leg may be held up all the time
+    above = height_m - np.minimum(floor, floor.min() + WAVER_M)  # one leg may be held up all the time
     lift = above * ease((above - WAVER_M) / CLEAR_M)
     heel = np.zeros_like(lift)
     for side in (0, 1):
@@ -73,7 +69,7 @@ def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _spans(chosen: np.ndarray) -> Spans:
-    """Return each run of True: first row, and the row after the last."""
+    """Return the first row, and one past the last row, of each unbroken series of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int64)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
@@ -109,8 +105,8 @@ def _weights(stands: Spans, rows: int) -> np.ndarray:
 
 
 def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
-    """Return the ankle's course (n, 3): still while the foot stands, shifted between so that its ends meet the
-    stands.
+    """Return the ankle's course (n, 3): constant while the foot stands; between two stands it is the captured course,
+    shifted to begin and end at the stands.
     """
     rows, course = np.arange(len(ankle_m)), ankle_m.copy()
     between = np.ones(len(rows), dtype=bool)

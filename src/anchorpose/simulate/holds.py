@@ -1,4 +1,4 @@
-"""Choose where on the patient a therapist's hands go."""
+"""Choose the places on the patient that a therapist's hands hold."""
 
 from __future__ import annotations
 
@@ -17,13 +17,11 @@ from anchorpose.simulate.retarget import CapturedActor
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A therapist's task: the place around the patient (azimuth ranges, radians, 0 in front, left positive) and what
-    each hand (the therapist's left, right) holds.
-    """
+    """A therapist's task."""
 
     name: TaskName
-    azimuth: tuple[float, float]
-    holds: tuple[str, str]
+    azimuth: tuple[float, float]  # rad, range of the direction from the patient: 0 = in front, positive = left
+    holds: tuple[str, str]  # the patient's joints that the therapist's left and right hand hold
 
 
 TASKS = (
@@ -44,12 +42,12 @@ HOLD_BONES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hold:
-    """A therapist's two hands on the patient's skin: vertices (2,), joints (2,), and the direction of the fingers."""
+    """A therapist's two hands on the patient's skin."""
 
-    vertices: np.ndarray
-    joints: np.ndarray
-    facing: np.ndarray  # (3,)
-    places_m: np.ndarray  # (2, 3) the holds when the therapist chose where to stand
+    vertices: np.ndarray  # (2,) vertices of the skin that they hold
+    joints: np.ndarray  # (2,) joints that they hold
+    facing: np.ndarray  # (3,) direction of the fingers
+    places_m: np.ndarray  # (2, 3) the held places when the therapist chooses where to stand
 
     @property
     def reference_m(self) -> np.ndarray:
@@ -58,14 +56,14 @@ class Hold:
 
 
 def nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: np.ndarray) -> float:
-    """Return when the joints to hold are nearest to the therapist, who needs space for it."""
+    """Return the time at which the joints to hold are nearest to the therapist; the therapist must have space then."""
     joints_m = np.array([patient.person.body.joints(bones) for bones in patient.bones(times_s)])
     held = joints_m[:, [JOINT_INDEX[name] for name in task.holds]].mean(axis=1)
     return float(times_s[np.argmax(held @ outward)])
 
 
 def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, at_s: float) -> Hold:
-    """Choose skin points around the joints to hold, on the sides from which the therapist's hands come."""
+    """Choose skin points around the joints to hold, on the side of the therapist's hands."""
     person = patient.person
     bones = patient.bones(np.array([at_s]))
     everything = np.arange(len(person.normals))

@@ -16,15 +16,15 @@ import numpy as np
 from anchorpose.simulate.sensor import SensorSpec, sense
 
 HALF: Final = 2  # pixels of the imager that are combined to one
-# The filter's own settings are not in the recordings; these draw silhouettes out as the real ones are: 12 pixels
+# recordings do not contain the settings of the real filter; with these, edges are blurred over 12 pixels, as in reality
 SMOOTHING: Final = 0.3  # weight of a pixel relative to the filter's carried value
-JOINED_PX: Final = 25.0  # step of disparity: only surfaces within half a metre of the camera keep their edges
-PASSES: Final = 2
-FILLED_PX: Final = 16  # widest gap filled by the nearest values in the row or column
-STEPS: Final = 8.0  # steps to which a pixel of disparity is rounded at the end
-TEMPORAL: Final = 0.4  # weight of a frame relative to the one before
-STILL_PX: Final = 0.6  # change of disparity: larger changes are taken over unchanged
-MEMORY: Final = 4  # frames; the weight of older ones is below a tenth
+JOINED_PX: Final = 25.0  # disparity step that is still smoothed: only surfaces within 0.5 m of the camera keep edges
+PASSES: Final = 2  # number of passes of the spatial filter
+FILLED_PX: Final = 16  # pixels, widest gap that is filled by the nearest values in the row or column
+STEPS: Final = 8.0  # steps per pixel of disparity to which the result is rounded
+TEMPORAL: Final = 0.4  # weight of a frame relative to the frame before
+STILL_PX: Final = 0.6  # pixels of disparity; a pixel that changes by more is not smoothed over time
+MEMORY: Final = 4  # number of frames that are smoothed; the weight of older frames is below a tenth
 
 
 def decimated_mm(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray, cosine: np.ndarray) -> np.ndarray:

@@ -28,11 +28,11 @@ MOVEMENTS: Final = {
 """The movements of the data set, by their number in the names of its clips."""
 
 STEPPING: Final = frozenset({"hurdle-step", "inline-lunge", "side-lunge", "leg-raise"})
-"""Movements that need space in front of the patient and beside."""
+"""Movements that need space in front of the patient and beside the patient."""
 
 SEATED: Final = frozenset({"sit-to-stand"})
 SUBJECTS: Final = (1, 2, 3, 4, 5, 6, 7)
-LOST_M_S: Final = 8.0  # Kinect's ankles and wrists that jump faster were lost and found again
+LOST_M_S: Final = 8.0  # m/s; if a captured ankle or wrist is faster, the Kinect had lost it
 KEYS: Final = ("joints_mm", "offsets", "names", "joint_names")
 NEEDED: Final = (
     "Waist",
@@ -62,14 +62,11 @@ _NAME: Final = re.compile(r"(?P<how>[ci])_m(?P<movement>\d\d)_s(?P<subject>\d\d)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clips:
-    """Clips of one subject and movement in recorded order.
+    """Clips of one subject and movement in recorded order, at 30 Hz."""
 
-    names (c,); joints_m: (n, j, 3) metres each, x to the subject's left, y up, z ahead, 30 Hz; joint_names (j,).
-    """
-
-    names: tuple[str, ...]
-    joints_m: tuple[np.ndarray, ...]
-    joint_names: tuple[str, ...]
+    names: tuple[str, ...]  # (c,) names of the clips
+    joints_m: tuple[np.ndarray, ...]  # per clip (n, j, 3): x to the subject's left, y up, z ahead
+    joint_names: tuple[str, ...]  # (j,)
 
     def joint(self, clip: int, name: str) -> np.ndarray:
         """Return the positions (n, 3) of a joint, metres."""
@@ -84,9 +81,10 @@ def movement_of(name: str) -> str | None:
 
 
 def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tuple[int, ...] = SUBJECTS) -> Clips:
-    """Read all repetitions by one random subject, either all correct or all incorrect ones; or one clip by its name.
+    """Read all repetitions by one random subject, either all correct or all incorrect repetitions; or read one clip by
+    its name.
 
-    movement: one of ``MOVEMENTS`` or the name of a clip, such as c_m05_s01_e01. Raises InputError where it is not a
+    movement: one of ``MOVEMENTS`` or the name of a clip, such as c_m05_s01_e01. Raises InputError if ``path`` is not a
     file of captured movements, or has no such movement by one of the subjects.
     """
     arrays = _arrays(path)
@@ -103,7 +101,7 @@ def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tu
 def _drawn(
     path: Path, arrays: dict[str, np.ndarray], movement: str, rng: np.random.Generator, subjects: tuple[int, ...]
 ) -> list[int]:
-    """Draw the clips of one subject, either all correct or all incorrect ones; return their indices."""
+    """Draw the clips of one subject, either all correct or all incorrect repetitions; return their indices."""
     series: dict[tuple[str, str], list[int]] = {}
     for index, name in enumerate(str(name) for name in arrays["names"]):
         found = _NAME.fullmatch(name)

@@ -1,4 +1,4 @@
-"""Define the motions of a patient in stand training, each as offsets on channels with sizes drawn at random."""
+"""Define the motions of a patient in stand training: each is a set of offsets on channels, with random sizes."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from anchorpose.simulate.timeline import Movement
 
 Offsets = tuple[tuple[str, float], ...]
 SIDES = ("left", "right")
-PACE = {"slow": 1.5, "normal": 1.0, "fast": 0.6}  # durations; fast reaches pass 3 m/s at the wrist
+PACE = {"slow": 1.5, "normal": 1.0, "fast": 0.6}  # factors on durations; in fast reaches, the wrist exceeds 3 m/s
 REST_ELBOW = 0.35
 STRAIGHT_ELBOW = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """The limits of the sizes of motions: the patient's leg, and whether bars are in the way."""
+    """The circumstances that limit the sizes of motions."""
 
-    leg_m: float
-    in_frame: bool
-    elbow: float  # at rest
+    leg_m: float  # length of the patient's leg
+    in_frame: bool  # whether bars are in the way
+    elbow: float  # rad, flexion at rest
 
 
 def squat(rng: np.random.Generator, here: Situation) -> Offsets:
@@ -97,7 +97,7 @@ def head(rng: np.random.Generator, here: Situation) -> Offsets:
 
 
 def rails(rng: np.random.Generator, here: Situation) -> Offsets:
-    """Return offsets that take one hand off its rail; without rails, both hands are held as if on them."""
+    """Return offsets that take one hand off its rail; without rails, both hands are held as if on rails."""
     if here.in_frame:
         side = SIDES[rng.integers(2)]
         return ((f"pull_{side}", -1.0), (f"elbow_{side}", rng.uniform(-0.2, 0.6)))
@@ -128,7 +128,7 @@ ARM_MOTIONS: dict[str, Callable[[np.random.Generator, Situation], Offsets]] = {
 
 
 def timed(rng: np.random.Generator, offsets: Offsets, start_s: float, pace: float) -> Movement:
-    """Return a movement of about a second each way at normal pace."""
+    """Return a movement that takes about a second forth and a second back at normal pace."""
     rise_s, fall_s = rng.uniform(0.8, 1.5, 2) * pace
     return Movement(offsets, start_s, rise_s, rng.uniform(0.1, 0.9) * pace, fall_s)
 
@@ -139,16 +139,16 @@ class GivingWay(Movement):
     __slots__ = ()
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Return the course from 0 to 1; at the catch it is twice as fast as on the average."""
+        """Return the course from 0 to 1; at the catch it is twice as fast as on average."""
         x = np.clip(x, 0.0, 1.0)
         return np.asarray(np.where(x < 2.0 / 3.0, 1.5 * x**2, 1.0 - 3.0 * (1.0 - x) ** 2))
 
 
 @dataclass(frozen=True, slots=True)
 class Beating(Movement):
-    """A movement to and fro, ``frequency_hz`` times a second, by its offsets to either side."""
+    """An oscillation, by the offsets to either side."""
 
-    frequency_hz: float
+    frequency_hz: float  # oscillations per second
 
     def strength(self, times_s: np.ndarray) -> np.ndarray:
         """Return the strength (t,), -1 to 1."""
@@ -157,8 +157,8 @@ class Beating(Movement):
 
 
 def buckle(rng: np.random.Generator, start_s: float) -> Movement:
-    """Let one knee give way within 0.2 to 0.45 s; the pelvis sinks on this side, and the leg straightens in a
-    second.
+    """Return a movement in which one knee gives way within 0.2 to 0.45 s, so that the pelvis sinks on this side; then
+    the leg straightens within a second.
     """
     way, drop_m = float(rng.choice([-1.0, 1.0])), float(rng.uniform(0.07, 0.10))  # 1: the right knee
     offsets = (("pelvis_up", -drop_m), ("pelvis_side", 0.2 * way), ("pelvis_right", -0.03 * way))

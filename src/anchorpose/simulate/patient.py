@@ -30,17 +30,17 @@ from anchorpose.simulate.timeline import (
     yaw_towards,
 )
 
-FARTHEST_FORWARD_M = 0.3  # m, mean distance of the feet in front of their first place, beyond which steps lead back
+FARTHEST_FORWARD_M = 0.3  # m; if the feet are farther in front of their first place than this, steps lead back
 SWAY_M = 0.005  # m, amplitude of each wave of the sway
 TREMOR_RAD = 0.004
 PALM_ABOVE_BONE_M = 0.018  # m from the hand's bone to the skin of the palm
 GRIP_TILT_RAD = 0.5
-WRIST_TO_GRIP_M = 0.06  # the ball of the hand lies on the rail
+WRIST_TO_GRIP_M = 0.06  # m from the wrist to the place of the hand that lies on the rail
 SIT_CHANCE = 0.4  # probability that a mixed programme with a stool begins or ends on it
 LONG_AGO_S = -100.0
-OUTSIDE_M = 2.4  # distance from the place of training: out of the front camera's view
+OUTSIDE_M = 2.4  # m from the place of training to a place outside of the front camera's view
 STANCE_M = 0.26
-WALK_S = 3.0  # time of the walk from outside to the place of training
+WALK_S = 3.0  # s, duration of the walk from outside to the place of training
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,16 +60,14 @@ class Wave:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Actor:
-    """A person with a programme: resting channels (c,), movements, steps, waves, and the rails that the person holds,
-    if any.
-    """
+    """A person with a programme of movements."""
 
     person: Person
-    base: np.ndarray
+    base: np.ndarray  # (c,) values of the channels at rest
     movements: list[Movement]
-    footwork: Footwork
-    waves: tuple[Wave, ...]
-    grip_m: np.ndarray | None = None  # (2, 3)
+    footwork: Footwork  # the steps
+    waves: tuple[Wave, ...]  # sway and tremor
+    grip_m: np.ndarray | None = None  # (2, 3) places on the rails that the hands hold; None without rails
 
     def channels(self, times_s: np.ndarray) -> np.ndarray:
         """Return the values of all channels (c, t)."""
@@ -97,7 +95,7 @@ def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
     frame.
     """
     base = np.zeros(len(CHANNELS))
-    base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # the rest pose stands with bent knees
+    base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # since the knees are bent in the rest pose
     for side in ("left", "right"):
         base[CHANNEL_INDEX[f"shoulder_abduct_{side}"]] = 0.45 if in_frame else 0.27
         base[CHANNEL_INDEX[f"shoulder_flex_{side}"]] = 0.25 if in_frame else 0.0
@@ -165,7 +163,7 @@ def draw_patient(
 
 
 def _come_and_go(rng: np.random.Generator, footwork: Footwork, config: SimulationConfig) -> Footwork:
-    """Append walks out to one side and back, so that the patient is in place except during absences."""
+    """Append walks out to one side and back again for each absence."""
     home, facing = footwork.places_m.mean(axis=0), float(footwork.yaws.mean())
     for gone_s, back_s in config.away_s:
         outside = home + np.array([rng.uniform(-0.3, 0.0), rng.choice([-1.0, 1.0]) * OUTSIDE_M])
@@ -194,7 +192,9 @@ def _first_stance(rng: np.random.Generator, person: Person) -> Footwork:
 def _draw_sitting(
     rng: np.random.Generator, config: SimulationConfig, person: Person
 ) -> tuple[float, float, list[Movement]]:
-    """Draw standing up or sitting down; return when the patient stands (start, end), and the movements."""
+    """Draw standing up or sitting down; return the start and end of the time in which the patient stands, and the
+    movements.
+    """
     named = "sit-to-stand" in config.motions
     possible = named or ("mixed" in config.motions and config.stool and config.equipment == "none")
     if not possible or (not named and rng.random() > SIT_CHANCE):
@@ -214,7 +214,7 @@ def _draw_sitting(
 
 
 def seated_offsets(person: Person) -> tuple[tuple[str, float], ...]:
-    """Return the offsets of a seat: thighs level, shanks upright."""
+    """Return the offsets of a seated posture: thighs level, shanks upright."""
     heads, asset = person.body.bone_heads, person.body.asset
     thigh_m = float(np.linalg.norm(heads[asset.bone("LeftLeg")] - heads[asset.bone("LeftUpLeg")]))
     return (
@@ -233,7 +233,7 @@ def _draw_steps(
     places, yaws = final_stance(footwork)
     stride_m = 0.0 if here.in_frame or rng.random() < 0.4 else rng.uniform(0.12, 0.28)
     if float(np.mean(np.asarray(places)[:, 0])) > FARTHEST_FORWARD_M:
-        stride_m = -stride_m  # the first two steps are not taken back: in ten minutes they would lead into the camera
+        stride_m = -stride_m  # otherwise the patient would walk into the camera within ten minutes
     duration_s = 0.7 * pace + 0.15
     first, steps, shifts = int(rng.integers(2)), [], []
     now = start_s + 0.35 * pace
@@ -249,7 +249,7 @@ def _draw_steps(
 
 
 def _rail_goals(person: Person, grip_m: np.ndarray, times: int) -> HandGoals:
-    """Place palms on the rails, fingers forward and down, wrists above the rail so that the forearms clear it."""
+    """Place palms on the rails, fingers forward and down, wrists above the rails, so that the forearms do not touch."""
     fingers = np.cos(GRIP_TILT_RAD) * FORWARD - np.sin(GRIP_TILT_RAD) * UP
     palm_out = -np.sin(GRIP_TILT_RAD) * FORWARD - np.cos(GRIP_TILT_RAD) * UP
     wrists, turns = [], []

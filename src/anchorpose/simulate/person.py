@@ -1,4 +1,4 @@
-"""Draw one simulated person: a body outside every shape space, dressed in clothes that fold."""
+"""Draw one simulated person: a body that no shape space contains, dressed in clothes that fold."""
 
 from __future__ import annotations
 
@@ -31,29 +31,25 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.rigged_body import read_rigged_body
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
-COEFFICIENT_SPREAD = 0.8  # share of the shape space's standard deviations; below 1, since all sixteen vary at once
+COEFFICIENT_SPREAD = 0.8  # factor on the shape space's standard deviations; below 1, as all 16 coefficients vary
 BUMPS = 14
 FOLDS = 7
 CHILD_HEIGHTS_M = (1.0, 1.5)
-CHILD_SPREAD = 0.9  # share of the asset's covariance of children
-LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # factors on the drawn height of folds
-BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of the names of undressed bones
+CHILD_SPREAD = 0.9  # factor on the asset's covariance of children
+LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # ranges of factors on the drawn height of folds
+BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of the names of bones without clothes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clothes:
-    """Folds that stand off the skin: a sum of waves over the rest skin, whose phases run with time and with the pose.
+    """Folds of clothes: a sum of waves over the skin at rest, with phases that change with time and with the pose."""
 
-    cover (v,) 0 bare to 1 dressed; waves (k, 3) radians per metre; phase, drift (k,) radians, radians per second;
-    bend_gain (k,) radians of phase per radian of joint bend; amplitude_m the height of a fold.
-    """
-
-    cover: np.ndarray
-    waves: np.ndarray
-    phase: np.ndarray
-    drift: np.ndarray
-    bend_gain: np.ndarray
-    amplitude_m: float
+    cover: np.ndarray  # (v,) from 0 (bare) to 1 (dressed)
+    waves: np.ndarray  # (k, 3) rad/m, wave vectors
+    phase: np.ndarray  # (k,) rad
+    drift: np.ndarray  # (k,) rad/s, change of phase with time
+    bend_gain: np.ndarray  # (k,) rad of phase per rad of joint bend
+    amplitude_m: float  # height of a fold
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +85,7 @@ class Person:
 
 
 def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | None = None) -> Person:
-    """Return a random adult of the given height (drawn where None), with every shape coefficient in use."""
+    """Return a random adult with all shape coefficients drawn. height_m: None = drawn."""
     asset = stored_asset()
     height_m = float(rng.uniform(SHORTEST_M, TALLEST_M)) if height_m is None else height_m
     coefficients = np.zeros(asset.shape_count)
@@ -105,7 +101,7 @@ def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | N
 
 
 def draw_child(rng: np.random.Generator, clothing_m: float, height_m: float | None = None) -> Person:
-    """Return a random child of the given height (drawn where None); the asset's children, with less spread."""
+    """Return a random child from the asset's distribution of children, with less spread. height_m: None = drawn."""
     asset = stored_asset()
     height_m = float(rng.uniform(*CHILD_HEIGHTS_M)) if height_m is None else height_m
     drawn = rng.multivariate_normal(asset.child_mean, CHILD_SPREAD**2 * asset.child_covariance, 200)
@@ -126,7 +122,7 @@ def draw_patient_person(rng: np.random.Generator, config: SimulationConfig) -> P
 def draw_other_person(
     rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None = None
 ) -> Person:
-    """Draw a person whose body is outside the asset's shape space, in trousers of another cloth than the shirt."""
+    """Draw a person whose body is not in the asset's shape space, with trousers of another cloth than the shirt."""
     plain = _draw_plain(rng, config, clothing_m, height_m)
     body = plain.body
     if config.file is None:
@@ -165,9 +161,7 @@ def _draw_plain(rng: np.random.Generator, config: OtherBody, clothing_m: float, 
 
 
 def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:
-    """Return the factor (v,) by which clothes are looser than drawn, with separate random factors for shirt and
-    trousers.
-    """
+    """Return factors (v,) on the height of folds, drawn separately for shirt and trousers."""
     shirt, trousers = rng.uniform(*LOOSE_SHIRT), rng.uniform(*LOOSE_TROUSERS)
     legs = np.array([name.endswith(("UpLeg", "Leg")) for name in asset.bone_names])
     share = (asset.skin_weights * legs[asset.skin_bones]).sum(axis=1)
@@ -187,7 +181,7 @@ def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tupl
 
 
 def bends(asset: BodyAsset, transforms: np.ndarray) -> np.ndarray:
-    """Return how far (b,) each bone is turned relative to its parent since the rest pose, radians."""
+    """Return (b,) rad: the rotation of each bone relative to its parent, from the rest pose."""
     turns = transforms[:, :3, :3]
     parents = np.maximum(asset.bone_parents, 0)
     cosine = (np.einsum("bij,bij->b", turns[parents], turns) - 1.0) / 2.0
@@ -222,7 +216,7 @@ def _dressed(asset: BodyAsset) -> np.ndarray:
 
 
 def _bumps_m(rng: np.random.Generator, asset: BodyAsset, vertices: np.ndarray) -> np.ndarray:
-    """Return bumps (v,), metres outward, that muscle, fat and spasms add on one side only."""
+    """Return bumps (v,), metres outward: muscle, fat and spasms that only one side has."""
     dressed = _dressed(asset)
     centres = vertices[rng.choice(np.flatnonzero(dressed > 0.9), BUMPS)]
     height_m = rng.normal(0.0, 0.005, BUMPS).clip(-0.008, 0.008)
@@ -247,14 +241,12 @@ def _draw_clothes(rng: np.random.Generator, asset: BodyAsset, amplitude_m: float
 
 
 class _RestSkin(NamedTuple):
-    """The skin at rest: vertices, normals (v, 3) float32; bones that move each vertex (v, w) int32, and weights
-    float32.
-    """
+    """The skin at rest."""
 
-    vertices: np.ndarray
-    normals: np.ndarray
-    bones: np.ndarray
-    weights: np.ndarray
+    vertices: np.ndarray  # (v, 3) float32
+    normals: np.ndarray  # (v, 3) float32
+    bones: np.ndarray  # (v, w) int32, bones that move each vertex
+    weights: np.ndarray  # (v, w) float32, their weights
 
 
 class _Folds(NamedTuple):
@@ -293,7 +285,7 @@ def _dress_and_skin(rest: _RestSkin, folds: _Folds, transforms: np.ndarray, bend
 
 @nb.njit(cache=True)
 def _fold_m(folds: _Folds, place: np.ndarray, cover: np.float32, bent: np.float32) -> float:
-    """Return how far the clothes stand off one place of the rest skin, metres."""
+    """Return the height of the clothes above one place of the skin at rest, metres."""
     if not (cover > 0.0 and folds.amplitude_m > 0.0):
         return 0.0
     wave = np.float32(0.0)
@@ -301,5 +293,5 @@ def _fold_m(folds: _Folds, place: np.ndarray, cover: np.float32, bent: np.float3
         argument = folds.waves[k, 0] * place[0] + folds.waves[k, 1] * place[1] + folds.waves[k, 2] * place[2]
         wave += np.sin(argument + folds.phase[k] + folds.bend_gain[k] * bent)
     scale = np.float32(np.sqrt(2.0 / len(folds.phase)))
-    # mean 0.75 and two standard deviations of the folds within (0.1, 1.4) of the amplitude: outward
+    # as a share of the amplitude: mean 0.75, two standard deviations from 0.1 to 1.4, so that folds are outward
     return float(folds.amplitude_m * cover * (np.float32(0.75) + np.float32(0.32) * scale * wave))

@@ -1,8 +1,8 @@
-"""Represent a posture over time in anatomical terms, and compute the bones that take it.
+"""Represent a posture over time in anatomical terms, and compute the rotations of the bones.
 
-Sides are indexed 0 left, 1 right. Angles are radians from upright standing with arms that hang down, thumbs forward.
-Feet are placed first and the legs reach for them (two-bone inverse kinematics), so that a planted foot stays planted
-whatever the trunk does; arms follow their angles and are pulled towards a target where they hold something.
+Side 0 is left, side 1 is right. Angles are radians from upright standing with arms that hang down, thumbs forward. Feet
+are placed first, and the legs reach for them by two-bone inverse kinematics; so a standing foot does not move with the
+trunk. Arms follow their angles; an arm that holds something is pulled towards a target.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from anchorpose.simulate.carried_pelvis import KneeBend, Legs, carried_pelvis
 
 SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # along Z
-FULL_REACH = 0.985  # share of a limb's length: a straight limb has no defined plane
-STRAIGHT_REACH = 1.0 - 1e-6  # share of the length of a leg whose knee is bent as given: by 0.2 degrees at least
-HEIGHT_SOFTNESS_M = 0.004  # m over which a straightening leg gently stops the pelvis
+FULL_REACH = 0.985  # share of its length to which a limb straightens: a straight limb has no defined plane
+STRAIGHT_REACH = 1.0 - 1e-6  # the same for a leg whose knee bend is given: the knee bends by 0.2 degrees at least
+HEIGHT_SOFTNESS_M = 0.004  # m over which a straightening leg gradually stops the pelvis
 SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))
 NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))
 CLAVICLE_SHARE = 0.25  # share of the arm's elevation beyond the first 30 degrees (scapulohumeral rhythm)
@@ -29,16 +29,13 @@ ELBOW_BEHIND_M = 0.3  # an upper arm: hands on rails beside the hips have their 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Captured:
-    """The directly given parts of a captured posture; for them, shoulder and elbow angles and ``knee_out`` are not
-    used.
-
-    arms (t, 2, 2, 3, 3): world turns of upper arm and forearm; knees (t, 2, 3): directions that the knees point in;
-    straight_leg: share of its length to which a leg may straighten. The toes follow a foot in the air.
+    """The parts of a captured posture that replace shoulder and elbow angles and ``knee_out``. The toes follow a foot
+    in the air.
     """
 
-    arms: np.ndarray
-    knees: np.ndarray
-    straight_leg: float
+    arms: np.ndarray  # (t, 2, 2, 3, 3) rotations of upper arm and forearm in the world
+    knees: np.ndarray  # (t, 2, 3) directions to which the knees point
+    straight_leg: float  # share of its length to which a leg may straighten
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -47,27 +44,27 @@ class Posture:
 
     pelvis_m: np.ndarray  # (t, 3) wanted place of the pelvis; straight legs may hold it lower
     pelvis_turn: np.ndarray  # (t, 3, 3)
-    trunk: np.ndarray  # (t, 3) bend forward, bend to the right, turn to the left
-    head: np.ndarray  # (t, 3) bend forward, bend to the right, turn to the left
-    ball_m: np.ndarray  # (t, 2, 3) ball of the foot
-    foot_yaw: np.ndarray  # (t, 2) to the left
-    heel_lift: np.ndarray  # (t, 2) rotation about the ball
-    knee_out: np.ndarray  # (t, 2) knees apart
-    shoulder: np.ndarray  # (t, 2, 3) flexion, abduction, inward rotation
-    elbow: np.ndarray  # (t, 2) flexion, 0 straight
-    pronation: np.ndarray  # (t, 2)
-    wrist: np.ndarray  # (t, 2) flexion towards the palm
-    fingers: np.ndarray  # (t, 2) curl
-    hand_m: np.ndarray  # (t, 2, 3) place to which the wrist is pulled; unused where pull is 0
-    hand_turn: np.ndarray  # (t, 2, 3, 3) rotation of the hand bone from rest; unused where pull is 0
-    pull: np.ndarray  # (t, 2) 0: the arm follows its angles, 1: the hand is at its target
-    captured: Captured | None = None
-    knees: KneeBend | None = None  # bend of the knees, given in place of the height of the pelvis
+    trunk: np.ndarray  # (t, 3) rad, bend forward, bend to the right, turn to the left
+    head: np.ndarray  # (t, 3) rad, bend forward, bend to the right, turn to the left
+    ball_m: np.ndarray  # (t, 2, 3) ball of each foot
+    foot_yaw: np.ndarray  # (t, 2) rad, direction of each foot, positive to the left
+    heel_lift: np.ndarray  # (t, 2) rad, rotation of each foot about its ball
+    knee_out: np.ndarray  # (t, 2) rad, outward deviation of the left and the right knee from the direction of the foot
+    shoulder: np.ndarray  # (t, 2, 3) rad, flexion, abduction, inward rotation
+    elbow: np.ndarray  # (t, 2) rad, flexion, 0 = straight
+    pronation: np.ndarray  # (t, 2) rad
+    wrist: np.ndarray  # (t, 2) rad, flexion towards the palm
+    fingers: np.ndarray  # (t, 2) rad, curl of the fingers
+    hand_m: np.ndarray  # (t, 2, 3) place to which the wrist is pulled; unused if pull is 0
+    hand_turn: np.ndarray  # (t, 2, 3, 3) rotation of the hand bone from rest; unused if pull is 0
+    pull: np.ndarray  # (t, 2) from 0 (the arm follows its angles) to 1 (the hand is at its target)
+    captured: Captured | None = None  # parts that replace some angles; None for motions
+    knees: KneeBend | None = None  # bend of the knees, in place of the height of the pelvis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestLimb:
-    """Two bones in the rest pose: their directions, lengths and the axis that bends the second towards ``flexed``."""
+    """Two bones of a limb in the rest pose: directions, lengths, the axis about which the second bends, its bend."""
 
     first: np.ndarray
     second: np.ndarray
@@ -134,7 +131,7 @@ class _Poser:
         return self.body.asset.bone(name)
 
     def _set(self, name: str, turn: np.ndarray) -> None:
-        """Turn a bone in the world and hang it on its parent."""
+        """Give a bone a rotation in the world, and attach it to its parent."""
         bone = self._bone(name)
         parent = self.body.asset.bone_parents[bone]
         offset = self.body.bone_heads[bone] - self.body.bone_heads[parent]
@@ -142,7 +139,7 @@ class _Poser:
         self.place[:, bone] = self.place[:, parent] + rotate(self.turn[:, parent], offset)
 
     def _follow(self, name: str, local: np.ndarray | None = None) -> None:
-        """Turn a bone by ``local`` relative to its parent."""
+        """Give a bone a rotation relative to its parent; None = the bone moves with its parent."""
         parent = self.turn[:, self.body.asset.bone_parents[self._bone(name)]]
         self._set(name, parent if local is None else parent @ local)
 
@@ -239,7 +236,7 @@ class _Poser:
     def _pulled(
         self, posture: Posture, side: int, limb: RestLimb, upper: np.ndarray, fore: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Pull the arm towards the hand's target; the elbow lies behind and outside the line to it, as elbows bend."""
+        """Pull the arm towards the hand's target; the elbow bends backwards and outwards from the line to it."""
         pull = posture.pull[:, side, None]
         if not pull.any():
             return upper, fore
@@ -260,9 +257,8 @@ def full_reach(posture: Posture) -> float:
 def _reach(
     limb: RestLimb, start_m: np.ndarray, goal_m: np.ndarray, pole: np.ndarray, full: float = FULL_REACH
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return world turns (t, 3, 3) of both bones so that the limb ends at the goal, its middle joint towards ``pole``.
-
-    A limb points at a goal that is out of reach.
+    """Return world rotations (t, 3, 3) of both bones with which the limb ends at the goal, its middle joint on the side
+    of ``pole``. If the goal is out of reach, the limb points at it.
     """
     first_m, second_m = limb.lengths
     gap = goal_m - start_m

@@ -1,4 +1,4 @@
-"""Turn a true image into the stored image, with the sensor's error, losses in a real room, and the recorder's
+"""Convert a true image to the stored image: with the sensor's errors, losses in a real room, and the recorder's
 filters.
 """
 
@@ -16,17 +16,14 @@ from anchorpose.simulate.sensor import SensorSpec, sense
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reader:
-    """The reader of one camera: its kind, its systematic error (height, width) metres, and the losses of readings in a
-    real room.
-
-    shiny (height, width) bool: pixels of bare metal. recent: depth images before smoothing, by frame; it only saves
-    time, since a missing image is drawn again from the frame's own random stream.
-    """
+    """The conversion for one camera."""
 
     spec: SensorSpec
-    wiggle_m: np.ndarray
-    spoil: Spoil | None = None
-    shiny: np.ndarray | None = None
+    wiggle_m: np.ndarray  # (height, width) m, systematic error of the sensor
+    spoil: Spoil | None = None  # losses of readings in a real room
+    shiny: np.ndarray | None = None  # (height, width) bool, pixels of bare metal
+    # depth images before smoothing, by frame; they only save time, since each can be computed again with the same
+    # result
     recent: dict[int, np.ndarray] = field(default_factory=dict)
 
     def raw_mm(self, rng: np.random.Generator, image: TrueImage) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Render noise-free depth images: the room once, by rays; the people in every frame, by a depth buffer.
 
-A depth buffer over the 27,000 triangles of a body costs a few milliseconds; building a ray tree for as many costs tens.
+For the 27,000 triangles of a body, a depth buffer takes a few milliseconds; building a ray tree takes tens.
 """
 
 from __future__ import annotations
@@ -14,35 +14,31 @@ import numpy as np
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.lens import NOWHERE, lens_array, pixel_of_ray, rays_of_pixels
 
-NOTHING, EQUIPMENT, PATIENT = 0, 1, 2  # labels of a true image; therapists have the next ones
-NEAREST_M = 0.15  # triangles nearer to the camera are not drawn
+NOTHING, EQUIPMENT, PATIENT = 0, 1, 2  # labels of a true image; therapists have the labels from 3 on
+NEAREST_M = 0.15  # m; triangles nearer to the camera are not drawn
 
 
 class TrueImage(NamedTuple):
-    """An image that one camera would see without error, arrays (height, width).
+    """The image that one camera would see without error; all arrays are (height, width)."""
 
-    depth_m float32 along the optical axis, 0 = nothing; cosine float32 of the incidence angle; label uint8; part uint8:
-    1 + index of the bone that moves the skin there, 0 = nobody.
-    """
-
-    depth_m: np.ndarray
-    cosine: np.ndarray
-    label: np.ndarray
-    part: np.ndarray
+    depth_m: np.ndarray  # float32, along the optical axis, 0 = nothing
+    cosine: np.ndarray  # float32, cosine of the angle of incidence
+    label: np.ndarray  # uint8, NOTHING, EQUIPMENT, PATIENT or a therapist
+    part: np.ndarray  # uint8, 1 + index of the bone that moves the skin there, 0 = nobody
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Figure:
-    """A person to draw: dressed skin in the world (v, 3) float32 and the part number of each face (f,) uint8."""
+    """A person to draw."""
 
-    skin_m: np.ndarray
-    faces: np.ndarray
-    face_part: np.ndarray
+    skin_m: np.ndarray  # (v, 3) float32, dressed skin in the world
+    faces: np.ndarray  # (f, 3)
+    face_part: np.ndarray  # (f,) uint8, part number of each face, as in ``TrueImage``
     label: int
 
 
 def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> TrueImage:
-    """Return the room and the equipment, (n, 3, 3) triangles each; rays through pixel centres."""
+    """Render room and equipment, (n, 3, 3) triangles each, by rays through pixel centres."""
     shape = (camera.height, camera.width)
     empty = TrueImage(
         np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
@@ -65,10 +61,10 @@ def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> Tru
 
 
 class Lens(NamedTuple):
-    """The lens for kernels. array: ``lens_array`` as float32; rays: from ``rays_of_pixels``."""
+    """The lens for compiled kernels."""
 
-    array: np.ndarray
-    rays: np.ndarray
+    array: np.ndarray  # ``lens_array`` as float32
+    rays: np.ndarray  # from ``rays_of_pixels``
 
 
 def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) -> TrueImage:
@@ -84,7 +80,7 @@ def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) 
 
 
 def ray_directions(camera: Camera) -> np.ndarray:
-    """Return ray directions (height * width, 3) float32, world; the optical axis where a pixel has no ray."""
+    """Return ray directions (height * width, 3) float32, world; for a pixel without a ray, the optical axis."""
     rays = np.nan_to_num(camera.pixel_rays()).reshape(-1, 2)
     rays = np.column_stack([rays, np.ones(len(rays), np.float32)])
     return np.asarray((rays @ camera.require_pose()[:3, :3].T).astype(np.float32))
@@ -93,7 +89,7 @@ def ray_directions(camera: Camera) -> np.ndarray:
 def first_hits(
     origins_m: np.ndarray, directions: np.ndarray, triangles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the first triangle along each ray (-1 none), its distance in ray lengths, and its normal.
+    """Return the first triangle along each ray (-1 = none), its distance in ray lengths, and its normal.
 
     origins_m, directions (n, 3), triangles (m, 3, 3), float32 world metres.
     """
@@ -113,8 +109,8 @@ def first_hits(
 def _draw(
     points: np.ndarray, faces: np.ndarray, face_part: np.ndarray, label: int, lens: Lens, image: TrueImage
 ) -> None:
-    """Draw faces into a depth buffer; points (v, 3) in the camera. Edges are straight in the image: triangles are
-    small.
+    """Draw faces into a depth buffer; points (v, 3): in the camera's frame. Edges are drawn straight in the image,
+    since triangles are small.
     """
     for f in range(len(faces)):
         _draw_face(points, faces[f], face_part[f], label, lens, image)

@@ -1,4 +1,4 @@
-"""Transfer a captured movement to another body: segment directions from the subject, lengths from the patient."""
+"""Transfer a captured movement to another body: with the subject's segment directions and the patient's lengths."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from anchorpose.simulate.timeline import (
     ease,
 )
 
-STRAIGHT_LEG: Final = 0.998  # share of a leg's length: knees bent by 7 degrees
+STRAIGHT_LEG: Final = 0.998  # share of its length to which a leg straightens: knees are then bent by 7 degrees
 PELVIS_S: Final = 0.06  # s, window over which the path of the pelvis is smoothed
-KNEE_SHOWS_M: Final = 0.05  # a knee this far off the line from hip to ankle shows its direction
-AIR_M: Final = 0.12  # a foot this high in the air keeps its angle to the shank
-TOES_DOWN_RAD: Final = 0.25  # angle of the toes of a hanging foot
+KNEE_SHOWS_M: Final = 0.05  # m; a knee this far off the line from hip to ankle determines its direction
+AIR_M: Final = 0.12  # m; a foot this high in the air keeps its angle to the shank
+TOES_DOWN_RAD: Final = 0.25  # rad, angle of the toes of a hanging foot
 FINGERS_RAD: Final = 0.25
 
 _UP_RIGHT: Final = orthonormal_frame(UP, RIGHT)
@@ -40,16 +40,14 @@ _UP_RIGHT: Final = orthonormal_frame(UP, RIGHT)
 class CapturedActor:
     """A person who does a captured movement. Arrays have n rows at CLIP_HZ; the second axis of arrays of limbs is the
     side.
-
-    pelvis_m (n, 3); ball_m (n, 2, 3) with the height above the floor as y; foot_yaw (n, 2); heel (n, 2).
     """
 
     person: Person
     capture: Capture
-    pelvis_m: np.ndarray
-    ball_m: np.ndarray
-    foot_yaw: np.ndarray
-    heel: np.ndarray
+    pelvis_m: np.ndarray  # (n, 3)
+    ball_m: np.ndarray  # (n, 2, 3) ball of each foot; y is the height above the floor
+    foot_yaw: np.ndarray  # (n, 2) rad, direction of each foot
+    heel: np.ndarray  # (n, 2) rad, rise of each heel
 
     def sits(self) -> bool:
         """Return whether the movement leads to a seat."""
@@ -68,7 +66,7 @@ class CapturedActor:
         return pose_bones(self.person.body, self.posture(times_s))
 
     def posture(self, times_s: np.ndarray) -> Posture:
-        """Return the posture at times (t,); raises ValueError where the movement does not last until then."""
+        """Return the posture at times (t,); raises ValueError if the movement does not last until then."""
         body, capture = self.person.body, self.capture
         at = _Resampler(capture, times_s)
         pelvis = at.turn(capture.pelvis)
@@ -109,7 +107,7 @@ class _Resampler:
     def __init__(self, capture: Capture, times_s: np.ndarray) -> None:
         place = (np.asarray(times_s) - capture.start_s) * CLIP_HZ
         last = len(capture.waist_m) - 1
-        rounded = place.round(6)  # the time of the last row may come out a bit later than that row
+        rounded = place.round(6)  # by rounding errors, the last time may lie slightly after the last row
         if rounded.min() < 0.0 or rounded.max() > last:
             raise ValueError(f"the movement lasts {last / CLIP_HZ:.1f} s from {capture.start_s:.1f} s on")
         self.row = np.minimum(place.astype(np.int64), last - 1)
@@ -125,12 +123,12 @@ class _Resampler:
 
 
 def retarget(person: Person, capture: Capture) -> CapturedActor:
-    """Transfer the movement to the person's own lengths, facing +X; standing feet do not move, and are on the floor."""
+    """Transfer the movement to the person's segment lengths, facing +X; standing feet are on the floor and still."""
     body = person.body
     hips_m, lengths_m, back = _legs(body)
     scale = float(lengths_m.sum(axis=1).mean()) / capture.leg_m
     reach = rotate(capture.pelvis[:, None], hips_m) + np.einsum("sk,nskj->nsj", lengths_m, capture.legs)
-    free = scale * capture.waist_m[:, None] * [1.0, 0.0, 1.0] + reach  # ankles without contact with the floor
+    free = scale * capture.waist_m[:, None] * [1.0, 0.0, 1.0] + reach  # ankles before contact with the floor counts
     foot_m = float(np.hypot(back[:, 0], back[:, 2]).mean())
     feet = find_footing(free, scale * capture.ankle_m[..., 1], capture.toes, foot_m)
     heading, sole_m = turns_about(UP, feet.yaw), _sole_m(body)
@@ -145,7 +143,9 @@ def retarget(person: Person, capture: Capture) -> CapturedActor:
 
 
 def _legs(body: BodyMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (2, 3) from pelvis to hips; (2, 2) lengths of thigh and shank; (2, 3) from ball to ankle."""
+    """Return vectors (2, 3) from the pelvis to the hips, lengths (2, 2) of thigh and shank, and vectors (2, 3) from the
+    balls of the feet to the ankles.
+    """
     heads, bone = body.bone_heads, body.asset.bone
     hip, knee, ankle, ball = (
         np.array([heads[bone(f"{side}{name}")] for side in SIDES]) for name in ("UpLeg", "Leg", "Foot", "ToeBase")
@@ -160,14 +160,14 @@ def _sole_m(body: BodyMesh) -> np.ndarray:
 
 
 def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
-    """Return the pelvis (n, 3) between the places (n, 2, 3) that each foot implies, weighted by load."""
+    """Return the pelvis (n, 3): the mean of the places (n, 2, 3) that both feet imply, weighted by load."""
     weight = np.maximum(feet.stands, 1e-3)[..., None]
     pelvis = (weight * wanted_m).sum(axis=1) / weight.sum(axis=1)
     return gaussian_filter1d(pelvis, PELVIS_S * CLIP_HZ, axis=0, mode="nearest")
 
 
 def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
-    """Move feet in the air to where the legs (n, 2, 3) lead them, but no lower than a step."""
+    """Move feet in the air to the ends of the legs (n, 2, 3), but not lower than in a step."""
     place = feet.place_m + (1.0 - feet.stands)[..., None] * (leg_end_m - feet.place_m)
     least_m = np.minimum(feet.place_m[..., 1], 0.5 * STEP_HEIGHT_M)
     place[..., 1] = np.maximum(place[..., 1], least_m)
@@ -176,8 +176,8 @@ def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
 
 
 def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray:
-    """Return the pitch (n, 2) about the ankle, radians, toes down positive: a foot in the air keeps its angle to the
-    shank.
+    """Return the pitch (n, 2) of each foot about its ankle, radians, positive with toes down. A foot in the air keeps
+    its angle to the shank.
     """
     shank = capture.legs[:, :, 1]
     ahead = shank[..., 0] * np.cos(feet.yaw) - shank[..., 2] * np.sin(feet.yaw)
@@ -187,7 +187,7 @@ def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray
 
 
 def _knee_directions(pelvis: np.ndarray, legs: np.ndarray, knee_m: np.ndarray) -> np.ndarray:
-    """Return the knees' directions (t, 2, 3): forward of the leg, and as captured where they are clearly bent."""
+    """Return the knees' directions (t, 2, 3): as captured if they are clearly bent, else forward of the leg."""
     along = legs.sum(axis=2)
     forward = unit(np.cross(pelvis[:, None, :, 2], along))
     off_m = np.linalg.norm(knee_m, axis=2, keepdims=True)
@@ -197,7 +197,9 @@ def _knee_directions(pelvis: np.ndarray, legs: np.ndarray, knee_m: np.ndarray) -
 
 
 def _bend(parent: np.ndarray, child: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
-    """Return (t, 3) bend forward, to the right, turn to the left, from one segment to the next, within limits."""
+    """Return (t, 3) rad: bend forward, bend to the right and turn to the left of ``child`` relative to ``parent``,
+    within limits.
+    """
     vector = Rotation.from_matrix(np.swapaxes(parent, -1, -2) @ child).as_rotvec()
     return np.asarray(np.stack([-vector[:, 2], vector[:, 0], vector[:, 1]], axis=1).clip(*limits))
 
@@ -208,12 +210,12 @@ def _bend_turn(bend: np.ndarray) -> np.ndarray:
 
 
 def _head_turn(thorax: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return the head's turn (t, 3, 3): its top towards ``up``, its face where the thorax faces."""
+    """Return the head's rotation (t, 3, 3): its top points to ``up``, its face to where the thorax faces."""
     return np.asarray(orthonormal_frame(up, thorax[:, :, 2]) @ _UP_RIGHT.T)
 
 
 def _swing(thorax: np.ndarray, upper: np.ndarray, side: int) -> np.ndarray:
-    """Return (t, 3) flexion, abduction, 0 of an upper arm along ``upper`` (t, 3)."""
+    """Return (t, 3): flexion and abduction of an upper arm in the direction ``upper`` (t, 3), then 0."""
     local = rotate(np.swapaxes(thorax, -1, -2), upper)
     axis = np.cross(-UP, local)
     sine = np.linalg.norm(axis, axis=1)

@@ -1,4 +1,4 @@
-"""Read a body from a file: skin, bones by our names and skinning weights, in any rest pose, from any source."""
+"""Read a body of any source from a file: skin, bones with our names, and skinning weights, in any rest pose."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ ENDS: Final = {
     "Leg": "Foot",
     "Foot": "ToeBase",
 }
-"""Bones that are turned to the direction of the asset's rest pose, and the bone to which each points."""
+"""Bones that are turned to the direction of the asset's rest pose, and the bone to whose head each points."""
 
 
 def read_rigged_body(path: Path) -> BodyMesh:
-    """Read the body in the asset's rest pose, so that every movement fits it; its joints are heads of its own bones.
+    """Read the body and turn it to the asset's rest pose, so that every movement fits; its joints are its bones' heads.
 
-    Axes X forward, Y up, Z to the body's right, metres. Raises InputError where the file does not hold such a body.
+    Axes X forward, Y up, Z to the body's right, metres. Raises InputError if the file does not contain such a body.
     """
     remedy = "give a body as docs/simulate.md describes it"
     arrays = read_arrays(path, KEYS, remedy)
@@ -54,7 +54,7 @@ def read_rigged_body(path: Path) -> BodyMesh:
 
 @cache
 def sampled_vertices(asset: BodyAsset) -> np.ndarray:
-    """Return the vertex (p,) of a body at each of the tracker's skin points: the nearest, at the same height."""
+    """Return the vertex (p,) of a body nearest to each of the tracker's skin points, after scaling to equal height."""
     points = body_points()
     if len(asset.vertices) == len(points.asset.vertices):
         return points.vertex
@@ -63,7 +63,7 @@ def sampled_vertices(asset: BodyAsset) -> np.ndarray:
 
 
 def _in_rest_pose(rig: BodyAsset, asset: BodyAsset, heads: np.ndarray, tails: np.ndarray) -> BodyMesh:
-    """Turn each limb about its own joint to the direction of the asset's rest pose, with feet on the floor."""
+    """Turn each limb about its joint to the direction of the asset's rest pose, and put the feet on the floor."""
     turns = np.tile(np.eye(3), (len(heads), 1, 1))
     for side in ("Left", "Right"):
         for name, end in ENDS.items():
@@ -87,7 +87,7 @@ def _in_rest_pose(rig: BodyAsset, asset: BodyAsset, heads: np.ndarray, tails: np
 
 
 def _least_turn(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return (3, 3) the smallest rotation that turns one direction into another."""
+    """Return (3, 3) the smallest rotation that turns one direction to another."""
     a, b = source / np.linalg.norm(source), target / np.linalg.norm(target)
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis)

@@ -21,15 +21,15 @@ class SensorSpec:
     focal_px: float
     nearest_m: float
     farthest_m: float
-    # of the axial noise measured on white targets; clothes, skin and floors return a quarter of the light, and the
-    # noise of a time-of-flight camera goes with the inverse square root of what returns
+    # factor on the axial noise that was measured on white targets: clothes, skin and floors return a quarter of the
+    # light, and the noise of a time-of-flight camera is proportional to the inverse square root of the returned light
     noise_gain: float = 2.0
-    baseline_m: float = 0.0  # m between the imagers, for stereo
-    disparity_noise_px: float = 0.06  # standard deviation of subpixel matching
-    disparity_steps: float = 32.0  # steps to which a pixel of disparity is quantised
-    filtered: bool = False  # whether two pixels become one, followed by smoothing over space and time (librealsense.py)
-    wiggle_m: float = 0.0012  # amplitude of the smooth error that a time-of-flight camera keeps over a session
-    dots: int = 0  # laser points from which the maker's software computes the image; 0: every pixel measures
+    baseline_m: float = 0.0  # m between the imagers of a stereo camera
+    disparity_noise_px: float = 0.06  # pixels, standard deviation of subpixel matching
+    disparity_steps: float = 32.0  # quantisation steps per pixel of disparity
+    filtered: bool = False  # whether librealsense's filters follow: decimation by two, then smoothing (librealsense.py)
+    wiggle_m: float = 0.0012  # m, amplitude of the smooth error that a time-of-flight camera keeps over a session
+    dots: int = 0  # number of laser points from which the image is computed; 0 = every pixel measures
     lens: str = "pinhole"  # one of ``LENSES``
 
 
@@ -37,7 +37,7 @@ SENSORS = {
     "kinect-v2": SensorSpec(
         kind="time-of-flight", width=512, height=424, focal_px=365.0, nearest_m=0.5, farthest_m=4.5
     ),
-    # NFOV unbinned; about half the Kinect v2's noise (Toelgyessy et al. 2021, doi:10.3390/s21020413)
+    # mode NFOV unbinned; about half of the Kinect v2's noise (Toelgyessy et al. 2021, doi:10.3390/s21020413)
     "azure-kinect": SensorSpec(
         kind="time-of-flight", width=640, height=576, focal_px=504.0, nearest_m=0.5, farthest_m=3.86, noise_gain=1.2
     ),
@@ -57,7 +57,7 @@ SENSORS = {
         disparity_noise_px=0.03,
         disparity_steps=16.0,
     ),
-    # a D415 behind librealsense's filters; the noise before them
+    # a D415 with librealsense's filters; the noise is that before the filters
     "realsense-filtered": SensorSpec(
         kind="stereo",
         width=424,
@@ -69,8 +69,8 @@ SENSORS = {
         disparity_noise_px=0.15,
         filtered=True,
     ),
-    # WFOV 2x2 binned, 120 x 120 degrees (behind this lens 117), 0.25 to 2.88 m (Microsoft's hardware specification).
-    # It reaches the random error at 2.88 m that NFOV unbinned reaches at 3.86 m: its noise is 1.6 times azure-kinect's
+    # mode WFOV 2x2 binned, 120 x 120 degrees (117 with this lens), 0.25 to 2.88 m (Microsoft's hardware specification).
+    # At 2.88 m it has the random error of NFOV unbinned at 3.86 m, so its noise is 1.6 times that of azure-kinect
     "azure-kinect-wfov": SensorSpec(
         kind="time-of-flight",
         width=512,
@@ -81,8 +81,8 @@ SENSORS = {
         noise_gain=1.9,
         lens="rational",
     ),
-    # NFOV unbinned, 75 x 65 degrees (behind this lens 73 x 65), 0.5 to 3.86 m; the sensor, the modes and the limits of
-    # error are Azure Kinect's (Orbbec's hardware specification of Femto Bolt)
+    # mode NFOV unbinned, 75 x 65 degrees (73 x 65 with this lens), 0.5 to 3.86 m; sensor, modes and limits of error are
+    # those of the Azure Kinect (Orbbec's hardware specification of Femto Bolt)
     "femto-bolt": SensorSpec(
         kind="time-of-flight",
         width=640,
@@ -93,8 +93,9 @@ SENSORS = {
         noise_gain=1.2,
         lens="rational",
     ),
-    # 50 mm between the imagers (devices), 87 +- 3 degrees (the data sheet, as quoted: docs/simulate.md); 0.08 pixels of
-    # disparity is what its maker assumes for a calibrated unit (librealsense, issue 3904). It reads farther, ever worse
+    # 50 mm between the imagers (devices), 87 +- 3 degrees (data sheet, as quoted in docs/simulate.md); its maker
+    # assumes 0.08 pixels of disparity for a calibrated unit (librealsense, issue 3904). It also reads farther, with
+    # more error
     "d435": SensorSpec(
         kind="stereo",
         width=848,
@@ -105,8 +106,8 @@ SENSORS = {
         baseline_m=0.05,
         disparity_noise_px=0.08,
     ),
-    # 58 x 45 degrees, 0.8 to 3.5 m (Asus, as quoted: docs/simulate.md); 75 mm to the projector, steps of an eighth of a
-    # pixel, and a standard deviation of half a step, 5.7 mm at 2 m (Khoshelham and Oude Elberink 2012,
+    # 58 x 45 degrees, 0.8 to 3.5 m (Asus, as quoted in docs/simulate.md); 75 mm to the projector, steps of an eighth of
+    # a pixel, and a standard deviation of half a step, 5.7 mm at 2 m (Khoshelham and Oude Elberink 2012,
     # doi:10.3390/s120201437)
     "xtion": SensorSpec(
         kind="stereo",
@@ -119,10 +120,10 @@ SENSORS = {
         disparity_noise_px=0.05,
         disparity_steps=8.0,
     ),
-    # 576 points, spread by ARKit over 256 x 192 pixels (apple/ARKitScenes, issue 14), up to 5 m (Apple). What is left
-    # is smooth: 1 mm from a plane at 1 to 1.5 m (Teo and Yang 2023, doi:10.1016/j.dibe.2023.100169), which the gain is
-    # chosen for, and within 1 cm of the truth (Luetzenburg et al. 2021, doi:10.1038/s41598-021-01763-9, not read); the
-    # focal length is that of ARKitScenes
+    # 576 points, spread by ARKit over 256 x 192 pixels (apple/ARKitScenes, issue 14), up to 5 m (Apple). The remaining
+    # error is smooth: 1 mm from a plane at 1 to 1.5 m (Teo and Yang 2023, doi:10.1016/j.dibe.2023.100169; the gain is
+    # chosen for this value), and within 1 cm of the truth (Luetzenburg et al. 2021, doi:10.1038/s41598-021-01763-9, not
+    # read). The focal length is that of ARKitScenes
     "iphone-lidar": SensorSpec(
         kind="time-of-flight",
         width=256,
@@ -138,29 +139,29 @@ SENSORS = {
 
 LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
     "pinhole": (LensModel.BROWN_CONRADY, (0.0, 0.0, 0.0, 0.0, 0.0), None),
-    # of the order of a Kinect v2's infrared camera
+    # of the same order as a Kinect v2's infrared camera
     "brown-conrady": (LensModel.BROWN_CONRADY, (0.09, -0.27, 0.001, -0.0005, 0.09), None),
-    # of the order of an Azure Kinect's depth camera, as far as it is valid
+    # of the same order as an Azure Kinect's depth camera, up to its valid radius
     "rational": (LensModel.RATIONAL, (0.44, 0.013, -2.4e-5, -6.4e-5, -0.002, 0.77, 0.089, -0.005), 1.74),
-    # a lens whose picture is a tenth smaller at its border than a pinhole's
+    # a lens whose image is smaller at its border by a tenth than that of a pinhole
     "kannala-brandt": (LensModel.KANNALA_BRANDT, (-0.02, 0.003, -0.001, 0.0002), None),
 }
 """Model, coefficients and valid radius of each imitated lens."""
 
-EDGE_STEP_M = 0.03  # neighbours farther apart than this, and than the slope explains, are an edge
-SLOPE_ALLOWANCE = 4.0  # pixels of slope in a window of three, with a margin
+EDGE_STEP_M = 0.03  # m; at an edge, neighbouring depths differ by more than this and by more than the slope explains
+SLOPE_ALLOWANCE = 4.0  # pixels of slope that are allowed in a window of three pixels: two and a margin
 DROPOUT = 0.003  # probability of a lost reading anywhere
-EDGE_JITTER = 0.35  # probability that an edge pixel reads its neighbour
-FLYING = 0.22  # probability that an edge pixel mixes near and far
+EDGE_JITTER = 0.35  # probability that an edge pixel has the reading of its neighbour
+FLYING = 0.22  # probability that an edge pixel mixes near and far depths
 EDGE_LOSS = 0.08  # probability that an edge pixel has no reading
-GRAZING_COSINE = 0.10  # beyond 84 degrees of incidence there is no reading
-BLOB_PX = 2.2  # standard deviation of the matching window
-SPECKLE_DEVIATIONS = 2.7  # matching fails where its noise field is beyond this
-JOINED_M = 0.1  # a smaller step of depth is smoothed by ARKit, unless the colour image shows an edge
+GRAZING_COSINE = 0.10  # least cosine of the angle of incidence (84 degrees) with a reading
+BLOB_PX = 2.2  # pixels, standard deviation of the matching window
+SPECKLE_DEVIATIONS = 2.7  # standard deviations of the noise field beyond which matching fails
+JOINED_M = 0.1  # m; ARKit smooths a smaller step of depth, unless the colour image shows an edge
 
 
 def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:
-    """Return the intrinsics of a sensor behind one of ``LENSES``; None: its own."""
+    """Return the intrinsics of a sensor with one of ``LENSES``; None = its own lens."""
     model, coefficients, radius = LENSES[spec.lens if lens is None else lens]
     return Intrinsics(
         fx=spec.focal_px,
@@ -174,7 +175,7 @@ def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:
 
 
 def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:
-    """Draw the smooth error (height, width) float32, metres, of one device, the same in all its images."""
+    """Draw the smooth error (height, width) float32, metres, of one device; it is the same in all images."""
     import cv2
 
     coarse = rng.normal(0.0, spec.wiggle_m, (6, 7)).astype(np.float32)
@@ -186,8 +187,8 @@ def sense(
 ) -> np.ndarray:
     """Return a noisy depth image in whole millimetres, (height, width) uint16, 0 = no reading.
 
-    depth_m (height, width) float32 true depth along the optical axis, 0 = nothing there; cosine (height, width)
-    float32: of the angle between ray and surface normal.
+    depth_m (height, width) float32: true depth along the optical axis, 0 = nothing there; cosine (height, width)
+    float32: cosine of the angle between ray and surface normal.
     """
     if spec.kind == "stereo":
         sensed_m = _sense_stereo(rng, spec, depth_m)
@@ -246,7 +247,7 @@ def _sense_time_of_flight(
 
 
 def _spread_dots(spec: SensorSpec, sensed_m: np.ndarray) -> np.ndarray:
-    """Smooth within surfaces over half the spacing of the dots; pixels without a reading keep none."""
+    """Smooth within surfaces over half of the spacing of the dots; pixels without a reading stay without."""
     import cv2
 
     half_spacing_px = 0.5 * float(np.sqrt(spec.width * spec.height / spec.dots))
@@ -254,7 +255,9 @@ def _spread_dots(spec: SensorSpec, sensed_m: np.ndarray) -> np.ndarray:
 
 
 def _sense_stereo(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray) -> np.ndarray:
-    """Add an error that grows with the square of range, in blobs of the matching window (after Ahn et al. 2019)."""
+    """Add an error that grows with the square of range and is correlated within the matching window (after Ahn et al.
+    2019).
+    """
     import cv2
 
     near_first = cv2.erode(np.where(depth_m > 0, depth_m, np.float32(100.0)), np.ones((1, 3), np.uint8))

@@ -1,4 +1,4 @@
-"""Take each camera's depth images, without error and as the sensor reads them, with the truth about the patient."""
+"""Compute each camera's depth images, without error and as the sensor reads them, and the truth about the patient."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ from anchorpose.simulate.rigged_body import sampled_vertices
 from anchorpose.simulate.rooms.reflections import RoomPicture, take_picture
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 
-# m; distance in front of the patient, more than an arm's length, half width and height
+# m, distance of the curtain in front of the patient (more than an arm's length), half of its width, its height
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
-BACKGROUND_FRAMES = 9  # the empty room is the median of this many images
-SAME_SKIN_M: Final = 0.03  # m between a point of the skin and the depth of its pixel; a pixel covers 7 mm at 2.5 m
+BACKGROUND_FRAMES = 9  # number of images of the empty room, of which the median is stored
+SAME_SKIN_M: Final = 0.03  # m, largest difference between seen skin and the depth of its pixel (7 mm wide at 2.5 m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """One moment: the error-free image and the reading (height, width) uint16 millimetres of each camera."""
+    """The images of all cameras at one moment."""
 
-    figures: tuple[Figure, ...]  # as the first camera saw them
-    images: tuple[TrueImage, ...]
-    depths_mm: tuple[np.ndarray, ...]
+    figures: tuple[Figure, ...]  # people at the time of the first camera's image
+    images: tuple[TrueImage, ...]  # per camera, the image without errors
+    depths_mm: tuple[np.ndarray, ...]  # per camera, (height, width) uint16 mm, the reading
     seen_share: np.ndarray  # (21, cameras), see ``seen_shares``
-    behind_passers: float  # largest share of a camera's view of the patient that people passing by hide
+    behind_passers: float  # largest share, over the cameras, of the patient's pixels that people passing by hide
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Studio:
-    """A clinic with its cameras set up: the empty room and the systematic error of each."""
+    """A clinic, ready for its images to be computed."""
 
     clinic: Clinic
-    stills: tuple[TrueImage, ...]
-    readers: tuple[Reader, ...]
-    performances: tuple[Performance, ...]  # one per camera; the same object where clocks agree
-    in_hole: np.ndarray  # (t,) bool
+    stills: tuple[TrueImage, ...]  # one per camera: the empty room
+    readers: tuple[Reader, ...]  # one per camera
+    performances: tuple[Performance, ...]  # one per camera; the same object if clocks agree
+    in_hole: np.ndarray  # (t,) bool, frames with a hole
     stills_after: tuple[TrueImage, ...]  # one per camera: the empty room once the equipment has been moved
     stills_curtained: tuple[TrueImage, ...]  # one per camera: the empty room behind a curtain
-    room_picture: RoomPicture | None = None  # of the camera of a real room
+    room_picture: RoomPicture | None = None  # the still image of a real room; None for a training room
 
     def shoot(self, frame: int) -> Shot:
         """Return the images of all cameras with the same frame number."""
@@ -75,7 +75,7 @@ class Studio:
         )
 
     def _without_people(self, index: int, frame: int, people: tuple[Figure, ...]) -> TrueImage:
-        """Return the image of one camera without people; in a real room people remain in the mirror."""
+        """Return the image of one camera without people; mirror images of people remain in a real room's mirror."""
         clinic, time_s = self.clinic, float(self.performances[index].times_s[frame])
         if clinic.scene is not None and self.room_picture is not None:
             return self.room_picture.with_movers(tuple(m.figure(time_s) for m in clinic.scene.movers), people)
@@ -85,7 +85,7 @@ class Studio:
         return (self.stills_after if moves_at_s is not None and time_s >= moves_at_s else self.stills)[index]
 
     def _reading_mm(self, index: int, frame: int, image: TrueImage) -> np.ndarray:
-        """Return the image that the recorder stores; smoothing over time needs the earlier frames."""
+        """Return the image that the recorder stores; earlier frames are used if it smooths over time."""
         reader = self.readers[index]
         first = max(0, frame - MEMORY + 1) if reader.spec.filtered else frame
         raw = []
@@ -101,7 +101,7 @@ class Studio:
         return draw_figures(self.clinic.cameras[index], self._without_people(index, frame, people), people)
 
     def background_mm(self, index: int) -> np.ndarray:
-        """Return (height, width) uint16: the empty room with its equipment, as a recorder would average it."""
+        """Return (height, width) uint16 mm: the empty room with its equipment, the median of several images."""
         config, still = self.clinic.config, self.stills[index]
         reader, frames = self.readers[index], range(config.frames, config.frames + BACKGROUND_FRAMES)
         raw = [reader.raw_mm(random_stream(config, "sensor", index, frame), still) for frame in frames]
@@ -110,7 +110,7 @@ class Studio:
 
 
 def set_up(clinic: Clinic) -> Studio:
-    """Render the empty room and compute all people's movements."""
+    """Render the empty room and compute the movements of all people."""
     config = clinic.config
     equipment = equipment_triangles(clinic, moved=False)
     performances: list[Performance] = []
@@ -143,14 +143,14 @@ def _reader(clinic: Clinic, index: int, picture: RoomPicture | None) -> Reader:
 
 
 def empty_rooms(clinic: Clinic, equipment: np.ndarray, curtain: bool = False) -> tuple[TrueImage, ...]:
-    """Return each camera's view without people; equipment (n, 3, 3) triangles; curtain: put one before every camera."""
+    """Return each camera's image without people. equipment: (n, 3, 3) triangles; curtain: whether curtains hang."""
     hung = [[curtain_triangles(camera)] if curtain else [] for camera in clinic.cameras]
     rooms = [np.concatenate([clinic.room, *triangles]) for triangles in hung]
     return tuple(render_still(camera, room, equipment) for camera, room in zip(clinic.cameras, rooms, strict=True))
 
 
 def equipment_triangles(clinic: Clinic, moved: bool) -> np.ndarray:
-    """Return (n, 3, 3) world metres, before or after it was pushed."""
+    """Return triangles (n, 3, 3) of the equipment, world, before or after it was pushed."""
     if clinic.equipment is None:
         return np.zeros((0, 3, 3))
     vertices, faces = clinic.equipment.triangles()
@@ -177,7 +177,7 @@ def curtain_triangles(camera: Camera) -> np.ndarray:
 
 
 def body_centre_m(cameras: tuple[Camera, ...], images: list[TrueImage]) -> np.ndarray | None:
-    """Return (3,) mean of the patient's visible points of all cameras, world frame; None where there are none."""
+    """Return the mean (3,) of the patient's visible points of all cameras, world frame; None without such points."""
     seen = [
         transform_points(camera.require_pose(), camera.back_project(image.depth_m)[image.label == PATIENT])
         for camera, image in zip(cameras, images, strict=True)
@@ -207,10 +207,10 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
 
 
 def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return the share (21,) of the skin around each joint that faces a camera and that nothing hides from it.
+    """Return (21,): of the skin around each joint that faces a camera, the share that nothing hides from the camera.
 
-    Skin is hidden by other skin of the patient, people or equipment, or outside the image. It is 0 where no skin around
-    the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient when the image was taken.
+    Skin may be hidden by other skin of the patient, people or equipment, or lie outside the image. The share is 0 if no
+    skin around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient when the image was taken.
     """
     points = _points()
     vertex = sampled_vertices(person.body.asset)

@@ -1,6 +1,4 @@
-"""Draw people beside the patient: therapists, who walk in, hold and follow the patient and leave; and people who pass
-by.
-"""
+"""Draw the people around the patient: therapists, who walk in, hold the patient and leave; and people who pass by."""
 
 from __future__ import annotations
 
@@ -34,20 +32,20 @@ from anchorpose.simulate.timeline import (
 STANCE_M = 0.28
 CROUCHES = np.linspace(0.0, 1.0, 21)
 SHOULDERS_ABOVE_HOLD_M = 0.22
-COMFORTABLE_REACH = 0.85  # share of the arm's length, from shoulder to hold
-DISTANCES_M = np.linspace(0.3, 1.1, 33)  # distances from the balls of the feet to the holds
-FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows; the arms do the rest
+COMFORTABLE_REACH = 0.85  # comfortable distance from shoulder to hold, as a share of the arm's length
+DISTANCES_M = np.linspace(0.3, 1.1, 33)  # m, tried distances from the balls of the feet to the holds
+FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows; the arms follow the rest
 FARTHEST_FOLLOW_M = 0.25
-LEAN_M = 0.12  # largest distance over which a therapist follows a patient who does a captured movement
-LOWEST_PELVIS_M = 0.30  # lowest height of the pelvis of a therapist who crouches, above the floor
-FLATTENING = -0.45  # radians by which the fingers, curled at rest, straighten at each joint to lie on the skin
-HELD_M = 0.005  # a wrist this near to its goal counts as holding
+LEAN_M = 0.12  # m, largest distance over which a therapist's body follows a patient with a captured movement
+LOWEST_PELVIS_M = 0.30  # m above the floor, lowest pelvis of a therapist who crouches
+FLATTENING = -0.45  # rad by which the fingers, curled at rest, straighten at each joint to lie on the skin
+HELD_M = 0.005  # m, largest distance between a wrist and its goal at which the hand counts as holding
 
-PASSING_M = (0.6, 1.5)  # distance of the passer-by from the camera that they pass
-BESIDE_M = 3.2  # distance from the crossing to the start and the goal of the course: outside the room
-SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # slants of the course, against the way across
-CLEAR_M = 0.7  # clearance of the course from the other cameras, where possible
-HALFWAY = (0.35, 0.65)  # share of the recording after which people who pass are in front of the camera
+PASSING_M = (0.6, 1.5)  # m, range of the distance between a camera and a person who passes it
+BESIDE_M = 3.2  # m from the crossing to the start and the end of the course, which are outside the room
+SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # rad, tried angles between the course and the direction straight across
+CLEAR_M = 0.7  # m, wanted clearance between the course and other cameras
+HALFWAY = (0.35, 0.65)  # range of the time at which people who pass are in front of the camera, over the duration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,15 +56,13 @@ class Therapist:
     hold: Hold | None
 
     def bones(self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray) -> np.ndarray:
-        """Return the motion of every bone, (t, b, 4, 4) T_world_rest; the hands follow the patient, whose bones (t, b,
-        4, 4) move.
-        """
+        """Return the motion of every bone, (t, b, 4, 4) T_world_rest; the hands follow patient_bones (t, b, 4, 4)."""
         if self.hold is None:
             return self.actor.bones(times_s)
         person = self.actor.person
         channels = self.actor.channels(times_s)
         place_m, normal = skin_points(patient.person, patient_bones, self.hold.vertices)
-        # a captured patient may sit down, farther than a therapist can lean and crouch
+        # a patient with a captured movement may sit down, farther than a therapist can lean and crouch
         captured = isinstance(patient, CapturedActor)
         _follow(channels, self.hold, place_m, LEAN_M if captured else FARTHEST_FOLLOW_M)
         if captured:
@@ -79,7 +75,7 @@ class Therapist:
     def held_joints(
         self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray, bones: np.ndarray
     ) -> np.ndarray:
-        """Return (t, 2) int: the patient's joint that each hand holds, -1 where it holds none or cannot follow."""
+        """Return (t, 2) int: the patient's joint that each hand holds, -1 if it holds none or cannot follow."""
         if self.hold is None:
             return np.full((len(times_s), 2), -1)
         person, wrist_bones = self.actor.person, [self.actor.person.body.asset.bone(f"{side}Hand") for side in SIDES]
@@ -92,7 +88,7 @@ class Therapist:
 def draw_therapists(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor
 ) -> tuple[Therapist, ...]:
-    """Draw as many therapists as the configuration asks for, each with a task; the third of three only walks by."""
+    """Draw the configuration's number of therapists, each with a task; a third therapist only walks by."""
     tasks = [next(task for task in TASKS if task.name == name) for name in config.therapist_tasks]
     for index in rng.permutation(len(TASKS)):
         seat = config.stool or config.equipment == "wheelchair" or config.movement_file is None
@@ -147,7 +143,7 @@ def grasp(start_s: float, comes_s: float, holds_s: float, goes_s: float) -> Move
 
 
 def _draw_passer(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Therapist:
-    """Draw someone who walks through between the front camera and the patient, or behind the patient."""
+    """Draw a person who walks through the room between the front camera and the patient, or behind the patient."""
     way = rng.choice([-1.0, 1.0])
     x = rng.uniform(1.1, 1.5) if rng.random() < 0.6 else -rng.uniform(0.8, 1.2)
     start, goal = np.array([x, -way * 2.2]), np.array([x + rng.uniform(-0.3, 0.3), way * 2.2])
@@ -159,8 +155,8 @@ def _draw_passer(rng: np.random.Generator, config: SimulationConfig, person: Per
 def draw_passer_by(
     rng: np.random.Generator, config: SimulationConfig, cameras: tuple[Camera, ...], camera: int | None = None
 ) -> Therapist:
-    """Draw a person who walks, in mid-recording, across the line from a camera to the patient; the camera is drawn
-    where None.
+    """Draw a person who walks across the line from a camera to the patient, in the middle of the recording. camera:
+    None = drawn.
     """
     person = draw_person(rng, config.clothing_m)
     chosen = cameras[int(rng.integers(len(cameras))) if camera is None else camera]
@@ -181,10 +177,10 @@ def draw_passer_by(
 
 
 def _clear_course(courses: np.ndarray, crossing_m: np.ndarray, others_m: np.ndarray, slant: float) -> int:
-    """Return the index of the course (n, 2) nearest to a slant that keeps clear of other cameras (k, 2) and of the
-    patient.
+    """Return the index of a course (n, 2) that keeps clear of other cameras (k, 2) and of the patient, with the angle
+    nearest to ``slant``.
 
-    If none keeps clear, it is the course that stays farthest from all.
+    If no course keeps clear, the course that stays farthest away is returned.
     """
     to_others = np.concatenate([others_m, np.zeros((1, 2))]) - crossing_m
     beside_m = np.abs(courses[:, :1] * to_others[:, 1] - courses[:, 1:] * to_others[:, 0]).min(axis=1)
@@ -193,14 +189,14 @@ def _clear_course(courses: np.ndarray, crossing_m: np.ndarray, others_m: np.ndar
 
 
 def _walker(rng: np.random.Generator, person: Person, footwork: Footwork) -> Therapist:
-    """Return a person who does nothing but walk."""
+    """Return a person who only walks."""
     return Therapist(Actor(person, resting_channels(person, in_frame=False), [], footwork, draw_waves(rng)), None)
 
 
 def _visit(
     rng: np.random.Generator, spot: np.ndarray, facing: float, arrive_s: float, leave_s: float | None
 ) -> Footwork:
-    """Walk in from the side so as to be at ``spot`` (x, z) at ``arrive_s``, and out again."""
+    """Return the steps in from the side, to be at ``spot`` (x, z) at ``arrive_s``, and out again at leave_s."""
     outside = spot + rng.uniform(1.6, 2.2) * _sideways(rng, spot)
     standing = stand(outside, yaw_towards(outside, spot), STANCE_M)
     footwork = walk_until(standing, spot, facing, arrive_s, STANCE_M)
@@ -218,7 +214,7 @@ def _sideways(rng: np.random.Generator, spot: np.ndarray) -> np.ndarray:
 
 
 def crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
-    """Return the offsets from standing (0) to deep crouching on raised heels (1)."""
+    """Return the offsets of a crouch from 0 (standing) to 1 (deep, on raised heels)."""
     both = [("knee_out", 0.5 * crouch), ("heel", 0.9 * max(0.0, crouch - 0.3))]
     return (
         ("pelvis_up", -0.6 * crouch),
@@ -231,7 +227,7 @@ def crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
 
 
 def choose_spot(person: Person, base: np.ndarray, hold: Hold) -> tuple[float, np.ndarray]:
-    """Return how deep to crouch and where to stand (x, z) so that the farther hand reaches in comfort."""
+    """Return the depth of the crouch and the place (x, z) at which the farther hand has a comfortable reach."""
     shoulders, arm_m = _crouched_shoulders(person, base)
     across = np.cross(hold.facing, UP)
     offset = hold.places_m - hold.reference_m
@@ -247,8 +243,8 @@ def choose_spot(person: Person, base: np.ndarray, hold: Hold) -> tuple[float, np
 
 
 def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return shoulders (c, 2, 3) of the therapist at the origin, facing +X, at each depth of crouching; length of the
-    arm.
+    """Return the shoulders (c, 2, 3) at each depth of the crouch, of a therapist at the origin who faces +X; and the
+    length of the arm.
     """
     asset, body = person.body.asset, person.body
     crouching = [Movement(crouch_offsets(crouch), LONG_AGO_S, 1.0, 1e3, 1.0) for crouch in CROUCHES]
@@ -264,7 +260,7 @@ def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, f
 
 
 def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray, farthest_m: float) -> None:
-    """Shift the therapist's pelvis with the patient who is being held."""
+    """Shift the therapist's pelvis with the held places on the patient, in place."""
     pull = channels[CHANNEL_INDEX["pull_left"]]
     moved = (FOLLOW * (place_m.mean(axis=1) - hold.reference_m)).clip(-farthest_m, farthest_m)
     channels[CHANNEL_INDEX["pelvis_up"]] += pull * moved[:, 1]
@@ -273,7 +269,7 @@ def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray, farthest_m: f
 
 
 def _hand_goals(person: Person, hold: Hold, place_m: np.ndarray, normal: np.ndarray) -> HandGoals:
-    """Return palms flat on the skin, fingers away from the therapist and upwards."""
+    """Return goals with palms flat on the skin, and fingers that point away from the therapist and upwards."""
     wrists, turns = np.zeros_like(place_m), np.zeros((*place_m.shape, 3))
     for side in (0, 1):
         along, palm = finger_direction(person.body, side), palm_normal(person.body, side)

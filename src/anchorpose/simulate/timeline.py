@@ -1,4 +1,4 @@
-"""Lay out smooth movements and steps in time, and compute the posture that patients and therapists take by them."""
+"""Lay out smooth movements and steps in time, and compute the posture of patients and therapists from them."""
 
 from __future__ import annotations
 
@@ -43,30 +43,30 @@ CHANNELS = (*TRUNK_CHANNELS, *(f"{name}_{side}" for side in ("left", "right") fo
 CHANNEL_INDEX = {name: index for index, name in enumerate(CHANNELS)}
 
 STEP_HEIGHT_M = 0.07
-TOE_OFF_RAD = 0.5  # heel rise as a foot leaves the floor
-BODY_LAG_S = 0.3  # the trunk travels more evenly than the feet
+TOE_OFF_RAD = 0.5  # rad, rise of the heel when a foot leaves the floor
+BODY_LAG_S = 0.3  # s, smoothing of the trunk's path, which is more even than that of the feet
 WALK_STEP_S = 0.5
 
-ELBOW_LIMITS = (0.12, 2.5)  # radians: nearly straight to hand at the shoulder
+ELBOW_LIMITS = (0.12, 2.5)  # rad, from nearly straight to the hand at the shoulder
 SHOULDER_LIMITS = (-0.9, 3.0)
 TRUNK_LIMITS = (-0.6, 1.3)
 HEAD_LIMITS = (-1.2, 1.2)
-ARM_SWING = 1.1  # radians per metre that the opposite foot is ahead
+ARM_SWING = 1.1  # rad per metre by which the opposite foot is ahead
 
 
 @dataclass(frozen=True, slots=True)
 class Movement:
-    """Offsets on some channels that come, stay and go; metres or radians."""
+    """A movement: offsets of some channels that grow, stay and return to 0."""
 
-    offsets: tuple[tuple[str, float], ...]
+    offsets: tuple[tuple[str, float], ...]  # channel and offset in metres or radians
     start_s: float
-    rise_s: float
-    hold_s: float
-    fall_s: float
+    rise_s: float  # duration of growing
+    hold_s: float  # duration of staying
+    fall_s: float  # duration of returning
 
     @property
     def end_s(self) -> float:
-        """Return when the movement is over."""
+        """Return the time at which the movement ends."""
         return self.start_s + self.rise_s + self.hold_s + self.fall_s
 
     def strength(self, times_s: np.ndarray) -> np.ndarray:
@@ -75,49 +75,47 @@ class Movement:
         return coming - ease((times_s - self.start_s - self.rise_s - self.hold_s) / self.fall_s)
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Return the course from 0 at the start to 1; x (t,) in shares of ``rise_s``."""
+        """Return the course from 0 to 1 at x (t,), the time since the start as a share of ``rise_s``."""
         return ease(x)
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One foot lifted and set down: ball of the foot in the floor's x, z, metres."""
+    """A step of one foot."""
 
-    side: int
+    side: int  # 0 = left, 1 = right
     start_s: float
     duration_s: float
-    place_m: tuple[float, float]
-    yaw: float
+    place_m: tuple[float, float]  # x and z of the ball of the foot after the step
+    yaw: float  # rad, direction of the foot after the step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footwork:
-    """The initial stance of the feet (two (x, z) places and yaws, left then right), and the steps in order of time."""
+    """The initial stance of the feet, and the steps in the order of time."""
 
-    places_m: np.ndarray
-    yaws: np.ndarray
+    places_m: np.ndarray  # (2, 2) x and z of the left and the right foot
+    yaws: np.ndarray  # (2,) rad, their directions
     steps: tuple[Step, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootTrack:
-    """The path of both feet over time: ball (t, 2, 3) with its lift above the floor as y, yaw (t, 2), heel lift (t,
-    2).
-    """
+    """The path of both feet over time."""
 
-    ball_m: np.ndarray
-    yaw: np.ndarray
-    heel: np.ndarray
+    ball_m: np.ndarray  # (t, 2, 3) ball of each foot; y is its lift above the floor
+    yaw: np.ndarray  # (t, 2) rad
+    heel: np.ndarray  # (t, 2) rad, lift of the heel
 
 
 def ease(x: np.ndarray) -> np.ndarray:
-    """Return minimum-jerk course from 0 to 1 (Flash and Hogan 1985, doi:10.1523/JNEUROSCI.05-07-01688.1985)."""
+    """Return the minimum-jerk course from 0 to 1 (Flash and Hogan 1985, doi:10.1523/JNEUROSCI.05-07-01688.1985)."""
     x = np.clip(x, 0.0, 1.0)
     return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
 
 
 def channel_values(base: np.ndarray, movements: list[Movement], times_s: np.ndarray) -> np.ndarray:
-    """Return (c, t) channels: the resting values (c,) and all movements added."""
+    """Return the channels (c, t): the values at rest (c,) plus the offsets of all movements."""
     values = np.repeat(base[:, None], len(times_s), axis=1)
     for movement in movements:
         strength = movement.strength(times_s)
@@ -127,7 +125,7 @@ def channel_values(base: np.ndarray, movements: list[Movement], times_s: np.ndar
 
 
 def foot_track(footwork: Footwork, times_s: np.ndarray) -> FootTrack:
-    """Return feet at the given times; a foot that does not step does not move at all."""
+    """Return the feet at the given times; a foot does not move between its steps."""
     ball = np.zeros((len(times_s), 2, 3))
     ball[:, :, [0, 2]] = footwork.places_m
     yaw = np.tile(footwork.yaws, (len(times_s), 1))
@@ -145,8 +143,8 @@ def foot_track(footwork: Footwork, times_s: np.ndarray) -> FootTrack:
 
 
 def body_course(footwork: Footwork, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the place of the body, (t, 2) x and z, and the direction that it faces, (t,): between the feet, smoothed
-    over time.
+    """Return the place of the body, (t, 2) x and z, and the direction that it faces, (t,): the means of both feet,
+    smoothed over time.
     """
     weights = np.hanning(9)[1:-1]
     place, yaw = np.zeros((len(times_s), 2)), np.zeros(len(times_s))
@@ -158,7 +156,7 @@ def body_course(footwork: Footwork, times_s: np.ndarray) -> tuple[np.ndarray, np
 
 
 def walk(footwork: Footwork, goal_m: np.ndarray, facing: float, start_s: float, stance_m: float) -> Footwork:
-    """Append a walk to ``footwork``: straight to ``goal_m`` (x, z), turning to ``facing`` on the last steps."""
+    """Append a walk to ``footwork``: straight to ``goal_m`` (x, z); the last steps turn to ``facing``."""
     places, yaws = final_stance(footwork)
     here = places.mean(axis=0)
     gap = goal_m - here
@@ -179,12 +177,12 @@ def walk(footwork: Footwork, goal_m: np.ndarray, facing: float, start_s: float, 
 
 
 def walk_seconds(footwork: Footwork, goal_m: np.ndarray, facing: float, stance_m: float) -> float:
-    """Return how long such a walk takes."""
+    """Return the duration of the walk that ``walk`` would append."""
     return (len(walk(footwork, goal_m, facing, 0.0, stance_m).steps) - len(footwork.steps)) * WALK_STEP_S
 
 
 def walk_until(footwork: Footwork, goal_m: np.ndarray, facing: float, at_s: float, stance_m: float) -> Footwork:
-    """Append a walk to ``footwork`` that arrives at a time."""
+    """Append a walk to ``footwork`` that arrives at the time ``at_s``."""
     return walk(footwork, goal_m, facing, at_s - walk_seconds(footwork, goal_m, facing, stance_m), stance_m)
 
 
@@ -219,12 +217,10 @@ def _wrap(angle: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandGoals:
-    """The goal of each hand while it is pulled: wrist (t, 2, 3) metres, and rotation of the hand from rest (t, 2, 3,
-    3).
-    """
+    """The goal of each hand while it is pulled."""
 
-    wrist_m: np.ndarray
-    turn: np.ndarray
+    wrist_m: np.ndarray  # (t, 2, 3)
+    turn: np.ndarray  # (t, 2, 3, 3) rotation of the hand from rest
 
     @staticmethod
     def none(times: int) -> HandGoals:
@@ -238,7 +234,7 @@ def standing_pelvis_m(body: BodyMesh) -> float:
 
 
 def ball_ahead_m(body: BodyMesh) -> float:
-    """Return how far the balls of the feet are ahead of the pelvis in upright standing."""
+    """Return the distance of the balls of the feet in front of the pelvis, in upright standing."""
     return float(body.bone_heads[body.asset.bone("LeftToeBase"), 0] - body.bone_heads[body.asset.bone("Hips"), 0])
 
 
@@ -277,7 +273,9 @@ def posture_from(
 
 
 def _pelvis(body: BodyMesh, channels: np.ndarray, place: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pelvis (t, 3) and its turn from rest (t, 3, 3) of a body at places (t, 2) that faces yaw (t,)."""
+    """Return the pelvis (t, 3) and its rotation from rest (t, 3, 3), of a body at ``place`` (t, 2) that faces ``yaw``
+    (t,).
+    """
 
     def channel(name: str) -> np.ndarray:
         return np.asarray(channels[CHANNEL_INDEX[f"pelvis_{name}"]])
@@ -290,7 +288,7 @@ def _pelvis(body: BodyMesh, channels: np.ndarray, place: np.ndarray, yaw: np.nda
 
 
 def _both(channels: np.ndarray, name: str) -> np.ndarray:
-    """Return a channel (t, 2) of the left and the right side."""
+    """Return a channel (t, 2) of both sides, left first."""
     return np.stack([channels[CHANNEL_INDEX[f"{name}_left"]], channels[CHANNEL_INDEX[f"{name}_right"]]], axis=1)
 
 

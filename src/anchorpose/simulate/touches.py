@@ -1,6 +1,4 @@
-"""Determine what truly touches the patient in a frame: people's skin, and equipment that the patient holds or rests
-on.
-"""
+"""Determine the true contacts of the patient in a frame: with people's skin, and with equipment."""
 
 from __future__ import annotations
 
@@ -13,23 +11,20 @@ from anchorpose.body.contact_regions import REGIONS, region_of_skin
 from anchorpose.simulate.clinic import Clinic, Performance
 from anchorpose.simulate.render import Figure
 
-TOUCH_M: Final = 0.03  # m between two people's skin
-JOINT_REGION_M: Final = 0.12  # m; a joint is touched where skin this near to it is touched
-# distance of touching skin from a rigid surface: the folds of the clothes, as deep as ``clothing_m`` states
+TOUCH_M: Final = 0.03  # m, largest distance between two people's skin in contact
+JOINT_REGION_M: Final = 0.12  # m; a joint counts as touched if skin nearer to it than this is touched
+# m, largest distance between skin in contact and a rigid surface: the folds of the clothes (``clothing_m``)
 EQUIPMENT_TOUCH_M: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Touch:
-    """Contacts in one frame. bones (b,) bool: the patient's body parts that anybody touches; joints (n, 21) bool:
-    joints touched by each therapist; regions (n, k) bool: regions of the body touched by each therapist; on_equipment
-    (parts, b) bool: bones whose skin is on each part of the equipment.
-    """
+    """Contacts of the patient in one frame."""
 
-    bones: np.ndarray
-    joints: np.ndarray
-    regions: np.ndarray
-    on_equipment: np.ndarray
+    bones: np.ndarray  # (b,) bool, bones whose skin any person touches
+    joints: np.ndarray  # (n, 21) bool, joints that each therapist touches
+    regions: np.ndarray  # (n, k) bool, regions of the body that each therapist touches
+    on_equipment: np.ndarray  # (parts, b) bool, bones whose skin touches each part of the equipment
 
 
 def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...], frame: int) -> Touch:
@@ -61,8 +56,8 @@ def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...
 def bones_on_equipment(clinic: Clinic, patient_m: np.ndarray, bone: np.ndarray, time_s: float) -> np.ndarray:
     """Return (parts, b) bool: bones with skin within ``EQUIPMENT_TOUCH_M`` of each part, or inside it.
 
-    patient_m (v, 3): the patient's dressed skin, world; bone (v,): the bone that each vertex moves with. Equipment that
-    was pushed is where it was pushed to.
+    patient_m (v, 3): the patient's dressed skin, world; bone (v,): the bone that moves each vertex. Equipment that was
+    pushed before ``time_s`` is at its new place.
     """
     found = np.zeros((len(clinic.parts), len(clinic.patient.person.body.bone_heads)), dtype=bool)
     skin_m = patient_m - clinic.pushed_m(time_s)

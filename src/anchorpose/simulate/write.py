@@ -1,4 +1,4 @@
-"""Write a simulated recording, with the images that the recorder keeps, and its truth beside it."""
+"""Write a simulated recording, with the images that the recorder keeps, and the truth about it."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from anchorpose.simulate.shoot import Studio, set_up
 from anchorpose.simulate.touches import Touch, touches
 
 EQUIPMENT_FILE: Final = "equipment.json"
-PNG_COMPRESSION: Final = 2  # noise does not compress; more effort triples the time for 3 % of the size
-PASSER_HIDES: Final = 0.25  # share of the patient's pixels of one camera that a passer-by hides
-JITTER_LIMIT: Final = 0.4  # share of a period: beyond half of one, stamps could change places
-JITTER_SPREADS: Final = 2.0  # standard deviations at which the normal distribution of the jitter is cut
+PNG_COMPRESSION: Final = 2  # level; noise hardly compresses, and more effort triples the time for 3 % of the size
+PASSER_HIDES: Final = 0.25  # a frame counts as occluded if people passing by hide this share of the patient's pixels
+JITTER_LIMIT: Final = 0.4  # largest jitter, as a share of the frame period; above 0.5, stamps could change their order
+JITTER_SPREADS: Final = 2.0  # standard deviations at which the normal distribution of the jitter is cut off
 
 
 def simulate_recording(
@@ -42,8 +42,8 @@ def simulate_recording(
 ) -> None:
     """Write ``out/recording/`` and ``out/truth/``, either completely or not at all.
 
-    ``progress(done, total)`` is called after every frame; programme: as in ``draw_clinic``. Raises InputError where
-    ``out`` is there and not empty, or a link.
+    ``progress(done, total)`` is called after every frame; programme: as in ``draw_clinic``. Raises InputError if
+    ``out`` exists and is not empty, or is a link.
     """
     out = Path(out)
     check_place(out)
@@ -73,7 +73,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
     _write_documents(recording, clinic)
     studio, records = set_up(clinic), tuple(draw_record(clinic, index) for index in range(config.cameras))
     for index, camera in enumerate(clinic.cameras):
-        if clinic.scene is None:  # nobody would empty a real room for an image
+        if clinic.scene is None:  # a real room is hardly ever emptied for an image
             _write_png(recording / camera.name / "background.png", studio.background_mm(index))
         _write_stamps(recording / camera.name / "timestamps.csv", records[index])
     patient_pixels, contacts, seen, behind = [], [], [], []
@@ -95,7 +95,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
 
 
 def _write_documents(recording: Path, clinic: Clinic) -> None:
-    """Write recording.json; equipment.json where there is equipment; events.tsv and events.json of a session."""
+    """Write recording.json; equipment.json if there is equipment; events.tsv and events.json for a session."""
     equipment, cameras, missing = clinic.equipment, clinic.cameras, clinic.config.body.missing
     if not clinic.config.pose_known:
         cameras = tuple(replace(camera, T_world_camera=None) for camera in cameras)
@@ -118,27 +118,31 @@ def _write_documents(recording: Path, clinic: Clinic) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """The patient's visibility by frame: patient_pixels (t,), seen_share (t, 21, cameras), occluded (t,) bool."""
+    """The patient's visibility by frame, as in ``_write_truth``."""
 
-    patient_pixels: np.ndarray
-    seen_share: np.ndarray
-    occluded: np.ndarray
+    patient_pixels: np.ndarray  # (t,)
+    seen_share: np.ndarray  # (t, 21, cameras)
+    occluded: np.ndarray  # (t,) bool
 
 
 def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight: Sight, contacts: list[Touch]) -> None:
     """Write the truth with which tracking is compared, by frame of the first camera, world frame, metres.
 
-    occluded (t,): a hole was cut, or a person who passes by hides over ``PASSER_HIDES`` of the patient from a camera.
-    Beyond the format's own keys: patient_pixels (t,) of all cameras together; seen_share (t, 21, cameras) of the skin
-    around each joint that faces a camera, the share that nothing hides from it; touched (t, 31) bones with another's
-    skin within 3 cm of theirs, named by part_names; touched_joints (t, n, 21) the same by therapist and joint;
-    on_equipment (t, parts, 31) bones whose skin is within 1 cm of each part of the equipment, named by equipment_names;
-    held_joints (t, n, 2) the joint in each hand of each therapist, -1 none; clock_late, clock_drift, clock_epoch by
-    camera: stamp s was taken at (s - epoch) + late + drift (s - epoch); taken_s (cameras, t), when the image of that
-    number on the disk was taken, NaN where there is none; doubled (cameras, t), it is an earlier one repeated.
-    camera_to_world (cameras, 4, 4) of real rooms, as recording.json would have it: the same as T_world_camera. Of
-    sessions what ``truth_arrays`` names, and touched_regions (t, n, regions), named by region_names: where each person
-    touches the patient, with knees distinguished from thighs and shanks.
+    occluded (t,): a hole was cut, or people passing by hide over ``PASSER_HIDES`` of the patient from a camera.
+    Arrays in addition to the keys of the format:
+
+    - patient_pixels (t,): the patient's pixels of all cameras together
+    - seen_share (t, 21, cameras): as in ``seen_shares``
+    - touched (t, 31): bones with another person's skin within 3 cm, named by part_names
+    - touched_joints (t, n, 21): joints that each therapist touches
+    - on_equipment (t, parts, 31): bones with skin within 1 cm of each part of the equipment, named by equipment_names
+    - held_joints (t, n, 2): the joint that each hand of each therapist holds, -1 = none
+    - clock_late, clock_drift, clock_epoch (cameras,): stamp s was taken at (s - epoch) + late + drift (s - epoch)
+    - taken_s (cameras, t): when the image of that number on the disk was taken, NaN if there is none
+    - doubled (cameras, t): whether that image repeats an earlier image
+    - camera_to_world (cameras, 4, 4): only of real rooms, equal to T_world_camera
+    - only of sessions, the arrays of ``truth_arrays``, and touched_regions (t, n, regions), named by region_names:
+      regions that each person touches; the knee is distinguished from thigh and shank
     """
     clinic, config, performance = studio.clinic, studio.clinic.config, studio.performances[0]
     person = clinic.patient.person
@@ -177,29 +181,22 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """One camera's files by frame number, arrays (t,).
+    """One camera's files by frame number; all arrays are (t,)."""
 
-    kept: bool, whether the image is on the disk; shown: int64, the number of the image in the file (its own or, where
-    doubled, that of an earlier image); stamp_s: float64, the time in timestamps.csv; taken_s: float64, when the image
-    in the file was taken.
-    """
-
-    kept: np.ndarray
-    shown: np.ndarray
-    stamp_s: np.ndarray
-    taken_s: np.ndarray
+    kept: np.ndarray  # bool, whether the image is on the disk
+    shown: np.ndarray  # int64, number of the image in the file; of an earlier image if the file is doubled
+    stamp_s: np.ndarray  # float64, time in timestamps.csv
+    taken_s: np.ndarray  # float64, when the image in the file was taken
 
 
 def draw_record(clinic: Clinic, index: int) -> Record:
-    """Draw which images camera ``index`` writes. The first camera keeps all its images, since its frames number the
-    truth.
-    """
+    """Draw which images camera ``index`` writes. The first camera keeps all images, since the truth has its frames."""
     config = clinic.config
     nominal_s, taken_s = np.arange(config.frames) / config.fps, clinic.true_times_s(index)
     kept = _kept(clinic, index, nominal_s)
     shown = np.arange(config.frames)
     doubled = (random_stream(config, "doubles", index).random(config.frames) < config.doubled_share) & kept
-    before = np.maximum.accumulate(np.where(kept, shown, -1))  # the last image on the disk, this one included
+    before = np.maximum.accumulate(np.where(kept, shown, -1))  # the last image on the disk up to this frame
     for frame in np.flatnonzero(doubled):
         if frame > 0 and before[frame - 1] >= 0:
             shown[frame] = shown[before[frame - 1]]

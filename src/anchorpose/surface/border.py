@@ -1,7 +1,7 @@
 """Find what bounds the surface at each node: the patient's own outline, or an object that cuts the surface off.
 
 A bar or a therapist's arm in front of the shin ends the surface, and the geodesic extremum there looks like a foot.
-Only the surroundings of a node in the depth frame show whether the surface really ends there.
+Only the pixels around a node show whether the body really ends there.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from anchorpose.surface.denoise import extent
 from anchorpose.surface.surface import Surface
 from anchorpose.threads import each
 
-REACH_PX = 5  # pixels from an edge to the nodes that it marks: two nodes, and the pixels lost at a depth edge
-SEARCH_PX = 3  # pixels searched across the lost or mixed pixels of an edge
-SUPPORT = 3  # pixels of an edge within 5x5 pixels; one noisy reading beside the skin is not an edge
-IN_FRONT_M = 0.04  # m; a bar that touches the skin is at least this thick, and sensor noise is less
-# m, depth range of a hand that holds the patient: the patient's own depth, plus or minus a hand's thickness
+REACH_PX = 5  # pixels, distance up to which an edge marks nodes: two nodes, and the pixels lost at a depth edge
+SEARCH_PX = 3  # pixels that are searched across the lost or mixed pixels of an edge
+SUPPORT = 3  # fewest pixels of an edge within 5x5 pixels; one noisy reading beside the skin is not an edge
+IN_FRONT_M = 0.04  # m, least distance of an object in front: the least thickness of a bar, above sensor noise
+# m, largest depth difference between the patient and a hand that holds the patient: a hand's thickness
 TOUCHING_M = 0.10
-HOLE_RADIUS_PX = 3  # pixels; the rim of lost readings around every silhouette is thinner
+HOLE_RADIUS_PX = 3  # pixels, least radius of a hole; the rim of lost readings around every silhouette is thinner
 MARGIN_PX = 24  # pixels around the patient that are examined: half a hole of 0.15 m at 2.4 m
-HOLE_ENCLOSED = 0.4  # share of a hole's rim that is patient; half a hole over a limb's end still counts
+HOLE_ENCLOSED = 0.4  # least share of a hole's rim that shows the patient; half a hole at a limb's end still counts
 
 
 class Border(IntEnum):
-    """The kind of border within reach of a node; if several are, the highest."""
+    """The kind of border within reach of a node; the highest value if there are several."""
 
     INSIDE = 0  # skin all around, or the patient's own silhouette before farther surfaces
     SELF = 1  # another part of the patient stands in front
-    CUT = 2  # equipment, another person or an object of the room in front, a hole, or the edge of the frame
+    CUT = 2  # equipment, another person or an object of the room stands in front; or a hole, or the image's edge
 
 
 def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
@@ -74,9 +74,7 @@ def _border_of_pixels(view: View) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
-    """Return the edge pixels that have enough neighbours of their own or a higher kind. spots (k,): pixels of any
-    kind.
-    """
+    """Return the edge pixels that have enough neighbours of the same or a higher kind. spots (k,): all edge pixels."""
     height, width = kind.shape
     kept = np.zeros_like(kind)
     for spot in spots:
@@ -95,8 +93,8 @@ def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.ndarray:
-    """Return the highest kind within a disc (odd, odd) around each pixel. Each edge pixel is spread separately, since
-    there are few.
+    """Return the highest kind within a disc (odd, odd) around each pixel. Edge pixels are few, so each is spread
+    separately.
     """
     height, width = kind.shape
     reach = len(disc) // 2
@@ -114,7 +112,7 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Classify each patient pixel by the surfaces that it meets within ``SEARCH_PX`` in eight directions.
 
     Floor and foot plate lie in front of every sole, but do not cut the patient's surface. So a surface in front is
-    extrapolated by its slope to the patient's pixel. There the floor has the sole's depth, while a bar is well in
+    extrapolated by its slope to the patient's pixel. There the floor has the depth of the sole, but a bar is still in
     front.
     """
     height, width = depth.shape
@@ -157,9 +155,7 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _surrounded(depth: np.ndarray, labels: np.ndarray, row: int, col: int, nearest: float) -> bool:
-    """Return whether all pixels around a pixel show the patient and none is nearer than ``nearest``; this holds for
-    most pixels.
-    """
+    """Return whether all pixels around a pixel show the patient and none is nearer than ``nearest``: the usual case."""
     surrounded = True
     for i in range(row - 1, row + 2):
         for j in range(col - 1, col + 2):
@@ -172,11 +168,11 @@ def _disc(radius: int) -> np.ndarray:
 
 
 def _holes(labels: np.ndarray) -> np.ndarray | None:
-    """Return (height, width) uint8: holes, which are regions of lost readings that are thick enough to hide something
-    and mostly within the patient; None without holes.
+    """Return (height, width) uint8: holes; None without holes. A hole is a region of lost readings that is thick enough
+    to hide something and is mostly surrounded by the patient.
 
-    Recordings with a removed background have no readings around the patient. This is not a hole, since it reaches the
-    edge of the examined area.
+    Recordings with a removed background have no readings around the patient. That region is not a hole, since it
+    reaches the edge of the examined area.
     """
     lost = (labels == np.uint8(PixelLabel.NO_READING)).astype(np.uint8)
     thick = cv2.morphologyEx(lost, cv2.MORPH_OPEN, _disc(HOLE_RADIUS_PX))

@@ -1,7 +1,7 @@
 """Separate parts of the patient's body that touch, such as thigh on thigh or a hand on the trunk, at their creases.
 
-A mesh from a depth frame joins touching parts. The crease between touching parts decides which part a node shows. The
-mesh is cut where neighbours show skin that is far apart on the body.
+A mesh from a depth frame connects touching parts. First it is decided which part each node shows; the crease between
+the parts is the limit. Then the mesh is cut where neighbours show skin that is far apart on the body.
 """
 
 from __future__ import annotations
@@ -16,23 +16,25 @@ from anchorpose.surface.links import find_root, unite
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
 CREASE_COST: Any = np.float32(20.0)  # a fold of 3 degrees per node makes the path over it twice as long
-# m on the body between an edge's ends; skin points 3 cm apart blur smaller distances
+# m on the body, least distance between the ends of an edge of a contact; skin points 3 cm apart blur smaller distances
 LEAST_APART_M: Any = np.float32(0.07)
-# 6 degrees per node; smooth skin, as of an arm predicted elsewhere, never folds so much
+# rad (6 degrees per node), least fold of a contact; smooth skin never folds so much, even if an arm is mispredicted
 LEAST_CREASE: Any = np.float32(0.10)
-LEAST_STEP: Final = 0.6  # sine of the angle at which an edge leaves the skin of either end, as at a hand on the trunk
-SHOWN_APART_M: Any = np.float32(0.25)  # parts this far apart on the body need no crease between them ...
-SHOWN_NEAR_M: Any = np.float32(0.06)  # ... if both nodes are this near to the skin point that they show ...
-SHOWN_OFF_M: Any = np.float32(0.02)  # ... and to its plane: along the skin the prediction may be half a limb off
+LEAST_STEP: Final = 0.6  # least sine of the angle between an edge and the skin at either end, as at a hand on the trunk
+# an edge needs no crease if its ends are this far apart on the body (m), and if both ends are this near (m) to the skin
+# point that they show and to that point's plane; along the skin the prediction may have an error of half a limb
+SHOWN_APART_M: Any = np.float32(0.25)
+SHOWN_NEAR_M: Any = np.float32(0.06)
+SHOWN_OFF_M: Any = np.float32(0.02)
 
 
 @njit(cache=True, nogil=True)
 def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     """Return (n,) int32: which of two candidates (n, 2) int32 each node shows; -1 = no candidate.
 
-    The decision spreads from nodes with one candidate to nodes with two. These take the candidate that is nearer, on
-    the body, to the node from which they are reached; paths over creases count as longer. The algorithm is label
-    correcting, so the order of the nodes does not matter.
+    The decision spreads from nodes with one candidate to nodes with two. Such a node takes the candidate that is nearer
+    on the body to the skin of the node from which it is reached; paths over creases count as longer. The algorithm is
+    label correcting, so the order of the nodes does not matter.
     """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
@@ -79,8 +81,8 @@ def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.nd
 def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
     """Return the surface without edges between touching limbs; it needs the ``skin`` of ``assign_skin``.
 
-    A contact is a connected set of edges whose ends are far apart on the body; it is cut if at least half of them fold
-    inwards, step, or show skin at its expected place.
+    A contact is a connected set of edges whose ends are far apart on the body. It is cut if at least half of its edges
+    fold inwards, form a step, or have ends that are surely on different parts (``SHOWN_APART_M``).
     """
     ring = _cut(surface.arrays, surface.skin, expected.arrays, np.float32(LEAST_STEP))
     return replace(surface, ring=ring)
@@ -128,7 +130,7 @@ def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: n
 
 @njit(cache=True, nogil=True)
 def _near_skin(points: np.ndarray, node: Any, skin: SkinArrays, under: int) -> bool:
-    """Return whether a node lies at the skin point that it shows."""
+    """Return whether a node lies near the expected place of the skin point that it shows."""
     squared, along = np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[node, axis] - skin.points_m[under, axis]
@@ -151,7 +153,7 @@ def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: 
 
 @njit(cache=True, nogil=True)
 def crease(points: np.ndarray, normals: np.ndarray, p: int, q: int) -> np.float32:
-    """Return how far the skin folds inwards from p to q: the turn of the normal, radians, positive if concave."""
+    """Return the inward fold of the skin from p to q: the turn of the normal, radians, positive if concave."""
     apart2, turn = np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[q, axis] - points[p, axis]

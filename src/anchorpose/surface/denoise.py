@@ -1,4 +1,4 @@
-"""Clean a depth frame before it is measured: estimate its noise, smooth it, preserve edges, drop flying pixels.
+"""Clean a depth frame before it is meshed: estimate its noise, smooth it, preserve edges, drop flying pixels.
 
 Raw sensor noise lengthens geodesics by about a tenth. All work is limited to the patient, who fills a tenth of the
 frame.
@@ -13,20 +13,20 @@ from numba import njit
 
 MAD_TO_SIGMA: Final = 1.4826  # factor from median absolute deviation to standard deviation of a normal distribution
 SECOND_DIFFERENCE_GAIN: Final = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1], divided by that of z
-MAX_STEP: Final = 0.02  # share of the depth; a larger step is an edge of the body and not a step between grey values
-QUANTISED_SHARE: Final = 0.3  # share of equal neighbours above which the spread shows the depth steps, not the noise
-# deviations of the noise at which the biweight ends; twice the usual 3, since the centre pixel is noisy, too
+MAX_STEP: Final = 0.02  # share of the depth; a larger step is an edge of the body instead of a step of the grey values
+QUANTISED_SHARE: Final = 0.3  # with a larger share of equal neighbours, differences show depth steps instead of noise
+# standard deviations of the noise at which the biweight ends; twice the usual 3, since the centre pixel is noisy, too
 RANGE_SIGMAS: Final = 6.0
-MAX_SLANT_DEG: Final = 76.0  # skin at a flatter angle is a few pixels wide; arms in front of the trunk jump more
-JUMP_SIGMAS: Final = 2.0  # deviations of the raw noise; at an edge smoothing leaves about half of it
+MAX_SLANT_DEG: Final = 76.0  # largest slant of one surface; steeper skin is few pixels wide, and arms jump by more
+JUMP_SIGMAS: Final = 2.0  # standard deviations of the raw noise; at an edge smoothing leaves about half of the noise
 
 
 def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
     """Return the noise coefficient a: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
 
     depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the pixels to use. The coefficient comes
-    from the robust spread of second differences along rows, or from the height of the depth steps where these exceed
-    the noise. It is 0 for a frame without noise or without three neighbouring readings.
+    from the robust spread of second differences along rows, or from the height of depth steps if these exceed the
+    noise. It is 0 for a frame without noise or without three neighbouring readings.
     """
     bend, step, step_per_z2 = _differences(depth_m, mask)
     if len(bend) == 0:
@@ -35,7 +35,7 @@ def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
     if np.count_nonzero(step == 0) > QUANTISED_SHARE * len(step):
         stepped = step_per_z2[(step > 0) & (step <= MAX_STEP)]
         if len(stepped) > 0:
-            return max(noise, float(np.median(stepped)) / 2.0)  # half a step is the rounding error to each side
+            return max(noise, float(np.median(stepped)) / 2.0)  # half a step is the largest rounding error
     return noise
 
 
@@ -67,7 +67,7 @@ def jump_coefficients(focal_px: float, noise: float) -> tuple[float, float]:
 
 
 def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_support: int) -> np.ndarray:
-    """Return the depth without readings that hang in the air between two surfaces.
+    """Return the depth without flying pixels, which lie between two surfaces.
 
     depth_m (height, width) float32 metres, 0 = no reading. A pixel stays when at least ``min_support`` of its eight
     neighbours are within the jump limit of ``jump_coefficients``.
@@ -78,8 +78,8 @@ def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_sup
 
 @njit(cache=True, nogil=True)
 def extent(mask: np.ndarray) -> tuple:
-    """Return the bounding box (top, bottom, left, right) of the True entries of (height, width) bool; bottom and right
-    are past the last, all are 0 without a True entry.
+    """Return the bounding box (top, bottom, left, right) of the True entries of (height, width) bool. Bottom and right
+    are one past the last entry; all are 0 without a True entry.
     """
     height, width = mask.shape
     columns = np.zeros(width, np.uint8)
@@ -104,8 +104,8 @@ def extent(mask: np.ndarray) -> tuple:
 
 @njit(cache=True, nogil=True)
 def _span(depth: np.ndarray, row: int, left: int, right: int) -> tuple:
-    """Return (first, last) of the positive entries of a row between two columns, where last is past the last entry;
-    (right, right) without any.
+    """Return (first, last) of the positive entries of a row between two columns; last is one past the last entry. Both
+    are ``right`` without such entries.
     """
     while left < right and not depth[row, left] > 0:
         left += 1
@@ -123,8 +123,8 @@ def _spatial(radius: int) -> np.ndarray:
 
 
 def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return, for each three neighbouring readings around depth z, (k,): second difference divided by z**2, step
-    divided by z, and step divided by z**2.
+    """Return three arrays (k,), one value per three neighbouring readings around depth z: second difference over z**2,
+    step over z, and step over z**2.
     """
     top, bottom, left, right = extent(mask)
     inside = np.s_[top:bottom, left:right]
@@ -139,7 +139,7 @@ def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.nd
 def _bilateral(
     depth: np.ndarray, reach: Any, spatial: np.ndarray, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
-    """Filter row by row, neighbour by neighbour. reach: where the biweight ends, metres per squared metre of depth."""
+    """Filter row by row, neighbour by neighbour. reach: depth difference at which the biweight ends, over z**2."""
     radius, width = len(spatial) // 2, depth.shape[1]
     smooth = np.zeros_like(depth)
     inverse, total, weights = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
@@ -172,7 +172,7 @@ def _add_tap(
     total: np.ndarray,
     weights: np.ndarray,
 ) -> None:
-    """Add one neighbour of each pixel of a row; indices are unsigned, so that none can count from the end.
+    """Add one neighbour of each pixel of a row. Indices are unsigned, so that none is taken to count from the end.
 
     own_place, tap_place: row and column of the first pixel, and of its neighbour.
     """
@@ -217,7 +217,7 @@ def _supported(
 def _count_tap(
     depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, limit: np.ndarray, support: np.ndarray
 ) -> None:
-    """Count one neighbour of each pixel of a row; indices are unsigned, so that none can count from the end."""
+    """Count one neighbour of each pixel of a row. Indices are unsigned, so that none is taken to count from the end."""
     for k in range(count):
         z = depth[i, there + k]
         support[at + k] += np.int32((z > np.float32(0.0)) & (abs(z - depth[row, at + k]) <= limit[at + k]))

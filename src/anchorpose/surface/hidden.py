@@ -1,11 +1,10 @@
 """Assign seen nodes to the expected skin, and add the expected skin that no camera sees.
 
-Parts near each other in space need not be near each other on the body: a hand may lie on the trunk, one thigh against
-the other. Where two parts that are far apart on the body are both near a node, both are its candidates until the crease
-decides.
+Parts near each other in space may be far apart on the body: a hand may lie on the trunk, one thigh against the other.
+If two such parts are both near a node, both are its candidates until the crease decides.
 
 Expected skin is added where nothing was seen and nothing contradicts it, and is linked to the rim of the seen surface.
-It is inferred, never a measurement. It lets geodesics run as they do on the body, and shows whether a limb continues.
+It is inferred, not measured. With it, geodesics run as on the complete body, and it shows whether a limb continues.
 Registration, track tree and images of the patient use only seen nodes.
 """
 
@@ -26,10 +25,10 @@ from anchorpose.surface.surface import HIDDEN_SKIN, ExpectedSkin, MeshArrays, Sk
 
 
 class Pinhole(NamedTuple):
-    """A camera in the form that compiled kernels take: T_camera_world (4, 4) float32; lens: ``lens_array``."""
+    """A camera in the form for compiled kernels."""
 
-    T_camera_world: np.ndarray
-    lens: np.ndarray
+    T_camera_world: np.ndarray  # (4, 4) float32
+    lens: np.ndarray  # from ``lens_array``
 
 
 def pinhole(camera: Camera) -> Pinhole:
@@ -40,7 +39,9 @@ def pinhole(camera: Camera) -> Pinhole:
 
 @njit(cache=True, nogil=True)
 def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32, np.float32, np.float32]:
-    """Return the row and column in pixels of one point, and its depth; NaN behind the camera and beyond the lens."""
+    """Return row and column of one point in pixels, and its depth. Row and column are NaN behind the camera and beyond
+    the valid radius of the lens.
+    """
     T_camera_world, lens = camera.T_camera_world, camera.lens
     x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
     for axis in range(3):
@@ -53,27 +54,27 @@ def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32
     return np.float32(row), np.float32(column), z
 
 
-# m from a node to the skin point that it shows; the prediction of a fast hand is this far off
+# m, largest distance from a node to the skin point that it shows: the prediction error of a fast hand
 REACH_M: Any = np.float32(0.12)
-MAX_TURN_DEG: Final = 70.0  # degrees between the normals of node and skin; the far side of a wrist faces the other way
+MAX_TURN_DEG: Final = 70.0  # largest angle between the normals of node and skin; excludes the far side of a wrist
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-OFF_PLANE_WEIGHT: Any = np.float32(3.0)  # weight of a distance along the normal: skin points are samples of a surface
-AMBIGUOUS_M: Any = np.float32(0.04)  # m; two skin points whose distances differ by less may be confused
+OFF_PLANE_WEIGHT: Any = np.float32(3.0)  # weight of distances along the normal: skin points are samples of a surface
+AMBIGUOUS_M: Any = np.float32(0.04)  # m; two skin points with distances that differ by less may be confused
 FAR_ON_BODY_M: Any = np.float32(0.12)  # m on the body; candidates farther apart make a node ambiguous
 
 CELL_PX: Final = 6  # pixels, side of a cell of skin points: 4 cm at 2.4 m, slightly over their spacing
-# cosine; skin turned more than 120 degrees off the optical axis is on the other side
+# least cosine between the skin's normal and the direction to the camera along the optical axis (120 degrees)
 LEAST_FACING: Any = np.float32(-0.5)
-# share of a pixel's span at the axis, since rays slant and nodes lie in front of the nearest skin
+# factor on a pixel's span at the optical axis: rays slant, and nodes lie in front of the nearest skin
 NARROWEST: Any = np.float32(0.75)
-MOST_CANDIDATES: Final = 128  # skin points kept for one node; about fifty are within reach
+MOST_CANDIDATES: Final = 128  # most skin points kept for one node; about fifty are within reach
 
 
 def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
-    """Return (k,) bool: skin points that are near skin which is far away on the body; nodes near such points are
-    ambiguous.
+    """Return (k,) bool: skin points that are near other skin in space but far from it on the body. Nodes near such
+    points are ambiguous.
 
-    Near means within twice ``AMBIGUOUS_M``. Where the prediction is off by more than half of this, some points are
+    Near means within twice ``AMBIGUOUS_M``. If the error of the prediction exceeds ``AMBIGUOUS_M``, some points are
     missed.
     """
     skin = expected.arrays
@@ -84,7 +85,7 @@ def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
 
 
 def assign_skin(surface: Surface, camera: Camera, expected: ExpectedSkin, ambiguous: np.ndarray) -> Surface:
-    """Return one camera's surface with the skin point that each node shows, -1 where none is near.
+    """Return one camera's surface with the skin point that each node shows, -1 if none is near.
 
     ambiguous (k,): from ``find_ambiguous_skin``.
     """
@@ -98,19 +99,14 @@ def assign_skin(surface: Surface, camera: Camera, expected: ExpectedSkin, ambigu
 
 
 class SkinGrid(NamedTuple):
-    """Skin that faces the camera, sorted by the cell of pixels that it falls into.
+    """Skin that faces the camera, sorted by cells of pixels."""
 
-    start (rows * cols + 1,) int32: where each cell begins; which (m,) int32: the skin points; place (6, m) float32:
-    their positions and normals; rows, cols: number of rows and columns of cells; span_m: least span of a pixel, inf
-    without skin.
-    """
-
-    start: np.ndarray
-    which: np.ndarray
-    place: np.ndarray
-    rows: int
-    cols: int
-    span_m: float
+    start: np.ndarray  # (rows * cols + 1,) int32, where each cell begins
+    which: np.ndarray  # (m,) int32, the skin points
+    place: np.ndarray  # (6, m) float32, their positions and normals
+    rows: int  # number of rows of cells
+    cols: int  # number of columns of cells
+    span_m: float  # least width that a pixel covers on the skin; inf without skin
 
 
 @njit(cache=True, nogil=True)
@@ -120,7 +116,8 @@ def _candidates(
     """Return (n, 2) int32: the nearest skin point of each node and, if this point is ambiguous, the nearest skin point
     far from it on the body.
 
-    The search starts around the node's own pixel, then covers all pixels that may be as near as the point found.
+    The search starts around the node's own pixel, then covers all pixels that may have a nearer point than the one
+    found.
     """
     points, landmarks, cols = mesh.points_m, skin.landmarks_m, grid.cols
     found = np.full((len(points), 2), -1, np.int32)
@@ -160,7 +157,8 @@ def _candidates(
 
 @njit(cache=True, nogil=True)
 def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any, squared: np.ndarray) -> None:
-    """Compute squared distances from a node to skin points, weighted along their normals; inf if turned too far.
+    """Compute squared distances from a node to skin points, weighted along their normals; inf if the normals differ too
+    much.
 
     First and last are unsigned, so that no index is negative and the loop is vectorised.
     """
@@ -178,8 +176,8 @@ def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any,
 
 @njit(cache=True, nogil=True)
 def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[int, int, int, int]:
-    """Return the cells within some pixels of a node, as (top, bottom, left, right), where bottom and right are past the
-    last.
+    """Return the cells within ``reach_px`` of a node as (top, bottom, left, right); bottom and right are one past the
+    last cell.
     """
     row, col, away = int(pixel[n, 0]), int(pixel[n, 1]), int(reach_px) + 1
     top, bottom = max(row - away, 0) // CELL_PX, (row + away) // CELL_PX + 1
@@ -234,7 +232,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
         while end < len(x) and y[end] - y[a] <= radius:
             end += 1
         count = 0
-        for b in range(a + 1, end):  # without a branch: every tenth would be mispredicted
+        for b in range(a + 1, end):  # without branches, since every tenth would be mispredicted
             squared = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
             near[count] = b
             count += int(squared < radius * radius)
@@ -247,19 +245,19 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
 
 
 SEEN_THROUGH_M: Any = np.float32(0.05)  # m; a reading this far behind a skin point shows that no skin is there
-# factor on paths over neighbours and their neighbours, which are 2 % longer than straight paths
+# factor on the length of paths over skin points, which are 2 % longer than straight paths
 STRETCH: Any = np.float32(0.98)
 
 
 def add_hidden_skin(
     surface: Surface, expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]
 ) -> Surface:
-    """Return the surface with hidden skin as further nodes after the seen nodes; they have links, but no grid.
+    """Return the surface with hidden skin added as nodes after the seen nodes; these nodes have links, but no grid.
 
     depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point is left out
     if no node shows it and some camera sees through it. Nodes at the rim of the seen surface are linked to the skin
-    point that they show. This point then becomes a node, too, even if a camera sees through it, since the predicted
-    outline may be a few pixels too wide there.
+    point that they show. That point becomes a node, too, even if a camera sees through it: the predicted outline may be
+    a few pixels too wide.
     """
     body, first = expected.map, len(surface)
     absent = _seen_through(expected, depths_m, cameras)
@@ -285,8 +283,8 @@ def add_hidden_skin(
 
 
 def _seen_through(expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]) -> np.ndarray:
-    """Return (k,) bool: skin points that cannot be at their expected place, since a camera sees a farther surface
-    there.
+    """Return (k,) bool: skin points that cannot be at their expected place, since a camera sees through it to a farther
+    surface.
     """
     absent = np.zeros(len(expected.points_m), np.bool_)
     for depth, camera in zip(depths_m, cameras, strict=True):
@@ -307,20 +305,18 @@ def _mark_seen_through(skin: np.ndarray, camera: Pinhole, depth: np.ndarray, abs
 
 
 class Seen(NamedTuple):
-    """The seen nodes: points_m (n, 3) float32; skin (n,) int32: the skin point that each shows, -1 unknown; rim (n,)
-    bool: nodes without a whole ring; piece (n,) int32: connected piece of mesh.
-    """
+    """The seen nodes."""
 
-    points_m: np.ndarray
-    skin: np.ndarray
-    rim: np.ndarray
-    piece: np.ndarray
+    points_m: np.ndarray  # (n, 3) float32
+    skin: np.ndarray  # (n,) int32, the skin point that each node shows, -1 = unknown
+    rim: np.ndarray  # (n,) bool, nodes without a complete ring of neighbours
+    piece: np.ndarray  # (n,) int32, connected piece of mesh
 
 
 class Paths(NamedTuple):
-    """Expected skin points_m (k, 3) float32 and the paths between neighbours among them, as in ``BodyMap``."""
+    """Expected skin and the paths between neighbouring skin points, as in ``BodyMap``."""
 
-    points_m: np.ndarray
+    points_m: np.ndarray  # (k, 3) float32
     pairs: np.ndarray
     via: np.ndarray
     straight: np.ndarray
@@ -328,11 +324,11 @@ class Paths(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return place (k,), the new node of each skin point, -1 for none; and shown (k,), the piece of mesh that shows the
-    point, -1 for none.
+    """Return place (k,): the new node of each skin point, -1 = no node; and shown (k,): the piece of mesh that shows
+    the point, -1 = hidden.
 
-    A skin point that the mesh shows becomes a node only next to hidden skin points, and where a node at the rim shows
-    it.
+    A skin point that the mesh shows becomes a node only if it is next to hidden skin points, or if a node at the rim
+    shows it.
     """
     skin, first = seen.skin, len(seen.skin)
     shown = np.full(len(absent), -1, np.int32)
@@ -368,7 +364,7 @@ def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np
 def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return links (m, 2) among the new nodes and from the rim to the new nodes, and their lengths (m,) float32.
 
-    Two skin points shown by one piece of mesh are not linked: the mesh connects them.
+    Two skin points on one piece of mesh are not linked, since the mesh connects them.
     """
     skin, skin_points, pairs, via = seen.skin, paths.points_m, paths.pairs, paths.via
     most = len(pairs) + len(skin)

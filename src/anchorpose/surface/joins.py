@@ -15,15 +15,15 @@ from scipy.spatial import KDTree
 from anchorpose.surface.links import add_links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
-# departure from either tangent plane, divided by the gap's width: one shin has less, two different legs have far more
+# largest departure from either tangent plane, divided by the gap's width: one shin has less, two legs have far more
 MAX_DEPARTURE: Final = 0.35
-SLACK_M: Final = 0.015  # m, soft tissue and noise beside a narrow bar
-MARGIN_PX: Final = 4  # pixels beside a bar whose readings are lost or removed
+SLACK_M: Final = 0.015  # m, additional departure for soft tissue and noise beside a narrow bar
+MARGIN_PX: Final = 4  # pixels beside a bar in which readings are lost or removed
 
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
-"""Row and column offset of ring places E, NE, N, NW: every pair of grid neighbours once."""
+"""Row and column offsets of ring places E, NE, N, NW; with these, every pair of grid neighbours occurs once."""
 
-# times the smallest jump; pairs with larger jumps do not belong to the seam: there the pieces only overlap
+# times the smallest gap between two pieces, up to which they are linked; where it is larger, they only overlap
 SPREAD: Final = 1.5
 
 
@@ -58,9 +58,7 @@ def _facing_pairs(
     margin: int,
     max_width: float,
 ) -> np.ndarray:
-    """Compute ``bridge_pairs`` for at most ``longest`` grid cells, of which 2 ``margin`` at each end need not be
-    hidden.
-    """
+    """Compute ``bridge_pairs`` across at most ``longest`` grid cells, of which 2 ``margin`` at each end may be seen."""
     rows, cols = index.shape
     pairs = np.empty((4 * len(points), 2), np.int32)
     count = 0
@@ -107,10 +105,10 @@ def _belong(points: np.ndarray, normals: np.ndarray, p: int, q: int, max_width: 
 
 
 def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
-    """Return one camera's surface, on the grid of every ``step``-th pixel, with its pieces joined where they are
+    """Return one camera's surface, on the grid of every ``step``-th pixel, with its pieces linked where they are
     nearest to each other.
 
-    Pieces that show expected skin count as one piece, since hidden skin joins them better than the shortest gap.
+    Pieces that show expected skin count as one piece: hidden skin connects them better than the shortest gap.
     """
     piece = pieces(surface)
     known = np.unique(piece[surface.skin >= 0])
@@ -126,7 +124,7 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
 
 
 def join_rest(surface: Surface, max_gap_m: float) -> Surface:
-    """Return the surface after separate seen pieces were linked to the largest piece, where they are nearest to it.
+    """Return the surface with separate seen pieces linked to the largest piece, at the place nearest to it.
 
     Links are at most ``max_gap_m`` long; a piece farther away stays separate, with infinite distances.
     """
@@ -152,12 +150,12 @@ def join_rest(surface: Surface, max_gap_m: float) -> Surface:
 
 
 def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_gap_m: float) -> np.ndarray:
-    """Return pairs of grid neighbours that join pieces of surface where they are nearest, at most ``max_gap_m``
-    apart.
+    """Return pairs (m, 2) int32 of grid neighbours, at most ``max_gap_m`` apart, that join pieces of surface where they
+    are nearest to each other.
 
     index (rows, cols) int32: node on the grid, -1 = none; points_m (n, 3); piece (n,) int32 of ``pieces``. Two pieces
-    are joined once, across the shortest gap (Kruskal's rule). So an arm in front of the trunk is not joined to it
-    directly if the shoulder connects them. Returns (m, 2) int32.
+    are joined once, across the shortest gap (Kruskal's rule). So an arm in front of the trunk is not joined to the
+    trunk directly if the shoulder connects them.
     """
     pair = _seams(index, piece)
     gap = np.linalg.norm(points_m[pair[:, 0]] - points_m[pair[:, 1]], axis=1)
@@ -174,7 +172,7 @@ def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_g
 
 
 def _seams(index: np.ndarray, piece: np.ndarray) -> np.ndarray:
-    """Return pairs (k, 2) of grid neighbours on different pieces."""
+    """Return pairs (k, 2) of grid neighbours that are on different pieces."""
     rows, cols = index.shape
     found = []
     for down, right in FORWARD:

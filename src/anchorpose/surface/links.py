@@ -29,8 +29,8 @@ def straight_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Convert undirected pairs (m, 2) with lengths (m,) to compressed rows (link_start, link_node, link_length_m).
 
-    The rows are symmetric (each link appears once per end), in the order of the pairs; for repeated pairs the shorter
-    length counts.
+    The rows are symmetric: each link appears once per end. They are in the order of the pairs. For repeated pairs the
+    shortest length counts.
     """
     none = np.empty(0, np.int32)
     return _compress(
@@ -41,10 +41,9 @@ def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple
 def add_links(
     surface: Surface, pairs: np.ndarray, length_m: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the surface's own links followed by those of ``compress_links``, for ``count`` nodes, at least as many as
-    the surface has.
+    """Return the surface's own links followed by new links, in the form of ``compress_links``.
 
-    pairs (m, 2) int32, length_m (m,) float32.
+    pairs (m, 2) int32, length_m (m,) float32: the new links; count: number of nodes, at least the surface's number.
     """
     return _compress(surface.link_start, surface.link_node, surface.link_length_m, pairs, length_m, count)
 
@@ -58,7 +57,7 @@ def _compress(
     length: np.ndarray,
     count: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Append pairs to the compressed rows of the first o nodes, own_start (o + 1,)."""
+    """Append pairs to the compressed rows of the first nodes; own_start (o + 1,) for o nodes."""
     owners = len(own_start) - 1
     room = np.zeros(count + 1, np.int32)
     for n in range(owners):
@@ -110,7 +109,7 @@ def _connected_pieces(mesh: MeshArrays) -> np.ndarray:
     count = len(ring)
     root = np.arange(count, dtype=np.int32)
     for node in range(count):
-        for place in range(4):  # E NE N NW: every edge of the grid once
+        for place in range(4):  # E NE N NW, so that every edge of the grid occurs once
             if ring[node, place] >= 0:
                 unite(root, np.int64(node), np.int64(ring[node, place]))
         for spot in range(link_start[node], link_start[node + 1]):
@@ -139,9 +138,7 @@ def unite(root: np.ndarray, one: Any, other: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def find_root(root: np.ndarray, node: Any) -> Any:
-    """Return the root of a node's set, and shorten the path to it. Nodes are int64 throughout, for a single
-    compilation.
-    """
+    """Return the root of a node's set, and shorten the path to it. All nodes are int64, so that it is compiled once."""
     while root[node] != node:
         root[node] = root[root[node]]
         node = root[node]

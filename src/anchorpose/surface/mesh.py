@@ -13,7 +13,7 @@ from anchorpose.surface.joins import bridge_pairs
 from anchorpose.surface.links import compress_links, links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
-# pixels of a row processed at once, so that a tile's sums, at fixed places in one array, stay in the fastest cache
+# pixels of a row that are processed together; the sums of such a tile stay in the fastest cache
 TILE = 256
 S, SU, SV, SUU, SUV, SVV, SW, SUW, SVW, LIMIT, NX, NY, NZ = (np.uint64(TILE * place) for place in range(13))
 
@@ -21,14 +21,14 @@ S, SU, SV, SUU, SUV, SVV, SW, SUW, SVW, LIMIT, NX, NY, NZ = (np.uint64(TILE * pl
 def estimate_normals(
     depth_m: np.ndarray, rays: np.ndarray, pixel: np.ndarray, radius_px: int, slope: float, spread: float
 ) -> np.ndarray:
-    """Return unit normals in the camera frame, towards the camera; NaN where fewer than three neighbours fix a
-    plane.
+    """Return unit normals (n, 3) float32 in the camera frame, towards the camera; NaN if the neighbours do not
+    determine a plane.
 
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
     pixel (n, 2) int16: row and column, each with a reading; raster order is fastest. slope, spread: the jump limit per
-    pixel, from ``jump_coefficients``. Return (n, 3) float32. Raises ValueError on a pixel without a reading. A plane's
-    inverse depth is linear in the rays. So the fit is exact for planes at any slant, and with noise that grows as z**2
-    all pixels have the same variance.
+    pixel, from ``jump_coefficients``. Raises ValueError for a pixel without a reading. The fit is to the inverse depth,
+    which is linear in the rays on a plane. So it is exact for planes at any slant, and all pixels have the same
+    variance if noise grows as z**2.
     """
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
     if not (depth[pixel[:, 0], pixel[:, 1]] > 0).all():
@@ -39,20 +39,16 @@ def estimate_normals(
 
 
 class Window(NamedTuple):
-    """The part of the depth frame that holds every reading, with a margin, so that access to neighbours needs no bounds
-    test.
+    """The part of the depth frame with all readings and a margin, so that access to neighbours needs no bounds test."""
 
-    z, inverse (rows, cols) float32: depth and its inverse, both 0 without a reading; u, v (rows, cols) float32: rays.
-    """
-
-    z: np.ndarray
-    inverse: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
+    z: np.ndarray  # (rows, cols) float32 depth, 0 without a reading
+    inverse: np.ndarray  # (rows, cols) float32, 1 / z, 0 without a reading
+    u: np.ndarray  # (rows, cols) float32, first coordinate of the rays
+    v: np.ndarray  # (rows, cols) float32, second coordinate of the rays
 
 
 def _window(depth: np.ndarray, rays: np.ndarray, margin: int) -> tuple[Window, int, int]:
-    """Return the window, and the row and column of the depth frame where it begins inside its margin."""
+    """Return the window, and the row and column of the depth frame where its part inside the margin begins."""
     top, bottom, left, right = extent(depth > 0)
     shape = bottom - top + 2 * margin, right - left + 2 * margin + 1
     window = Window(*(np.zeros(shape, np.float32) for _ in range(4)))
@@ -67,7 +63,7 @@ def _window(depth: np.ndarray, rays: np.ndarray, margin: int) -> tuple[Window, i
 def _plane_normals(
     window: Window, pixel: np.ndarray, top: int, left: int, radius: int, slope: Any, spread: Any
 ) -> np.ndarray:
-    """Compute, tile by tile, the sums over the neighbours of each pixel, and the planes that solve them."""
+    """Compute, tile by tile, the sums over the neighbours of each pixel and the planes that follow from them."""
     z = window.z
     normals = np.empty((len(pixel), 3), np.float32)
     sums = np.empty(13 * TILE, np.float32)
@@ -100,8 +96,8 @@ def _plane_normals(
 
 @njit(cache=True, nogil=True)
 def _tap_weight(i: int, j: int, radius: int) -> Any:
-    """Return the weight of a neighbour i rows and j columns away. It is 0 beyond the window, since neighbours of an odd
-    row are processed in pairs.
+    """Return the weight of a neighbour i rows and j columns away. It is 0 outside the window, since neighbours are
+    processed in pairs and their number in a row may be odd.
     """
     return np.float32(1.0 - (i**2 + j**2) / (2.0 * (radius + 1) ** 2)) if j <= radius else np.float32(0.0)
 
@@ -110,11 +106,11 @@ def _tap_weight(i: int, j: int, radius: int) -> Any:
 def _add_taps(
     window: Window, sums: np.ndarray, own_place: Any, tap_place: Any, count: Any, apart: Any, weight: Any
 ) -> None:
-    """Add two neighbours of each pixel to the sums, relative to the pixel's own ray and inverse depth, which keeps
-    float32 exact.
+    """Add two neighbours, a and b, of each pixel to the sums, relative to the pixel's own ray and inverse depth, so
+    that float32 is precise enough.
 
-    own_place, tap_place: row and column of the tile's first pixel, and of its first neighbour a; the second neighbour b
-    is the next to the right. apart, weight: distance in pixels (for the jump limit) and weight of a and b.
+    own_place, tap_place: row and column of the tile's first pixel, and of its neighbour a; b is the next pixel to the
+    right of a. apart, weight: distance in pixels (for the jump limit) and weight of a and b.
     """
     (apart_a, apart_b), (weight_a, weight_b) = apart, weight
     z, inverse, u, v = window
@@ -143,9 +139,7 @@ def _add_taps(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> None:
-    """Solve the plane a u + b v + c = 1 / z in the camera's own rays; NaN where the seen pixels lie on a point or a
-    line.
-    """
+    """Solve for the plane a u + b v + c = 1 / z in the camera's rays; NaN if the pixels lie on a point or a line."""
     _, inverse, u, v = window
     for k in range(count):
         s, su, sv = np.float64(sums[S + k]), np.float64(sums[SU + k]), np.float64(sums[SV + k])
@@ -161,10 +155,10 @@ def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> N
         sums[NX + k], sums[NY + k], sums[NZ + k] = a / length, b / length, c / length
 
 
-NORMAL_RADIUS_PX: Final = 3  # pixels, for a plane over 4 cm at 2.4 m: wider than wrinkles, narrower than a wrist
+NORMAL_RADIUS_PX: Final = 3  # pixels; the plane then covers 4 cm at 2.4 m: wider than wrinkles, narrower than a wrist
 
 RING = np.array([[0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0], [1, 1]], dtype=np.int64)
-"""Row and column offset of the eight ring places, E NE N NW W SW S SE."""
+"""Row and column offsets of the eight ring places, E NE N NW W SW S SE."""
 
 
 def build_surface(
@@ -174,12 +168,12 @@ def build_surface(
     config: SurfaceConfig | None = None,
     bridge: np.ndarray | None = None,
 ) -> Surface:
-    """Smooth, mesh and orient the masked pixels of one depth frame; nodes in the world frame.
+    """Smooth the masked pixels of one depth frame, mesh them and compute normals; nodes are in the world frame.
 
     depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the patient. bridge (height, width) bool:
-    pixels hidden by equipment; None = nothing is bridged. Pieces of surface smaller than
-    ``min_piece_m2`` are left out, and so are nodes without a normal. An empty mask gives a surface of no nodes. Raises
-    ValueError for a frame whose size differs from the camera's, and for a camera without a pose.
+    pixels hidden by equipment; None = nothing is bridged. Pieces of surface smaller than ``min_piece_m2`` are left out,
+    and so are nodes without a normal. An empty mask gives a surface without nodes. Raises ValueError for a frame of
+    another size than the camera's, and for a camera without a pose.
     """
     config = config or SurfaceConfig()
     T_world_camera, lens, step = camera.require_pose(), camera.intrinsics, config.step
@@ -222,8 +216,8 @@ def faces(surface: Surface) -> np.ndarray:
     """Return triangles (f, 3) int32, counter-clockwise as the camera sees them; each grid cell is cut along one
     diagonal.
 
-    Links have no triangles. A cell is cut along the diagonal that gives more triangles; on a tie along the diagonal
-    down to the right.
+    Links have no triangles. A cell is cut along the diagonal that gives more triangles; if both give the same number,
+    along the diagonal down to the right.
     """
     right, down_left, down, down_right = surface.ring[:, 0], surface.ring[:, 5], surface.ring[:, 6], surface.ring[:, 7]
     left = surface.ring[:, 4]
@@ -254,12 +248,12 @@ def faces(surface: Surface) -> np.ndarray:
 
 def keep_nodes(surface: Surface, keep: np.ndarray) -> Surface:
     """Return the part of a surface where keep (n,) bool is True; edges to dropped nodes are removed, and the order of
-    nodes stays.
+    the other nodes is kept.
     """
     if keep.all():
         return surface
     old = np.flatnonzero(keep)
-    new = np.full(len(keep) + 1, -1, np.int32)  # the last entry maps the -1 of an empty ring place to itself
+    new = np.full(len(keep) + 1, -1, np.int32)  # the last entry maps -1 (an empty ring place) to -1
     new[old] = np.arange(len(old))
     source = np.repeat(np.arange(len(keep)), np.diff(surface.link_start))
     stay = keep[source] & keep[surface.link_node]
@@ -302,8 +296,8 @@ def _place_nodes(depth: np.ndarray, rays: np.ndarray, pixel: np.ndarray) -> np.n
 
 
 def _moved(T_target_source: np.ndarray, vectors: np.ndarray, point: float) -> np.ndarray:
-    """Return (n, 3) float32: points that are rotated and translated (point 1), or directions that are rotated (point
-    0), in double precision.
+    """Return (n, 3) float32, computed in double precision: rotated and translated points (point = 1), or rotated
+    directions (point = 0).
     """
     x, y, z = vectors.T.astype(np.float64)
     moved = [row[0] * x + row[1] * y + row[2] * z + point * row[3] for row in T_target_source[:3]]
@@ -319,15 +313,15 @@ def _large_pieces(surface: Surface, patch_m2: np.ndarray, min_piece_m2: float) -
 def _link_ring(
     depth: np.ndarray, index: np.ndarray, pixel: np.ndarray, ring: np.ndarray, step: int, slope: float, spread: float
 ) -> np.ndarray:
-    """Link neighbours if every pixel step between them is within the jump limit; a single lost reading between them
-    must not hide a jump.
+    """Link neighbours if every pixel step between them is within the jump limit, so that a single lost reading between
+    them does not hide a jump.
     """
     rows, cols = index.shape
     linked = np.full((len(pixel), 8), -1, np.int32)
     for node in range(len(pixel)):
         row, col = np.int64(pixel[node, 0]), np.int64(pixel[node, 1])
         own, here_row, here_col = depth[row, col], row // step, col // step
-        for place in range(4):  # the other four places are the same edges, seen from their other ends
+        for place in range(4):  # the other four places are the same edges from their other ends
             down, right = ring[place, 0], ring[place, 1]
             i, j = here_row + down, here_col + right
             if i < 0 or i >= rows or j < 0 or j >= cols or index[i, j] < 0:

@@ -1,8 +1,8 @@
 """Turn one frame's labelled depth images into the patient's surface: mesh, cut, fuse the cameras, add hidden skin.
 
-If two cameras have nodes on the same skin, the nodes that are seen less squarely or from farther away are dropped,
-except for a border of two rings. Each node of this border is linked to the corners of the other camera's cell that
-contains it.
+If two cameras have nodes on the same skin, the nodes of the camera with fewer readings per area of skin are dropped:
+it sees the skin at a slant or from farther away. A border of two rings is kept; each of its nodes is linked to the
+corners of the other camera's cell that contains the node.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from anchorpose.surface.mesh import build_surface, keep_nodes
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geodesic_lower_bound
 from anchorpose.threads import each
 
-# m along the normal, for clothes and noise; an arm in front of the trunk is farther away
+# m along the normal, largest distance of two nodes on the same skin: clothes and noise; an arm on the trunk has more
 MAX_OFF_PLANE_M: Any = np.float32(0.015)
-MAX_TURN_DEG: Final = 60.0  # normals of the same skin differ only by noise between cameras 45 degrees apart
+MAX_TURN_DEG: Final = 60.0  # largest angle between normals of the same skin: their noise in two cameras
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# m on the body; a thigh against the other is farther apart, and skin points 3 cm apart blur by less
+# m on the body, largest distance between nodes on the same skin: spacing of skin points; between thighs it is larger
 MAX_ON_BODY_M: Any = np.float32(0.09)
 
 
@@ -40,10 +40,10 @@ def fuse(
 ) -> Surface:
     """Join all cameras' nodes to one surface, in the order given, without nodes that another camera sees better.
 
-    surfaces: one per camera, each in the world frame, as from ``build_surface``. The field ``camera`` of the result
-    numbers these surfaces. expected: the skin that ``skin`` of the surfaces refers to; nodes that show skin far apart
-    on the body are never merged. Raises ValueError where cameras are missing, or where the expected skin is missing but
-    needed.
+    surfaces: one per camera, each in the world frame, as from ``build_surface``. The field ``camera`` of the result is
+    the index of the surface. expected: the skin to which ``skin`` of the surfaces refers; nodes that show skin far
+    apart on the body are never merged. Raises ValueError if cameras are missing, or if surfaces refer to expected skin
+    that is not given.
     """
     config = config or SurfaceConfig()
     if len(surfaces) != len(cameras) or len(surfaces) == 0:
@@ -51,7 +51,7 @@ def fuse(
     if len(surfaces) == 1:
         return surfaces[0]
     if expected is None and any((surface.skin >= 0).any() for surface in surfaces):
-        raise ValueError("the surfaces show skin, but which was expected is not given")
+        raise ValueError("the surfaces refer to expected skin, which is not given")
     first = np.concatenate([[0], np.cumsum([len(surface) for surface in surfaces])])
     both = _side_by_side(surfaces, first)
     landmarks = np.zeros((1, 1), np.float32) if expected is None else expected.arrays.landmarks_m
@@ -91,25 +91,20 @@ def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
 
 
 class Nodes(NamedTuple):
-    """All cameras' nodes: points_m, normals (n, 3) float32; inner (n,) bool: nodes with a whole ring; skin (n,) int32:
-    the skin point that each shows; dropped (n,) bool: nodes that another camera sees better; landmarks_m (k, l)
-    float32.
-    """
+    """All cameras' nodes."""
 
-    points_m: np.ndarray
-    normals: np.ndarray
-    inner: np.ndarray
-    skin: np.ndarray
-    dropped: np.ndarray
-    landmarks_m: np.ndarray
+    points_m: np.ndarray  # (n, 3) float32
+    normals: np.ndarray  # (n, 3) float32
+    inner: np.ndarray  # (n,) bool, nodes with a complete ring of neighbours
+    skin: np.ndarray  # (n,) int32, the skin point that each node shows
+    dropped: np.ndarray  # (n,) bool, nodes that another camera sees better
+    landmarks_m: np.ndarray  # (k, l) float32, as in ``BodyMap``
 
 
 class Grid(NamedTuple):
-    """A camera's nodes on their grid. node (rows, cols) int32: the node at every ``step``-th pixel, -1 where there is
-    no node.
-    """
+    """A camera's nodes on their grid."""
 
-    node: np.ndarray
+    node: np.ndarray  # (rows, cols) int32, the node at every ``step``-th pixel, -1 = no node
     step: int
 
 
@@ -121,10 +116,10 @@ def _same_skin(
     cameras: tuple[Camera, Camera],
     config: SurfaceConfig,
 ) -> np.ndarray:
-    """Return pairs (m, 2) int32: each node of the source with the corners of the target's cell that contains it.
+    """Return pairs (m, 2) int32: each node of the source surface with the corners of the target's cell around it.
 
-    source, target (2,): first node, and the node after the last; cameras: the cameras of source and target. Nodes of
-    the source that the target's camera sees better are marked in ``dropped``.
+    source, target (2,): first node, and one past the last node; cameras: the cameras of source and target. Nodes of the
+    source that the target's camera sees better are marked in ``dropped``.
     """
     begin, end = target.tolist()
     if source[0] == source[1] or begin == end:
@@ -154,7 +149,7 @@ def _lengths_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: the nodes to keep: nodes that are not dropped, and dropped nodes within two rings of these."""
+    """Return (n,) bool, nodes to keep: nodes that are not dropped, and dropped nodes within two rings of them."""
     stay = ~dropped
     for _ in range(2):
         stay = stay | np.append(stay, False)[ring].any(axis=1)
@@ -165,8 +160,8 @@ def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
 def _pair_corners(
     nodes: Nodes, begin: int, end: int, grid: Grid, camera: Pinhole, eyes: np.ndarray, max_apart: np.float32
 ) -> np.ndarray:
-    """Compute ``_same_skin`` for the nodes from begin to end; eyes (2, 3) float32: positions of their own camera and of
-    the other camera.
+    """Compute ``_same_skin`` for the nodes from begin to end; eyes (2, 3) float32: positions of their camera and of the
+    other camera.
     """
     points, shown, step = nodes.points_m, nodes.skin, grid.step
     rows, cols = grid.node.shape
@@ -224,8 +219,8 @@ def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
 
 @njit(cache=True, nogil=True)
 def _squareness(nodes: Nodes, p: int, q: int, eye: np.ndarray) -> np.float32:
-    """Return the number of readings per square metre of skin at p and q that a camera at a place (3,) has, up to a
-    constant factor.
+    """Return the number of readings per square metre of skin at p and q for a camera at ``eye`` (3,), up to a constant
+    factor.
     """
     points, normals = nodes.points_m, nodes.normals
     along, away2 = np.float32(0), np.float32(0)
@@ -246,8 +241,8 @@ def patient_surface(
     expected.
 
     views: one per camera, in the order of the cameras; a camera without a depth frame has a blank view. expected: the
-    patient's predicted skin; without it bars are bridged and pieces joined by their planes and distances, nothing is
-    cut, and no hidden skin is added.
+    patient's predicted skin. Without it, bars are bridged by planes and pieces are joined by distance, but nothing is
+    cut and no hidden skin is added.
     """
     config = config or SurfaceConfig()
     if expected is None or not config.by_body:
@@ -276,6 +271,6 @@ def _cut_mesh(
 
 
 def blank_view(camera: Camera) -> View:
-    """Return the view of a camera without a depth frame, which shows nothing."""
+    """Return the view of a camera without a depth frame: no pixel has a reading."""
     shape = camera.height, camera.width
     return View(np.zeros(shape, np.float32), np.full(shape, PixelLabel.NO_READING, np.uint8))

@@ -1,6 +1,6 @@
 """Define the surface mesh M = {V, E} (paper, Section III), organised as the camera's pixel grid, and its settings.
 
-The module also defines the patient's expected skin, the knowledge of the body before registration.
+The module also defines the patient's expected skin, which is predicted before registration.
 """
 
 from __future__ import annotations
@@ -21,24 +21,25 @@ HIDDEN_SKIN: Final = 255
 
 @settings
 class SurfaceConfig:
-    """Settings of the step from labelled depth images to one surface."""
+    """Settings for meshing labelled depth images to one surface."""
 
-    by_body: bool = True  # the predicted body cuts and closes the mesh; False: the depth images alone, as in the paper
-    # pixels per node, 13 mm at 2.4 m; it has 3 mm more geodesic error than 1 pixel, and takes a quarter of the time
+    by_body: bool = True  # cut and close the mesh by the predicted body; False = by the depth images, as in the paper
+    # pixels between nodes, 13 mm at 2.4 m; the geodesic error is 3 mm more than with 1, the time a quarter
     step: Count = 2
     min_piece_m2: NotNegative = 0.0020  # m2, half a palm; smaller pieces are left out: bits of clothes, bars and floor
-    max_join_m: NotNegative = 0.10  # m, widest gap that joins pieces: chin to neck in depth; 0: pieces stay apart
-    # 5x5 pixels, less than a finger's width at 2.4 m; this reduces path error to about 1 %
+    max_join_m: NotNegative = 0.10  # m, widest gap across which pieces are joined: chin to neck; 0 = no joins
+    # pixels; a window of 5x5 pixels is below a finger's width at 2.4 m and reduces the path error to about 1 %
     denoise_radius_px: Count = 2
-    # neighbours on the same surface; a fingertip 2 px wide has as many
+    # least number of neighbours on the same surface, out of 8; at a fingertip 2 pixels wide, a pixel has 3
     min_support: Annotated[int, Field(ge=0, le=8)] = 3
-    # m, widest bar that is bridged: knee pad with its shadow; behind wider bars the bends of the skin are unknown
+    # m, widest bar that is bridged: a knee pad with its shadow; behind wider bars the shape of the skin is unknown
     bridge_max_width_m: NotNegative = 0.15
-    fusion_max_apart_m: Positive = 0.03  # m; calibration error of about 1 cm, plus half a mesh cell seen at a slant
+    # m, largest distance between nodes of two cameras on the same skin: calibration error, and half a slanted mesh cell
+    fusion_max_apart_m: Positive = 0.03
 
 
 class MeshArrays(NamedTuple):
-    """The mesh in the form for compiled kernels: fields of ``Surface`` with the same names, each in one C-ordered
+    """The mesh in the form for compiled kernels: the fields of ``Surface`` with these names, each in one C-ordered
     block.
 
     points_m, normals (n, 3), link_length_m (m,) float32; ring (n, 8), link_start (n + 1,), link_node (m,) int32.
@@ -54,16 +55,12 @@ class MeshArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nodes:
-    """Places on skin that cameras saw.
+    """Places on skin that cameras saw."""
 
-    points_m (n, 3) float32, world frame; normals (n, 3) float32, unit, towards the camera that saw the node; camera
-    (n,) uint8 and pixel (n, 2) int16 (row and column): where the node was seen.
-    """
-
-    points_m: np.ndarray
-    normals: np.ndarray
-    camera: np.ndarray
-    pixel: np.ndarray
+    points_m: np.ndarray  # (n, 3) float32, world frame
+    normals: np.ndarray  # (n, 3) float32, unit vectors towards the camera that saw the node
+    camera: np.ndarray  # (n,) uint8, the camera that saw the node
+    pixel: np.ndarray  # (n, 2) int16, row and column in that camera's image
 
     def __len__(self) -> int:
         return len(self.points_m)
@@ -84,19 +81,18 @@ def join_nodes(parts: Sequence[Nodes]) -> Nodes:
 class Surface(Nodes):
     """Nodes on the patient's skin and the edges between them, from one camera or several.
 
-    camera, pixel: ``HIDDEN_SKIN`` and -1 for a node that no camera saw. Such nodes are inferred, come last, and only
-    lead geodesics from one seen place to another. ring (n, 8) int32: the node's neighbours on its camera's grid in
-    circular order (E, NE, N, NW, W, SW, S, SE), -1 for a missing neighbour. Consecutive neighbours that both exist form
-    a triangle with the node. link_start (n + 1,) int32, link_node (m,) int32 and link_length_m (m,) float32: edges
-    outside the grid, to nodes of other cameras and across hidden skin, as symmetric compressed rows. skin (n,) int32:
-    the expected skin point that the node shows, -1 where unknown.
+    Nodes that no camera saw are inferred: they come last, have ``HIDDEN_SKIN`` as camera and -1 as pixel, and only
+    connect geodesics between seen places. Links are edges outside the grid, to nodes of other cameras and across hidden
+    skin; they are stored as symmetric compressed rows.
     """
 
+    # (n, 8) int32, the node's neighbours on its camera's grid in circular order (E, NE, N, NW, W, SW, S, SE), -1 =
+    # missing; consecutive neighbours that both exist form a triangle with the node
     ring: np.ndarray
-    link_start: np.ndarray
-    link_node: np.ndarray
-    link_length_m: np.ndarray
-    skin: np.ndarray
+    link_start: np.ndarray  # (n + 1,) int32, where the links of each node begin
+    link_node: np.ndarray  # (m,) int32, the node at the other end of each link
+    link_length_m: np.ndarray  # (m,) float32
+    skin: np.ndarray  # (n,) int32, the expected skin point that the node shows, -1 = unknown
 
     @property
     def seen_count(self) -> int:
@@ -139,23 +135,18 @@ def seen_part(surface: Surface) -> Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyMap:
-    """Distances along the body between k sampled skin points, seen or not; they are valid in every pose.
+    """Distances along the body between k sampled skin points, seen or not; they are valid in every pose."""
 
-    landmarks_m (k, l) float32: geodesic distance of each point to l landmarks, the paper's descriptor (Definition 3) on
-    the complete body. pairs (e, 2) int32: neighbours; via (e,) int32: the common neighbour that a pair's path passes
-    (for direct neighbours the first of the two); straight (e,) float32: the pair's distance over its path's length.
-    """
-
+    # (k, l) float32, geodesic distance of each point to l landmarks: the paper's descriptor (Definition 3) on the
+    # complete body
     landmarks_m: np.ndarray
-    pairs: np.ndarray
-    via: np.ndarray
-    straight: np.ndarray
+    pairs: np.ndarray  # (e, 2) int32, neighbours and second neighbours
+    via: np.ndarray  # (e,) int32, the common neighbour on a pair's path; for direct neighbours the first of the two
+    straight: np.ndarray  # (e,) float32, the pair's distance divided by the length of its path
 
 
 class SkinArrays(NamedTuple):
-    """Expected skin in the form for compiled kernels: points_m, normals (k, 3) and landmarks_m (k, l) float32,
-    C-ordered.
-    """
+    """Expected skin for compiled kernels: points_m, normals (k, 3) and landmarks_m (k, l), float32, C-ordered."""
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -164,13 +155,11 @@ class SkinArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedSkin:
-    """The skin at its expected place. points_m, normals (k, 3) float32, world, pointing outwards; map: distances
-    between the same k points.
-    """
+    """The patient's skin at its expected place."""
 
-    points_m: np.ndarray
-    normals: np.ndarray
-    map: BodyMap
+    points_m: np.ndarray  # (k, 3) float32, world
+    normals: np.ndarray  # (k, 3) float32, world, outwards
+    map: BodyMap  # distances along the body between the same k points
 
     @property
     def arrays(self) -> SkinArrays:
@@ -184,7 +173,7 @@ class ExpectedSkin:
 
 @njit(cache=True, nogil=True)
 def geodesic_lower_bound(landmarks: np.ndarray, a: Any, b: Any) -> np.float32:
-    """Return a lower bound on the distance between two skin points along the body's mesh, by the triangle inequality.
+    """Return a lower bound, by the triangle inequality, on the distance of two skin points along the body's mesh.
 
     landmarks (k, l) float32 of ``BodyMap``.
     """

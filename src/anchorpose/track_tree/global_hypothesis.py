@@ -1,4 +1,6 @@
-"""Find the pairs of the best branches over two to four frames, and the constraints on the pose (paper, Section IV)."""
+"""Find the pairs of nodes on the best branches over two to four frames, and the constraints on the pose that follow
+(paper, Section IV).
+"""
 
 from __future__ import annotations
 
@@ -27,39 +29,30 @@ from anchorpose.track_tree.hypotheses import (
 from anchorpose.track_tree.parts import ITERATIONS, joints_of_parts, register_parts
 from anchorpose.track_tree.tree import Support, TrackResult, TreeConfig, best_branches
 
-PART_REACH_M = 0.08  # m; a node farther from the skin does not move with any part
-PAIR_SIGMA_M = 0.04  # m, the descriptor's own error: 17 to 40 mm with the best subset
-ANCHOR_SIGMA_M = 0.05  # m, the paper's bound on the anchors' localisation error
+PART_REACH_M = 0.08  # m; a node farther from the body's skin belongs to no part
+PAIR_SIGMA_M = 0.04  # m, error of a match by the descriptor: 17 to 40 mm with the best subset
+ANCHOR_SIGMA_M = 0.05  # m, the paper's bound on the localisation error of anchors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GlobalHypothesis:
-    """The pairs of the best branch.
+    """The pairs on the best branches: nodes of frame t and their matches in frame t + 1."""
 
-    node (m,): node of frame t; part (m,): its bone; point (m,): its skin point. matched_m (m, 3): place of the node's
-    match in frame t + 1, NaN where missed; predicted_m (m, depth, 3): place expected by the motion dynamics, used where
-    the match is missed; ``tree.support`` states where and why.
-    """
-
-    node: np.ndarray
-    part: np.ndarray
-    point: np.ndarray
-    matched_m: np.ndarray
-    predicted_m: np.ndarray
-    tree: TrackResult
+    node: np.ndarray  # (m,) node of frame t
+    part: np.ndarray  # (m,) bone with which the node moves
+    point: np.ndarray  # (m,) skin point at the node
+    matched_m: np.ndarray  # (m, 3) place of the node's match in frame t + 1; NaN if missed
+    predicted_m: np.ndarray  # (m, depth, 3) place expected by the motion dynamics, used if the match is missed
+    tree: TrackResult  # its ``support`` states which matches are missed, and why
 
     @property
     def matched_share(self) -> float:
-        """Return the share of nodes whose place in the next frame is supported by some subset of anchors; 0 without
-        nodes.
-        """
+        """Return the share of nodes that have a match in the next frame; 0 without nodes."""
         return float((self.tree.support == Support.MATCHED).mean()) if len(self.node) else 0.0
 
 
 class SeenFrame(Protocol):
-    """A frame with the data that the tree needs. descriptor (n, 5): descriptor of its surface's nodes, as in
-    ``anchor_descriptor``.
-    """
+    """A frame with the data that the tree needs. descriptor (n, 5): as in ``anchor_descriptor``, per surface node."""
 
     @property
     def surface(self) -> Surface: ...
@@ -70,10 +63,10 @@ class SeenFrame(Protocol):
 
 
 def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: GateConfig) -> Matcher:
-    """Return the hypotheses of a frame's nodes in the next frame, one column per subset of the anchors found in both
-    frames.
+    """Return the hypotheses of a frame's nodes in the next frame: one column per subset of the anchors that were found
+    in both frames.
 
-    Five anchors in subsets of three give ten columns. With fewer anchors than a subset needs, there is one subset with
+    Five anchors in subsets of three give ten columns. If there are fewer anchors than a subset needs, one subset has
     all of them; without anchors there are no columns.
     """
     if config.feature is Feature.POSITION:
@@ -97,10 +90,10 @@ def global_hypothesis(
     node_count: int,
     config: TreeConfig,
 ) -> GlobalHypothesis:
-    """Build, score and search the tree from the first frame of the window over the others.
+    """Build, score and search the tree from the first frame of the window over the later frames.
 
-    predicted: one pose for each frame after the first; node_count: source nodes of the tree. A node moves with the part
-    on which it lies.
+    predicted: one pose per frame after the first; node_count: number of source nodes of the tree. A node is predicted
+    to move with the part on which it lies.
     """
     source = window[0].surface
     chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), node_count)).astype(np.int64))
@@ -118,9 +111,7 @@ def global_hypothesis(
 
 
 def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return the matches of the chosen nodes with their costs, then, level by level, those of the nodes to which these
-    matches lead.
-    """
+    """Return matches and costs level by level: first of the chosen nodes, then of the nodes to which matches lead."""
     matches = [links[0].ask(chosen)]
     for link_ in links[1:]:
         before = matches[-1]
@@ -130,7 +121,7 @@ def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndar
 
 
 def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Return (m, depth, 3): places of nodes that move with their parts from one pose to the predicted poses."""
+    """Return (m, depth, 3): places of nodes that move with their parts from ``pose`` to each of the predicted poses."""
     T_world_rest = body.transforms(pose)
     places = np.empty((len(nodes_m), len(predicted), 3))
     for level, later in enumerate(predicted):
@@ -147,9 +138,7 @@ def part_motion(T_world_rest_now: np.ndarray, T_world_rest_next: np.ndarray) -> 
 def held_by(
     body: Body, pose: Pose, predicted: Pose, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame]
 ) -> Constraints:
-    """Return constraint rows from the tree's pairs and the anchors, for the registration to the second frame of the
-    window.
-    """
+    """Return constraint rows from the tree's pairs and the anchors, to register the window's second frame."""
     now = pose_points(body, pose)
     pairs = pairs_of(now, hypothesis, window, part_motion(now.transforms, body.transforms(predicted)))
     return join([pairs, anchor_constraints(body.points, window[1].anchors, ANCHOR_SIGMA_M)])
@@ -158,7 +147,7 @@ def held_by(
 def pairs_of(
     now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> Constraints:
-    """Return the tree's pairs as rows, transferred from the node to the skin point beside it."""
+    """Return the tree's pairs as rows that pull the skin point beside each node."""
     found = np.isfinite(hypothesis.matched_m).all(axis=1)
     point, part = hypothesis.point[found], hypothesis.part[found]
     nodes = window[0].surface.points_m[hypothesis.node[found]].astype(np.float64)
@@ -169,11 +158,10 @@ def pairs_of(
 def skin_places(
     now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> np.ndarray:
-    """Return (m, 3) the target of the skin point beside each node: the place of the node's match, minus the offset of
-    node and skin point along the skin.
+    """Return (m, 3) the target of the skin point beside each node: the place of the node's match, shifted along the
+    skin by the offset from the node to the skin point. NaN if the node's match is missed.
 
-    The offset perpendicular to the skin is not kept, so a body that has drifted from the surface is pulled back. NaN
-    where the node's match is missed.
+    The offset perpendicular to the skin is not kept, so a body that has drifted off the surface is pulled back.
     """
     skin, normals = now.points_m[hypothesis.point], now.normals[hypothesis.point]
     beside = skin - window[0].surface.points_m[hypothesis.node]
@@ -190,7 +178,7 @@ def joints_by_parts(
     iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> np.ndarray:
-    """Return the joints (21, 3) in the second frame, every part registered by the paper's ICP and the rule J.
+    """Return the joints (21, 3) in the second frame, by the rule J, after every part was registered by the paper's ICP.
 
     Skin points are moved to their ``skin_places``. Parts without evidence keep their predicted motion.
     """

@@ -1,7 +1,7 @@
-"""Make subset hypotheses: where a node may be in the next frame (paper, Section IV, track tree construction).
+"""Make subset hypotheses: places where a node may be in the next frame (paper, Section IV, track tree construction).
 
-The gate limits how far apart the descriptors of the same skin point may be in two frames (paper, error analysis;
-Section V).
+The gate limits the difference between the descriptors of one skin point in two frames (paper, error analysis, Section
+V).
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from anchorpose.track_tree.matching import Target, hold_subset, match_all, sort_
 
 
 class Feature(StrEnum):
-    """The evidence that two nodes are the same place on the skin."""
+    """The evidence that two nodes show the same place on the skin."""
 
-    GEODESIC = "geodesic"  # distances to the anchors (paper, Definition 3)
-    POSITION = "position"  # nearness to the node's former place; used instead of a descriptor, for comparison
+    GEODESIC = "geodesic"  # geodesic distances to the anchors (paper, Definition 3)
+    POSITION = "position"  # nearness to the node's former place, without a descriptor; for comparison
 
 
 @settings
@@ -32,18 +32,18 @@ class HypothesisConfig:
     """Settings of how hypotheses are made."""
 
     feature: Feature = Feature.GEODESIC
-    subset_size: Count = 3  # N_S, anchors per hypothesis; three suffice (paper, Section IV-D); 5: all in one hypothesis
-    always: bool = False  # match every frame with the next ones, as the paper does; False: match no frame
-    trusted_only: bool = True  # leave out distances that a hole lengthens; False: the subsets decide, as in the paper
+    subset_size: Count = 3  # N_S, anchors per hypothesis; three are enough (paper, Section IV-D); 5 = all in one
+    always: bool = False  # match every frame with the next frames, as the paper does; False = match no frames
+    trusted_only: bool = True  # leave out distances that a hole lengthens; False = the subsets decide, as in the paper
 
 
 @settings
 class GateConfig:
-    """Settings of the gate e_max = e_1 + e_2: largest change of a descriptor between two frames by anchor jitter and
-    surface noise.
+    """Settings of the gate e_max = e_1 + e_2: the largest change of a descriptor between two frames that anchor jitter
+    (e_1) and surface noise (e_2) explain.
     """
 
-    # e_1, m; 3 cm with e_2 at 1 m; with the paper's 5 cm, matches were a quarter worse
+    # e_1, m; the gate is then 3 cm at 1 m; with the paper's 5 cm, matches were a quarter worse
     anchor_bound_m: NotNegative = 0.020
     surface_bound_per_m: NotNegative = 0.010  # e_2, m per m of path to the anchor: geodesic noise left after smoothing
     search_radius_m: Positive = 0.12  # m around the predicted place: a hand at 3.6 m/s in one frame of 33 ms
@@ -51,20 +51,17 @@ class GateConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
-    """For each source node, one possible match per subset of anchors; a missed match is a value, not an error.
+    """For each source node, one possible match per subset of anchors; a missed match is a value, not an error."""
 
-    match (m, s) int32: node of the next surface, -1 = nothing within the gate. subsets (s, n_s) int: anchor indices.
-    """
-
-    match: np.ndarray
-    subsets: np.ndarray
+    match: np.ndarray  # (m, s) int32, node of the next surface, -1 = no node within the gate
+    subsets: np.ndarray  # (s, n_s) int, anchor indices
 
 
 def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
-    """Return S_A,m: every subset of ``size`` of the found anchors, as rows of anchor indices in ascending order.
+    """Return S_A,m: all subsets with ``size`` of the found anchors, as rows of anchor indices in ascending order.
 
-    found (5,) bool: anchors found in both frames. Return (C(N_A, size), size) int64. With fewer anchors than ``size``,
-    this is one subset with all of them; without anchors it is a (0, size) array. Three suffice (paper, Section IV-D).
+    found (5,) bool: anchors found in both frames. Return (C(N_A, size), size) int64. If fewer anchors than ``size``
+    were found, one subset has all of them; without anchors the result is a (0, size) array.
     """
     if size < 1:
         raise ValueError(f"size must be at least 1, got {size}")
@@ -75,11 +72,10 @@ def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
 
 
 def error_bound(descriptor: np.ndarray, subsets: np.ndarray, config: GateConfig) -> np.ndarray:
-    """Return e_max (m, s) float32 in metres for every node and subset of anchors, linear in distance (paper, Section
-    V).
+    """Return e_max (m, s) float32 in metres for every node and subset of anchors (paper, Section V).
 
-    descriptor (m, 5) metres; subsets (s, n_s) of anchor indices, whose mean distance counts. NaN or inf where a
-    distance is missing or unreachable: an unknown distance has no bound.
+    descriptor (m, 5) metres; subsets (s, n_s) of anchor indices. The bound is linear in the mean distance to a subset's
+    anchors. It is NaN or inf if a distance is missing or unreachable: an unknown distance has no bound.
     """
     distance = np.asarray(descriptor, dtype=np.float32)[:, subsets].mean(axis=2)
     return config.anchor_bound_m + config.surface_bound_per_m * distance
@@ -93,15 +89,15 @@ def match_hypotheses(
     predicted_m: np.ndarray | None = None,
     config: GateConfig | None = None,
 ) -> Hypotheses:
-    """Match every source node under every subset of anchors: return the node of psi closest to the average position of
-    psi.
+    """Match every source node under every subset of anchors.
 
-    source_descriptor (m, 5), target_descriptor (n, 5) float32 metres; NaN (missed anchor) and inf (unreachable) are
-    never within the gate. subsets (s, n_s) of ``anchor_subsets``. predicted_m (m, 3) world: where each source node is
-    expected in the target frame; psi is then searched within ``search_radius_m`` of it, and a node whose prediction is
-    NaN has no match. Without predictions psi is searched on the whole surface, as in the paper, which is about four
-    times slower. psi(v) holds the nodes whose descriptor distance over the subset is below ``error_bound``. Source: the
-    paper, Section IV (error analysis: psi and its average) and Section V (track tree construction).
+    psi(v) is the set of target nodes whose descriptor distance from source node v, over the subset, is below
+    ``error_bound``. The match is the node of psi closest to the average position of psi. source_descriptor (m, 5),
+    target_descriptor (n, 5) float32 metres; NaN (missed anchor) and inf (unreachable) are never within the gate.
+    subsets (s, n_s): from ``anchor_subsets``. predicted_m (m, 3) world: the expected place of each source node in the
+    target frame; psi is then searched within ``search_radius_m`` of it, and a node whose prediction is NaN has no
+    match. Without predictions psi is searched on the whole surface, as in the paper, which is about four times slower.
+    Source: the paper, Section IV (error analysis) and Section V (track tree construction).
     """
     config = config or GateConfig()
     _refuse_mismatch(source_descriptor, target_surface, target_descriptor, subsets, predicted_m)
@@ -122,9 +118,9 @@ def match_hypotheses(
 
 
 def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> Hypotheses:
-    """Match each node by position: the nearest node of the target within ``search_radius_m``, else missed.
+    """Match each node by position: to the nearest node of the target within ``search_radius_m``, else it is missed.
 
-    No anchors are used, so the only subset is empty.
+    No anchors are used, so there is one subset, which is empty.
     """
     match = np.full((len(source), 1), -1, np.int32)
     if len(source) and len(target):
@@ -134,16 +130,16 @@ def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> 
 
 
 class Matcher:
-    """The matches of one frame's nodes in the next frame, each computed when it is first needed: with several cameras
-    the track tree reaches only half of the nodes.
+    """The matches of one frame's nodes in the next frame. Each is computed on first use: with several cameras, the
+    track tree reaches only half of the nodes.
     """
 
     def __init__(self, find: Callable[[np.ndarray], np.ndarray], node_count: int, subsets: np.ndarray) -> None:
-        """Make a matcher. find: function that returns the matches (k, s) of nodes (k,) by each of s subsets; the match
-        of a node must not depend on the other nodes.
+        """Make a matcher. find: function that returns the matches (k, s) of nodes (k,) under each of s subsets; the
+        match of a node must not depend on the other nodes.
         """
         self.subsets = subsets
-        # as in ``Hypotheses``; also -1 where not computed yet
+        # as in ``Hypotheses``; also -1 before it is computed
         self.match = np.full((node_count, len(subsets)), -1, np.int32)
         self.cost_m = np.zeros((node_count, len(subsets)), np.float32)  # cost of each match beside its distance, metres
         self._asked = np.zeros(node_count, dtype=bool)

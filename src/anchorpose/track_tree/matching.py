@@ -11,44 +11,38 @@ from anchorpose.body.nearest_skin import Voxels
 
 
 class Target(NamedTuple):
-    """Nodes that may be matched, voxel by voxel: points_m (n, 3), distances to the anchors (n, 5), float32."""
+    """Nodes that may be matched, sorted by voxels."""
 
-    points_m: np.ndarray
-    distances: np.ndarray
+    points_m: np.ndarray  # (n, 3) float32
+    distances: np.ndarray  # (n, 5) float32, distances to the anchors
 
 
 class Balls(NamedTuple):
-    """The balls in which matches are searched, one per source node.
+    """The balls in which matches are searched, one per source node."""
 
-    centres (m, 3) float32; radius; low, high (m, 3) int64: the first and last voxels that each ball touches; high[0] is
-    -1 where it touches no voxel or has no centre; order (m,) int64: the nodes, grouped by voxels.
-    """
-
-    centres: np.ndarray
+    centres: np.ndarray  # (m, 3) float32
     radius: float
-    low: np.ndarray
-    high: np.ndarray
-    order: np.ndarray
+    low: np.ndarray  # (m, 3) int64, the first voxel along each axis that the ball touches
+    high: np.ndarray  # (m, 3) int64, the last voxel; first number -1 if the ball touches no voxel or has no centre
+    order: np.ndarray  # (m,) int64, the source nodes, grouped by voxels
 
 
 class Scratch(NamedTuple):
-    """Memory for the search of one node. spots (n,), distances (5, n): the target nodes in the ball's voxels, and their
-    distances to the anchors; close (n,): bit set of the anchors to which a target node has a similar distance as the
-    source node; near (n + 1,), offset2 (5, n + 1): nodes in the ball, and their squared differences of distance; psi (n
-    + 1,), distance2 (n,): nodes within the gate of a subset.
-    """
+    """Memory for the search of one node."""
 
-    spots: np.ndarray
-    distances: np.ndarray
-    close: np.ndarray
-    near: np.ndarray
-    offset2: np.ndarray
-    psi: np.ndarray
-    distance2: np.ndarray
+    spots: np.ndarray  # (n,) target nodes in the ball's voxels
+    distances: np.ndarray  # (5, n) their distances to the anchors
+    close: np.ndarray  # (n,) bit set of the anchors to which target node and source node have similar distances
+    near: np.ndarray  # (n + 1,) target nodes in the ball
+    offset2: np.ndarray  # (5, n + 1) their squared differences of distance from the source node
+    psi: np.ndarray  # (n + 1,) nodes within the gate of a subset
+    distance2: np.ndarray  # (n,)
 
 
 def sort_balls(centres: np.ndarray, radius: float, voxels: Voxels) -> Balls:
-    """Sort balls of one radius (inf: everywhere) around centres (m, 3) float32 (NaN: nowhere)."""
+    """Sort balls of one radius around centres (m, 3) float32. Radius inf: the ball contains all nodes; centre NaN:
+    none.
+    """
     last_voxel = voxels.shape - 1
     low, high = np.zeros((len(centres), 3), np.int64), np.tile(last_voxel, (len(centres), 1))
     if radius < np.inf:
@@ -64,7 +58,7 @@ def sort_balls(centres: np.ndarray, radius: float, voxels: Voxels) -> Balls:
 
 
 def hold_subset(subsets: np.ndarray, anchors: int) -> np.ndarray:
-    """Return (2**anchors,) bool: whether a bit set of anchors contains one of the subsets (s, n_s)."""
+    """Return (2**anchors,) bool: whether each bit set of anchors contains at least one of the subsets (s, n_s)."""
     needed, held = (1 << subsets).sum(axis=1), np.arange(1 << anchors)
     enough: np.ndarray = ((held[:, None] & needed) == needed).any(axis=1)
     return enough
@@ -83,8 +77,8 @@ def match_all(
     """Return the match (m, s) int32 of each source node under each subset, -1 = none.
 
     source (m, 5) float32: distances to the anchors; limit2 (m, s) float32: the squared gate; subsets (s, n_s) int64;
-    enough: result of ``hold_subset``. Nodes whose balls touch the same voxels are processed together, so that their
-    targets are laid out once.
+    enough: from ``hold_subset``. Nodes whose balls touch the same voxels are processed together, so that their targets
+    are copied only once.
     """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     low, high, points = balls.low, balls.high, target.points_m
@@ -112,8 +106,7 @@ def match_all(
 
 @njit(cache=True)
 def _pick(source: np.ndarray, largest: np.float32, enough: np.ndarray, laid_out: int, scratch: Scratch) -> int:
-    """Fill psi with those of the laid-out target nodes that may be within the gate of any subset, and return their
-    number.
+    """Fill psi with the copied target nodes that may be within the gate of any subset, and return their number.
 
     source (5,) float32: the distances of the source node; largest: its largest squared gate.
     """
@@ -138,7 +131,7 @@ def _scratch(count: int, anchors: int) -> Scratch:
 
 @njit(cache=True)
 def _largest(limits2: np.ndarray) -> np.float32:
-    """Return the largest finite gate, 0 without a finite gate."""
+    """Return the largest finite squared gate, 0 without a finite gate."""
     largest = np.float32(0.0)
     for limit2 in limits2:
         if np.isfinite(limit2):
@@ -148,7 +141,7 @@ def _largest(limits2: np.ndarray) -> np.float32:
 
 @njit(cache=True)
 def _lay_out(low: np.ndarray, high: np.ndarray, voxels: Voxels, target: np.ndarray, scratch: Scratch) -> int:
-    """Fill spots with the target nodes in some voxels, and distances with their distances, anchor by anchor; return the
+    """Copy the target nodes in some voxels to spots and their distances, anchor by anchor, to distances; return the
     number of nodes.
     """
     start, shape, count = voxels.start, voxels.shape, 0
@@ -178,7 +171,7 @@ def _compare(
 def _within(
     offset2: np.ndarray, subset: np.ndarray, limit2: np.float32, count: int, distance2: np.ndarray, psi: np.ndarray
 ) -> int:
-    """Fill psi with the near nodes that are within the gate of one subset; return their number."""
+    """Fill psi with the nodes in the ball that are within the gate of one subset; return their number."""
     distance2[:count] = 0.0
     for k in subset:
         for c in range(count):
@@ -192,7 +185,7 @@ def _within(
 
 @njit(cache=True)
 def _middle(points: np.ndarray, near: np.ndarray, psi: np.ndarray, size: int, order: np.ndarray) -> int:
-    """Return the member of psi nearest to its average position, -1 where psi is empty."""
+    """Return the node of psi nearest to the average position of psi, -1 if psi is empty."""
     x, y, z = 0.0, 0.0, 0.0
     for m in range(size):
         spot = near[psi[m]]

@@ -1,7 +1,7 @@
 """Register every body part separately, by ICP from the predicted pose, as in the paper (Section IV).
 
-In all arrays of points the rows of a part are contiguous: part k has rows start[k] to start[k + 1], start (k + 1,)
-int64.
+In all arrays of points, the rows of a part are contiguous. Part k has the rows start[k] to start[k + 1]; start is
+(parts + 1,) int64.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from anchorpose.camera import transform_points
 from anchorpose.rotations import COLLINEAR_RATIO, ONE_PLACE_M2, rotate, rotation_matrices
 from anchorpose.surface.surface import Nodes
 
-LEAST_PAIRS: Final = 6  # pairs of a part; with fewer pairs, a rigid motion follows the noise of single nodes
+LEAST_PAIRS: Final = 6  # fewest pairs of a part; with fewer, a rigid motion follows the noise of single nodes
 PAIR_ROUNDS: Final = 8  # rounds of reweighting the pairs; the fit settles in five
-LEAST_SCALE_M: Final = 0.01  # m; pairs whose residual is below the spacing of nodes are equally good
+LEAST_SCALE_M: Final = 0.01  # m, least scale of residuals: pairs with less than the spacing of nodes are equally good
 # m, sigma of a node's distance from its part's skin: clothes, sensor, and shared errors of neighbours
 SURFACE_SIGMA_M: Final = 0.02
-# radians, with SHIFT_SIGMA_M the sigma of a step away from the pairs: unconstrained directions must not slide
+# rad and m, sigma of the rotation and of the shift of a step: so a part does not slide in unconstrained directions
 TURN_SIGMA: Final = 0.15
-SHIFT_SIGMA_M: Final = 0.02  # metres, see TURN_SIGMA
-ALIKE: Final = 0.5  # cosine of 60 degrees between normals: excludes the other side of a limb
+SHIFT_SIGMA_M: Final = 0.02
+ALIKE: Final = 0.5  # least cosine between normals (60 degrees): excludes the other side of a limb
 
 
 @njit(cache=True)
@@ -39,7 +39,7 @@ def fit_pairs(
     transforms (k, 4, 4).
 
     skin_m, matched_m (n, 3) float64, metres. robust: whether pairs are reweighted, starting from the prediction, by
-    Cauchy's function of the residual divided by its median, so that mismatches have no influence.
+    Cauchy's function of the residual over the median residual, so that mismatches have little influence.
     """
     fitted = np.zeros(len(transforms), np.bool_)
     for k in range(len(transforms)):
@@ -58,7 +58,7 @@ def fit_pairs(
 
 @njit(cache=True)
 def _weigh(source: np.ndarray, target: np.ndarray, T: np.ndarray, weight: np.ndarray) -> None:
-    """Fill weight (n,) by the residuals under a motion."""
+    """Fill weight (n,) from the residuals of the pairs under a motion."""
     for row in range(len(source)):
         squared = 0.0
         for axis in range(3):
@@ -74,7 +74,7 @@ def _weigh(source: np.ndarray, target: np.ndarray, T: np.ndarray, weight: np.nda
 
 @njit(cache=True)
 def _fit_rigid(source: np.ndarray, target: np.ndarray, share: np.ndarray, T: np.ndarray) -> bool:
-    """Fill T (4, 4) as ``fit_rigid_transform`` does; return False, with T unchanged, where the points are collinear."""
+    """Fill T (4, 4) as ``fit_rigid_transform`` does; return False, with T unchanged, if the points are collinear."""
     source_mean, target_mean, spread = np.zeros(3), np.zeros(3), np.zeros((3, 3))
     for row in range(len(source)):
         for axis in range(3):
@@ -117,10 +117,10 @@ def plane_steps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Take one step of point-to-plane ICP.
 
-    Return the step (k, 6), which is a rotation about the centre and a translation, NaN where too few nodes are near;
-    and the centre (k, 3). nearest (n,): the node nearest to each point of the skin; near (n,) bool: whether this node
-    is within reach. The plane's normal is the mean of both normals, as in ``surface_constraints``; parts do not move in
-    directions without a constraint.
+    Return the step (k, 6), a rotation about the centre and a translation, NaN if too few nodes are near; and the centre
+    (k, 3). nearest (n,): the node nearest to each point of the skin; near (n,) bool: whether this node is within reach.
+    The plane's normal is the mean of both normals, as in ``surface_constraints``. Parts do not move in directions
+    without a constraint.
     """
     steps, centres = np.full((len(start) - 1, 6), np.nan), np.zeros((len(start) - 1, 3))
     planes, rows = np.empty((len(near), 4)), np.empty(len(near), np.int64)
@@ -137,7 +137,7 @@ def plane_steps(
 
 @njit(cache=True)
 def _plane(moved: Oriented, row: int, nodes: Oriented, node: int, plane: np.ndarray) -> bool:
-    """Fill plane (4,) with its unit normal and the point's distance off it; return False where the normals differ too
+    """Fill plane (4,) with its unit normal and the point's distance from it; return False if the normals differ too
     much.
     """
     alike, squared = 0.0, 0.0
@@ -179,17 +179,15 @@ def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.
 
 
 ITERATIONS: Final = 5  # iterations of ICP after the pairs
-REACH_M: Final = 0.06  # m, a limb's radius; farther nodes belong to the next limb
+REACH_M: Final = 0.06  # m, a limb's radius; farther nodes belong to another limb
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartRegistration:
-    """The motion T_next_now (b, 4, 4) of every bone's part; registered (b,) bool: False where the prediction was
-    kept.
-    """
+    """The motion of every part from frame t to frame t + 1."""
 
-    T_next_now: np.ndarray
-    registered: np.ndarray
+    T_next_now: np.ndarray  # (b, 4, 4) motion of each bone's part
+    registered: np.ndarray  # (b,) bool, False if the prediction was kept
 
 
 def register_parts(
@@ -201,13 +199,13 @@ def register_parts(
     iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> PartRegistration:
-    """Register each part, first by the pairs of the global hypothesis, then by the nearest nodes: tau-hat = ICP(tau,
-    phi).
+    """Register each part, first by the pairs of the global hypothesis, then by the nearest nodes: the paper's tau-hat =
+    ICP(tau, phi).
 
-    skin: points of the body's skin in frame t; part (n,): their bone index; matched_m (n, 3): their places in t+1 by
-    the tree, NaN where no match was found; surface: surface of frame t+1; T_predicted (b, 4, 4): predicted motion of
-    each part; iterations: number of ICP iterations after the pairs; robust: whether pairs that do not fit lose their
-    influence. The skin is registered and not the last frame's nodes, whose errors would accumulate. A part that is
+    skin: points of the body's skin in frame t; part (n,): their bone; matched_m (n, 3): their places in frame t + 1 by
+    the tree, NaN without a match; surface: surface of frame t + 1; T_predicted (b, 4, 4): predicted motion of each
+    part; iterations: number of ICP iterations after the pairs; robust: whether pairs that do not fit lose their
+    influence. The skin is registered instead of the last frame's nodes, whose errors would accumulate. A part that is
     hardly seen keeps its prediction, and ``registered`` is False.
     """
     order = np.argsort(part, kind="stable")
@@ -226,8 +224,8 @@ def register_parts(
 
 
 def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.ndarray, iterations: int) -> np.ndarray:
-    """Refine the transforms (k, 4, 4) of the parts, whose rows begin at start (k + 1,), by ICP, in place; return (k,)
-    bool: the parts that moved.
+    """Refine the transforms (k, 4, 4) of the parts in place by ICP; return (k,) bool: the parts that moved. start (k +
+    1,): where the rows of each part begin.
 
     A part stops moving at the first step with too few nodes near it.
     """
@@ -247,8 +245,8 @@ def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.nd
 
 
 def joints_of_parts(asset: BodyAsset, body: BodyMesh, T_world_rest: np.ndarray) -> np.ndarray:
-    """Return the joints (21, 3), metres, by the rule J: each joint is the mean of its places on its two adjacent
-    parts.
+    """Return the joints (21, 3), metres, by the rule J: each joint is the mean of its places on the two parts that it
+    joins.
     """
     bones = joint_bones(asset)
     rest = body.rest_joints()

@@ -1,4 +1,4 @@
-"""Search the track tree for the chain of hypotheses over N_Tr frames that follows the prediction best (paper, Section
+"""Search the track tree for the chain of hypotheses over N_Tr frames that is nearest to the prediction (paper, Section
 IV).
 """
 
@@ -17,39 +17,33 @@ from anchorpose.settings import Count, Positive, settings
 
 @settings
 class TreeConfig:
-    """Settings of the tree. missed_cost_m: cost of a frame without a match; max_branches: number of visited branches
-    above which a tree is pruned.
-    """
+    """Settings of the tree."""
 
-    missed_cost_m: Positive = 0.10  # m per frame, twice the anchor bound; a branch that costs more is not a match
-    # most branches that are visited; on 3650 nodes with ten noisy subsets, exact searches visited fewer than 50
+    missed_cost_m: Positive = 0.10  # m, cost of a frame without a match: twice the anchor bound
+    # most branches visited per tree before it is pruned; on 3650 nodes with ten noisy subsets, exact searches visited
+    # fewer than 50
     max_branches: Count = 200
 
 
 class Support(IntEnum):
     """The kind of support for a node's place in the next frame."""
 
-    MATCHED = 0  # a hypothesis on the best branch
-    TOO_FAR = 1  # the place is the prediction, since all hypotheses lead too far away from it
+    MATCHED = 0  # the place is a hypothesis on the best branch
+    TOO_FAR = 1  # the place is the prediction, since all hypotheses are too far away from the prediction
     NO_HYPOTHESIS = 2  # the place is the prediction, since no subset of anchors finds the node in the next frame
-    UNKNOWN = 3  # there is no place, since there is no prediction by which to choose
+    UNKNOWN = 3  # the place is unknown, since there is no prediction by which to choose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackResult:
-    """The global hypothesis: the first link of each source node's best branch.
+    """The global hypothesis: the first link of each source node's best branch."""
 
-    match (m,) int32: node of the next surface, -1 = missed. score (m,) float32: the best branch's sum of distances to
-    the prediction, metres, smaller is better; NaN where the prediction is unknown. subset (m,) int32: column of the
-    match among the hypotheses, -1 = missed. support (m,) int8 of ``Support``. pruned: number of trees above the size
-    limit, whose branch is good but not proven to be the best.
-    """
-
-    match: np.ndarray
+    match: np.ndarray  # (m,) int32, node of the next surface, -1 = missed
+    # (m,) float32 m, the best branch's sum of distances to the prediction, smaller is better; NaN without a prediction
     score: np.ndarray
-    subset: np.ndarray
-    support: np.ndarray
-    pruned: int
+    subset: np.ndarray  # (m,) int32, column of the match among the hypotheses, -1 = missed
+    support: np.ndarray  # (m,) int8 of ``Support``
+    pruned: int  # number of trees above the size limit; their branch is good, but perhaps not the best
 
 
 def best_branches(
@@ -62,15 +56,16 @@ def best_branches(
     """Score every branch, R = sum of ed(node, predicted node) over the levels, and keep the best branch of each source
     node.
 
-    matches: level l holds (n_l, s_l) int, the match in surface l + 1 of each node of surface l under each subset, -1 =
-    missed; surface 0 is the source, and levels may have different numbers of subsets. positions_m: level l holds the
-    (n_(l+1), 3) nodes of surface l + 1, world. predicted_m (m, depth, 3): where each source node should be, level by
-    level; NaN = unknown. costs_m: for each entry of matches, (n_l, s_l) metres to add to the distance, such as the
-    dissimilarity of the two nodes; None = nothing is added. A missed node has no children: its branch ends and costs
-    ``missed_cost_m`` for each remaining level, and every branch may be given up at this cost. The search is branch and
-    bound: children are visited in order of distance, and a branch is left as soon as it cannot win. So the optimum is
-    exact unless the tree is pruned. Ties go to the lower subset. Raises ValueError where the shapes do not fit or a
-    match points outside its surface.
+    matches: entry l is (n_l, s_l) int, the match in surface l + 1 of each node of surface l under each subset, -1 =
+    missed; surface 0 is the source, and levels may have different numbers of subsets. positions_m: entry l is (n_(l+1),
+    3), the nodes of surface l + 1, world. predicted_m (m, depth, 3): predicted place of each source node, level by
+    level; NaN = unknown. costs_m: for each entry of matches, (n_l, s_l) metres added to the distance, such as the
+    dissimilarity of the two nodes; None = nothing is added.
+
+    A missed node has no children: its branch ends and costs ``missed_cost_m`` for each remaining level. Every branch
+    may be given up at this cost. The search is branch and bound: children are visited in order of distance, and a
+    branch is left as soon as it cannot win. So the optimum is exact unless the tree is pruned. Of equal branches, the
+    lower subset is taken. Raises ValueError if the shapes do not fit or a match points outside its surface.
     """
     _check(matches, positions_m, predicted_m)
     costs = [np.zeros(level.shape, np.float32) for level in matches] if costs_m is None else costs_m
@@ -89,7 +84,7 @@ def best_branches(
 
 
 def _as_wide(matches: Sequence[np.ndarray], dtype: type = np.int32) -> np.ndarray:
-    """Join all levels, (sum of n_l, widest s_l), with missed entries where a level has fewer subsets."""
+    """Join all levels to (sum of n_l, largest s_l); a level with fewer subsets is padded with missed entries."""
     wide = np.full((sum(map(len, matches)), max(level.shape[1] for level in matches)), -1, dtype=dtype)
     row = 0
     for level in matches:
@@ -131,7 +126,7 @@ def _children(
     """List distinct children by increasing distance to ``target`` plus extra cost (insertion sort, stable); return
     their number.
 
-    If several subsets lead to the same child, the cheapest counts; on a tie, the lower subset.
+    If several subsets lead to the same child, the cheapest counts; if they cost the same, the lower subset.
     """
     count = 0
     for s in range(len(row)):
@@ -155,26 +150,24 @@ def _children(
 
 
 class _Levels(NamedTuple):
-    """All levels one after another: matches (sum of n_l, s) int32, rows of level l from first[l]; costs_m and
-    positions_m in the same way.
-    """
+    """All levels, one after another."""
 
-    matches: np.ndarray
-    costs_m: np.ndarray
-    first: np.ndarray
+    matches: np.ndarray  # (sum of n_l, s) int32
+    costs_m: np.ndarray  # (sum of n_l, s)
+    first: np.ndarray  # first row of each level in ``matches`` and ``costs_m``
     positions_m: np.ndarray
-    first_node: np.ndarray
+    first_node: np.ndarray  # first row of each level in ``positions_m``
 
 
 class _Branch(NamedTuple):
-    """The branch under search, by level: children by increasing cost, their number, the next child, the cost so far."""
+    """The branch under search. Each array has one row or entry per level."""
 
-    node: np.ndarray
-    cost: np.ndarray
-    subset: np.ndarray
-    children: np.ndarray
-    following: np.ndarray
-    so_far: np.ndarray
+    node: np.ndarray  # children by increasing cost
+    cost: np.ndarray  # their costs
+    subset: np.ndarray  # their subsets
+    children: np.ndarray  # number of children
+    following: np.ndarray  # the next child to visit
+    so_far: np.ndarray  # cost of the branch up to this level
 
 
 @njit(cache=True)
@@ -210,14 +203,14 @@ def _search(
 def _best_branch(
     levels: _Levels, branch: _Branch, predicted: np.ndarray, missed_cost: np.float32, max_branches: int
 ) -> tuple[int, np.float32, int]:
-    """Return the first child of the best branch (-1: missed), its score, and the number of visited branches."""
+    """Return the index of the best branch's first child (-1: missed), its score, and the number of visited branches."""
     depth = len(predicted)
     best = np.float32(depth * missed_cost)  # cost if all levels are missed
     chosen, visited, level = -1, 0, 0
     while level >= 0:
         k = branch.following[level]
         if k >= branch.children[level] or branch.so_far[level] + branch.cost[level, k] >= best:
-            level -= 1  # children come by increasing cost: the rest cannot be better
+            level -= 1  # children are sorted by cost, so the remaining children cannot be better
             continue
         total = branch.so_far[level] + branch.cost[level, k]
         branch.following[level] += 1
@@ -237,7 +230,7 @@ def _best_branch(
 
 @njit(cache=True)
 def _open_level(levels: _Levels, branch: _Branch, level: int, row: int, target: np.ndarray) -> None:
-    """List the children of the node in a row of the matches, nearest to ``target`` first."""
+    """List the children of the node in a row of the matches, the child nearest to ``target`` first."""
     nodes = levels.positions_m[levels.first_node[level] : levels.first_node[level + 1]]
     branch.following[level] = 0
     matches, extra = levels.matches[row], levels.costs_m[row]

@@ -1,8 +1,8 @@
 """Follow every bystander with a rough body, so that each pixel is compared with all predicted skins.
 
 Remembered skin alone cannot separate a therapist's forearm from the patient's forearm that it passes or holds, and a
-mistake repeats itself in later frames. A body can separate them, since an arm is attached to one person only (Section
-III, transient occlusion).
+mistake persists in later frames. Bodies can separate the arms, since an arm is attached to one person only (paper,
+Section III, transient occlusion).
 """
 
 from __future__ import annotations
@@ -62,48 +62,42 @@ ROUGHLY: Final = RegistrationConfig(
 )
 """A third of the patient's nodes and steps."""
 
-WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # uncertainty of the next pose of a walking person
+WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # uncertainty of a walking person's next pose
 
 TALLEST_CHILD_M: Final = 1.5  # a taller person has an adult's proportions
-STATURE_STEP_M: Final = 0.05  # m, error of a stature that is estimated from one frame
+STATURE_STEP_M: Final = 0.05  # m, statures are rounded to this step, the error of a stature estimated from one frame
 HEIGHT_SIGMA_M: Final = 0.01  # m, uncertainty of a child's height; small, so that the given height is kept
-LEAST_EXPLAINED: Final = 0.75  # share of a person's nodes that the body must explain; with less, no body is used
+LEAST_EXPLAINED: Final = 0.75  # least share of a person's nodes that the body must explain, else no body is used
 # largest share of a trunk that a camera may see past: rough bodies are a few centimetres off
 MOST_TRUNK_PAST: Final = 0.25
-# share of a limb that a camera may see past; one limb may exceed it, since it may be misplaced
+# largest share of a limb that a camera may see past; one limb may exceed it, since it may be misplaced
 MOST_LIMB_PAST: Final = 0.5
 LEAST_NODES: Final = 150  # fewest nodes to start following a person: a third of a person's front at 4 m
-SKIN_SIGMA_M: Final = 0.03  # m, uncertainty of predicted skin: clothes, hair, and a body of ordinary shape
-GROWTH_M_S: Final = 0.4  # m/s, growth of that uncertainty with time: a hand moves faster than predicted
-DAMPING: Final = 0.8  # factor by which the last movement is continued: movements slow down
-FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between failing searches for a body; doubled each time
+SKIN_SIGMA_M: Final = 0.03  # m, uncertainty of predicted skin: clothes, hair, and an average body shape
+GROWTH_M_S: Final = 0.4  # m/s, growth of SKIN_SIGMA_M with time: a hand moves faster than predicted
+DAMPING: Final = 0.8  # share of the last movement that the prediction continues, since movements slow down
+FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between failed searches for a body, doubled from the first to the longest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystander:
-    """A bystander with a body: label, shape and pose.
-
-    change (POSE_SIZE,): change of the pose in the last ``elapsed_s``. hidden_s: time in which too little of the person
-    was seen to fit the body.
-    """
+    """A bystander with a body."""
 
     label: int
     body: Body
     belief: PoseBelief
-    change: np.ndarray
-    elapsed_s: float
-    hidden_s: float = 0.0
+    change: np.ndarray  # (POSE_SIZE,) change of the pose in the last ``elapsed_s``
+    elapsed_s: float  # s between the last two fits
+    hidden_s: float = 0.0  # s since enough of the person was seen to fit the body
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """A bystander for whom no body was found: number of frames until the next search, and until the search after that
-    if it fails.
-    """
+    """A bystander for whom no body was found yet."""
 
     label: int
-    wait: int
-    pause: int
+    wait: int  # number of frames until the next search
+    pause: int  # number of frames from that search to the one after it, if it fails
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +142,7 @@ def bystanders_placed(
 def first_bystanders(
     fitted: Mapping[int, RoughPerson | None], views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> Bystanders:
-    """Return the bystanders of an initial frame from the rough bodies that were fitted to each label."""
+    """Return the bystanders of an initial frame from the rough body of each label."""
     now = each(
         lambda label: _begun(label, fitted[label], person_evidence(views, cameras, label)) or _failed(label),
         _labels(views),
@@ -162,8 +156,7 @@ def follow_bystanders(
     """Return the bystanders of the next frame, from the pixels with each person's label.
 
     A body that no longer explains the person's pixels is dropped and searched for again. A hidden person is kept for
-    ``MEMORY_S``, as long as no camera sees past the body. So a person who reappears there is this bystander, not the
-    patient.
+    ``MEMORY_S``, unless a camera sees past the body, so that the person is recognised when reappearing there.
     """
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
@@ -199,9 +192,9 @@ def label_by_bodies(
     bystanders: Bystanders,
     cameras: Sequence[Camera],
 ) -> tuple[View | None, ...]:
-    """Label the pixels of an initial frame again, by the bodies that were fitted to the first labels.
+    """Label the pixels of an initial frame again, by the bodies that were fitted with the first labels.
 
-    Where people touch, the first labels may give an arm or leg to the wrong person; the bodies correct it.
+    Where people touch, the first labels may assign an arm or leg to the wrong person; the bodies correct this.
     """
     posed = Bystander(PixelLabel.PATIENT, patient.body, patient.found.belief, np.zeros(POSE_SIZE), 1.0)
     likelihood = bystander_likelihood(Bystanders((posed, *bystanders.followed)), body_points(), 0.0)
@@ -224,9 +217,7 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
     """Return the nodes of one person, to which a body can be fitted. The outline is left out, since half of it is an
-    occluder's edge.
-
-    Nodes are closer together where few pixels show the person.
+    occluder's edge. The fewer pixels show the person, the closer are the nodes.
     """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
@@ -237,8 +228,8 @@ def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], lab
 
 
 def _is_person(body: Body, pose: Pose, evidence: Evidence) -> bool:
-    """Return whether the pixels are a person: no camera sees past the body. Without this check they may be a part of
-    another person.
+    """Return whether the pixels show a whole person: no camera sees past the body that was fitted to them. Otherwise
+    they may be a part of another person.
     """
     past = np.nan_to_num(seen_past(body.points, pose_points(body, pose), evidence.views, evidence.cameras))
     return bool(past[TRUNK] <= MOST_TRUNK_PAST and (np.delete(past, TRUNK) > MOST_LIMB_PAST).sum() <= 1)
@@ -254,7 +245,7 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
 
 
 def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander | None:
-    """Keep a hidden person where the body was last; return None where a camera sees past the body, or after
+    """Keep a hidden person at the last place of the body; return None if a camera sees past the body, or after
     ``MEMORY_S``.
     """
     hidden_s = one.hidden_s + abs(elapsed_s)
@@ -264,15 +255,15 @@ def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander |
 
 
 class RoughPerson(NamedTuple):
-    """A rough body: a person's body of ordinary shape, and its registered pose."""
+    """A body of average shape that was registered to a person."""
 
     body: Body
     found: Registration
 
 
 def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughPerson | None:
-    """Fit a body of ordinary shape and of the person's seen stature to the person with this label; return None if too
-    little is seen.
+    """Fit a body of average shape and of the person's visible stature to the person with this label; return None if
+    too little of the person is seen.
     """
     evidence, matches = person_evidence(views, cameras, label), matches_of(views, cameras, label)
     if len(evidence.surface) < LEAST_NODES or len(matches) < LEAST_MATCHES:
@@ -281,16 +272,15 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
     body = ordinary_body(body_points(), round(person.stature_m / STATURE_STEP_M))
     pose = find_rough_pose(body, evidence, person, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
-    if found.found and not _is_person(body, found.belief.pose, evidence):  # the descriptor named some limbs wrongly
+    # the descriptor may have assigned skin to a wrong limb
+    if found.found and not _is_person(body, found.belief.pose, evidence):
         found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
     return RoughPerson(body, found) if found.found else None
 
 
 @lru_cache(maxsize=16)
 def ordinary_body(points: SkinPoints, steps: int) -> Body:
-    """Build the body of an adult or a child from the height alone. steps: the height, in units of
-    ``STATURE_STEP_M``.
-    """
+    """Build the average body of a height, of an adult or a child. steps: the height in units of ``STATURE_STEP_M``."""
     height_m = steps * STATURE_STEP_M
     if height_m >= TALLEST_CHILD_M:
         return build_body(points, shape_of_height(points.asset, height_m))
@@ -298,7 +288,7 @@ def ordinary_body(points: SkinPoints, steps: int) -> Body:
 
 
 def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystander | None:
-    """Start following a person with a rough body; return None where the body does not explain the person."""
+    """Start following a person with a rough body; return None if the body does not explain the person."""
     if person is None:
         return None
     body, found = person
@@ -308,5 +298,5 @@ def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystan
 
 
 def _ahead(one: Bystander, points: SkinPoints, elapsed_s: float) -> Pose:
-    """Predict a bystander's pose ``elapsed_s`` after the last fit, if the movement continues slightly slower."""
+    """Predict a bystander's pose ``elapsed_s`` after the last fit: the last movement continues, slightly slower."""
     return one.belief.pose.moved(DAMPING * elapsed_s / one.elapsed_s * one.change, points.moving)

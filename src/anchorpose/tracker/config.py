@@ -30,8 +30,8 @@ HEIGHTS_M: Final = (1.2, 2.2)  # m; a height outside is beyond the shape model a
 class Method(StrEnum):
     """The method that turns a frame's matches into a pose."""
 
-    ARTICULATED = "articulated"  # all parts of the learnt body are registered at once, joined to each other
-    PARTS = "parts"  # the paper's method: every part separately, from frame to frame
+    ARTICULATED = "articulated"  # all parts of the learnt body are registered together, linked by its joints
+    PARTS = "parts"  # the paper's method: each body part is registered separately, from one frame to the next
 
 
 @settings
@@ -41,10 +41,10 @@ class FollowConfig:
     look_ahead: Count = 3  # N_Tr, depth of the track tree in frames (paper, Section V)
     tree_nodes: Count = 800  # source nodes of the track tree: 40 per body part
     history: Count = 12  # frames kept for the motion dynamics
-    samples: Count = 16  # frames read beforehand to find the background and the people who stay
-    lost_sigma_m: Positive = 0.25  # m, half a forearm; a joint with a larger sigma is lost, not estimated
+    samples: Count = 16  # frames read before tracking, to find the background and the people who stay
+    lost_sigma_m: Positive = 0.25  # m, half a forearm; a joint with a larger sigma is reported as lost
     lost_after_s: Positive = 1.0  # s without any evidence, after which the whole patient is searched for again
-    bystanders: bool = True  # follow other people, each with a body; False: only remember where their skin was
+    bystanders: bool = True  # fit a body to each other person and follow it; False = only remember their last skin
 
 
 @settings
@@ -55,11 +55,11 @@ class TrackConfig:
     start: int = 0  # first frame to track
     stop: int | None = None  # frame before which tracking stops; None = the end
     smooth: bool = False  # also track backward in time and combine both passes; takes twice as long, not for live use
-    height_m: float | None = None  # m, the patient's standing height; None = that of recording.json, or unknown
-    patient_xz_m: tuple[float, float] | None = None  # m, x and z of the patient on the floor; None = to be found
-    # number of the frame in which the patient stands there; None = the first with a person there
+    height_m: float | None = None  # m, the patient's standing height; None = the height in recording.json, if any
+    patient_xz_m: tuple[float, float] | None = None  # m, x and z of the patient on the floor; None = found by tracking
+    # number of the frame in which the patient is at patient_xz_m; None = the first frame with a person there
     patient_frame: int | None = None
-    motions: str | None = None  # file of reference movements; None = those that ship with the package
+    motions: str | None = None  # file of reference movements; None = the file that ships with the package
     clocks: ClockConfig = field(default_factory=ClockConfig)
     placing: PlacingConfig = field(default_factory=PlacingConfig)
     equipment_pose: EquipmentPoseConfig = field(default_factory=EquipmentPoseConfig)
@@ -81,7 +81,7 @@ class TrackConfig:
         if self.start < 0 or (self.stop is not None and self.stop <= self.start):
             raise ValueError(f"start must not be negative and stop must come after it, got {self.start} to {self.stop}")
         if self.patient_frame is not None and self.patient_xz_m is None:
-            raise ValueError("patient_frame says when the patient is at patient_xz_m, which is not given")
+            raise ValueError("patient_frame is given without patient_xz_m; give the patient's place as well")
         if self.patient_xz_m is not None and not np.abs(self.patient_xz_m).max() <= FARTHEST_CAMERA_M:
             raise ValueError(f"patient_xz_m is in metres, up to {FARTHEST_CAMERA_M:g}, got {self.patient_xz_m}")
         shortest, tallest = HEIGHTS_M

@@ -35,48 +35,39 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 
-TOO_UNCERTAIN: Final = "no joint is known to the width of half a forearm"
+TOO_UNCERTAIN: Final = "every joint is more uncertain than half a forearm's length"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """The estimate of one frame: joints_m (21, 3) and sigma_m (21,), NaN where lost; states; the pose, None where lost.
-
-    observation and shape are None where the patient was not found or not searched for. matched_share: share of the
-    nodes that have a match in this frame, None without matching (in the first frame, or where nothing is seen).
-    explanation: how well the pose explains the depth images, None where lost. why_lost: why all joints are lost, else
-    empty. poor: why depth images are too poor for joints, else empty. moved: whether limbs were found elsewhere than in
-    earlier frames. ends: lost hands and feet, as in ``lost_ends``. rivals: other poses that explain the images almost
-    as well. shown: the joint states by the images alone; a joint that is lost only because its sigma is too large keeps
-    the state hidden.
-    """
+    """The estimate of one frame."""
 
     frame_set: FrameSet
-    observation: Observation | None
-    belief: PoseBelief | None
-    shape: FittedShape | None
-    explained: float
-    joints_m: np.ndarray
-    sigma_m: np.ndarray
+    observation: Observation | None  # None if the patient was not found or not searched for
+    belief: PoseBelief | None  # None if the patient is lost
+    shape: FittedShape | None  # None if the patient was not found or not searched for
+    explained: float  # 0 to 1, share of the surface that the body explains
+    joints_m: np.ndarray  # (21, 3) world, NaN for lost joints
+    sigma_m: np.ndarray  # (21,), NaN for lost joints
     states: tuple[JointState, ...]
+    # share of the nodes that have a match in this frame; None without matching (first frame, or nothing seen)
     matched_share: float | None = None
-    explanation: Explanation | None = None
-    why_lost: str = ""
-    poor: tuple[PoorDepth, ...] = ()
-    moved: bool = False
-    ends: frozenset[int] = frozenset()
-    rivals: tuple[Rival, ...] = ()
+    explanation: Explanation | None = None  # how well the pose explains the depth images; None if the patient is lost
+    why_lost: str = ""  # why all joints are lost; empty if they are not
+    poor: tuple[PoorDepth, ...] = ()  # why depth images are too poor for joints
+    moved: bool = False  # whether limbs were found in another place than earlier frames suggested
+    ends: frozenset[int] = frozenset()  # lost hands and feet, as in ``lost_ends``
+    rivals: tuple[Rival, ...] = ()  # other poses that explain the images almost as well
+    # joint states from the images alone: a joint that is lost only because its sigma is too large is hidden here
     shown: tuple[JointState, ...] = ()
 
 
 class Earlier(NamedTuple):
-    """State carried over from earlier frames. rivals: other poses that explain the images almost as well; ends: lost
-    hands and feet; unseen_s (PARTS, 2): seconds since each part of a limb was seen, as in ``vague_belief``.
-    """
+    """The state that earlier frames pass on to an estimate."""
 
-    rivals: Sequence[Rival] = ()
-    ends: frozenset[int] = frozenset()
-    unseen_s: np.ndarray | None = None
+    rivals: Sequence[Rival] = ()  # other poses that explain the images almost as well
+    ends: frozenset[int] = frozenset()  # lost hands and feet
+    unseen_s: np.ndarray | None = None  # (PARTS, 2) s since each part of a limb was seen, as in ``vague_belief``
 
 
 _NOTHING_OPEN: Final = Earlier()
@@ -109,8 +100,8 @@ def estimate_of(
 ) -> Estimate:
     """Estimate the joints by the rule J, their states from the depth images, and their sigma from the posterior.
 
-    corrected: joints that a reviewer placed. Where the images contradict a corrected place, the joint is hidden, not
-    lost, and its sigma is at least its distance from that place.
+    corrected: joints that a reviewer placed. If the images contradict the reviewer's place, the joint counts as hidden,
+    not as lost, and its sigma covers its distance from that place.
     """
     belief, evidence = registration.belief, observation.evidence
     posed = pose_points(body, belief.pose)
@@ -153,13 +144,13 @@ def _sigma(
     config: TrackConfig,
     earlier: Earlier,
 ) -> np.ndarray:
-    """Return sigma_m (21,): from the posterior, then larger by each thing that the posterior does not know."""
+    """Return sigma_m (21,): from the posterior, then increased by each error that the posterior does not include."""
     evidence, uncertainty = observation.evidence, config.uncertainty
     noises = [None if pieces is None else pieces.sensor.noise for pieces in observation.pieces]
     noise = noise_covariance(body, belief, evidence, noises, config.registration)
     patch_m = finest_patch_m(evidence, noises)
     sigma = joint_sigma(body, posed, belief.covariance, uncertainty, noise, patch_m)
-    # the covariance trusts the pose before it; a hidden part is known only as well as people keep still
+    # the posterior trusts the pose of the frame before; but people move, so a hidden part gets more uncertain with time
     sigma = frame_alone_sigma(
         body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
     )
@@ -172,8 +163,8 @@ def _sigma(
 def _as_placed(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, corrected: CorrectedJoints
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
-    """Return states and sigma_m (21,) of joints that a reviewer placed: hidden, not lost, and sigma at least their
-    distance from that place.
+    """Return all states and sigma_m (21,). Joints that a reviewer placed are hidden instead of lost, and their sigma
+    covers their distance from the reviewer's place.
     """
     placed, sigma_m = set(corrected.joint.tolist()), sigma_m.copy()
     away_m = np.linalg.norm(joints_m[corrected.joint] - corrected.position_m, axis=1)
@@ -186,7 +177,7 @@ def _as_placed(
 
 
 def displaced(estimate: Estimate, displaced_m: float) -> Estimate:
-    """Add a displacement to sigma. displaced_m: by how much errors of the camera poses displace the patient, in any
+    """Add the error of the camera poses to sigma. displaced_m: distance by which it displaces the patient, in any
     direction.
     """
     if not displaced_m:
@@ -201,7 +192,7 @@ def _details(observation: Observation) -> list[DepthDetail | None]:
 def _smeared_sigma(
     body: Body, pose: Pose, observation: Observation, sigma_m: np.ndarray, config: TrackConfig
 ) -> np.ndarray:
-    """Return sigma_m (21,), increased where every camera that shows the patient has filters that blur depth edges."""
+    """Return sigma_m (21,), increased if every camera that shows the patient has filters that blur depth edges."""
     edges = []
     for view, detail in zip(observation.evidence.views, _details(observation), strict=True):
         distance_m = None if view is None else distance_of(view)
@@ -223,9 +214,7 @@ def _states(
     poor: Sequence[PoorDepth | None],
     config: TrackConfig,
 ) -> tuple[JointState, ...]:
-    """Return the joint states. A joint is ``observed`` only if it is seen by a camera that resolves limbs; otherwise it
-    is hidden.
-    """
+    """Return the joint states. A joint that only cameras with too coarse depth see is hidden, not ``observed``."""
 
     def by(views: Sequence[View | None]) -> tuple[JointState, ...]:
         return joint_states(body.points, posed, explanation.covering, views, evidence.cameras, config.visibility)

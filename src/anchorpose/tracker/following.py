@@ -18,16 +18,16 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, find_start
 
-# frames between failed searches, doubled each time: a search takes as long as thirty frames
+# frames between failed searches, doubled from the first to the longest: a search takes as long as thirty frames
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15
 
 
 def follow_patient(run: Run, frames: Iterable[FrameSet], known: FittedShape | None) -> Iterator[Estimate]:
-    """Yield an estimate for every frame, in order. The patient is lost until found, and is searched for again after a
-    loss.
+    """Yield an estimate for every frame, in order. The patient counts as lost until found, and is searched for again
+    after a loss.
 
-    frames: all frames in the order of time, or against it; the first should be the room's initial frame. known: the
-    learnt shape; None where it is still to be learnt.
+    frames: all frames, forward or backward in time; the first should be the room's initial frame. known: the learnt
+    shape; None before learning.
     """
     choice = run.room.initial_frame.choice if run.room.initial_frame else None
     for estimate, _ in follow_openly(run, frames, choice, known):
@@ -44,7 +44,7 @@ def follow_openly(
     """Follow the patient from any frame, and yield the tracker with each estimate; see ``follow_patient``.
 
     choice: where the patient stands in the first frame, None if no patient is to be searched for; begin: the patient as
-    already found in the first frame.
+    found in the first frame, None if not searched for yet.
     """
     follower = Follower(run, choice, known, begin)
     for frame_set in frames:
@@ -54,13 +54,11 @@ def follow_openly(
 
 class Follower:
     """The state of following one patient, one frame at a time; it can be stored between two frames
-    (``tracker.journal``).
-
-    tracker: None while no patient is followed; the other arguments are those of ``follow_openly``.
+    (``tracker.journal``). The arguments are those of ``follow_openly``.
     """
 
     run: Run
-    tracker: PatientTracker | None
+    tracker: PatientTracker | None  # None while no patient is followed
     _choice: PatientChoice | None
     _known: FittedShape | None
     _begin: Start | None
@@ -79,7 +77,7 @@ class Follower:
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
-        """Yield the estimates that this frame completes: that of the frame itself, or those of earlier frames."""
+        """Yield the estimates that are complete with this frame: of this frame, or of earlier frames."""
         if self.tracker is not None:
             yield from self._follow(self.tracker, frame_set)
         else:
@@ -93,7 +91,7 @@ class Follower:
         return empty_memory() if self._search is None else self._search.memory
 
     def finish(self) -> Iterator[Estimate]:
-        """Yield the estimates of the last frames, whose look-ahead is cut off by the end of the recording."""
+        """Yield the estimates of the last frames; their look-ahead ends with the recording."""
         if self.tracker is not None:
             yield from self.tracker.finish()
 
@@ -130,7 +128,7 @@ class Follower:
 
 
 def _poor_at(choice: PatientChoice | None, frame_set: FrameSet, run: Run) -> tuple[PoorDepth, ...]:
-    """Return why depth is too poor to find joints where a lost patient should be; empty where that place is unknown."""
+    """Return why depth is too poor to find joints at the patient's place; empty if it is good or no place is known."""
     if choice is None:
         return ()
     place = np.array([choice.ground_xz_m[0], 0.0, choice.ground_xz_m[1]])

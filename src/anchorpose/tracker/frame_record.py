@@ -1,6 +1,4 @@
-"""Make the stored record of a frame: joints, pose, anchors, person labels, nearness of other people, explained
-share.
-"""
+"""Make the stored record of a frame: joints, pose, anchors, person labels, nearness of other people and others."""
 
 from __future__ import annotations
 
@@ -32,22 +30,18 @@ LEAST_BONE_M: Final = 1e-6  # m; a shorter bone counts as missing
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
-    """The stored values of one frame: joints; pose; how well the pose explains the depth images; anchors; share of
-    matched nodes; nearness of other people (None where the patient is lost); problems of the depth images; why the
-    patient is lost (else empty); why depth is too poor for joints (else empty); gaps to the equipment (None where the
-    patient is lost or the equipment unknown).
-    """
+    """The stored values of one frame."""
 
     joints: JointFrame
     body: BodyPose
-    explained: ExplainedFrame
+    explained: ExplainedFrame  # how well the pose explains the depth images
     anchors: AnchorFrame
-    matched_share: float | None
-    near: Nearness | None
-    problems: tuple[str, ...]
-    why_lost: str = ""
-    poor: tuple[PoorDepth, ...] = ()
-    gaps: EquipmentGaps | None = None
+    matched_share: float | None  # share of the nodes that have a match; None without matching
+    near: Nearness | None  # nearness of other people; None if the patient is lost
+    problems: tuple[str, ...]  # problems of the depth images
+    why_lost: str = ""  # why the patient is lost; empty if not
+    poor: tuple[PoorDepth, ...] = ()  # why depth is too poor for joints
+    gaps: EquipmentGaps | None = None  # gaps to the equipment; None if the patient is lost or there is no equipment
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,13 +53,13 @@ class TrackedFrame:
 
 
 Kept = TrackedFrame | PassResult | tuple[TrackedFrame, PassResult]
-"""What a pass stores of a frame: alone, or as one of two passes that are combined."""
+"""The values that a pass stores for a frame; they differ between a single pass and one of two passes to combine."""
 
 
 def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
-    """Return the record of an estimate. body: the learnt body, None where no body is learnt.
+    """Return the record of an estimate. body: the learnt body, None if no body was learnt.
 
-    The record of a frame that a reviewer marked as unusable has no values; its problems state why.
+    If a reviewer marked the frame as unusable, the record has no values; ``problems`` states why.
     """
     frame_set = estimate.frame_set
     joints = JointFrame(
@@ -141,7 +135,7 @@ def _near(estimate: Estimate, body: Body | None, run: Run) -> Nearness | None:
 
 
 def _gaps(estimate: Estimate, body: Body | None, near: Nearness | None, run: Run) -> EquipmentGaps | None:
-    """Measure the gaps between body and equipment, with the joints' uncertainty; None where either is unknown."""
+    """Measure the gaps between body and equipment, with the joints' uncertainty; None if either is unknown."""
     equipment, belief, seen = run.room.recording.equipment, estimate.belief, estimate.observation
     if body is None or belief is None or seen is None or near is None or equipment is None:
         return None
@@ -154,9 +148,7 @@ def _gaps(estimate: Estimate, body: Body | None, near: Nearness | None, run: Run
 def body_pose(
     body: Body | None, frame: int, time_s: float, pose: Pose | None, axial_sigma_rad: np.ndarray | None
 ) -> BodyPose:
-    """Return the bones of a pose in the world; all are NaN without a pose. axial_sigma_rad (21,): None where
-    unknown.
-    """
+    """Return the bones of a pose in the world; all are NaN without a pose. axial_sigma_rad (21,): None if unknown."""
     count = len(MOVING_BONES)
     head_m, quaternion, sigma = np.full((count, 3), np.nan), np.full((count, 4), np.nan), np.full(count, np.nan)
     if body is not None and pose is not None:
@@ -171,7 +163,7 @@ def body_pose(
 def axial_sigma(body: Body, pose: Pose, covariance: np.ndarray, inflation: float) -> np.ndarray:
     """Return (21,) radians: standard deviation of each bone's rotation about its long axis, relative to its parent.
 
-    covariance (POSE_SIZE, POSE_SIZE): covariance of the pose; inflation: as for the joints (``UncertaintyConfig``).
+    covariance (POSE_SIZE, POSE_SIZE): covariance of the pose; inflation: factor on sigma, as in ``UncertaintyConfig``.
     """
     mesh, moving = body.mesh, body.points.moving
     along = mesh.bone_tails[moving] - mesh.bone_heads[moving]
@@ -185,7 +177,7 @@ def axial_sigma(body: Body, pose: Pose, covariance: np.ndarray, inflation: float
 
 
 def anchor_frame(estimate: Estimate) -> AnchorFrame:
-    """Return the anchors of the surface; all are missed where no patient was searched for."""
+    """Return the anchors of the surface; all are missed if no patient was searched for."""
     anchors = no_anchors() if estimate.observation is None else estimate.observation.anchors
     return AnchorFrame(estimate.frame_set.frame, estimate.frame_set.time_s, anchors.position_m, anchors.sigma_m)
 

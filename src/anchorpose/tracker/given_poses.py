@@ -1,9 +1,8 @@
-"""Check the camera poses that a recording gives before tracking: by the floor, by the equipment and by the other
-cameras.
+"""Check the camera poses that a recording gives, before tracking: by floor, equipment and the other cameras.
 
 If poses are contradicted by far more than noise, the recording is refused; a smaller contradiction is noted and
 increases every sigma. A single camera can be checked only by floor and equipment. If it sees neither, a wrong pose
-stays unnoticed and displaces all joints alike.
+remains unnoticed and displaces all joints equally.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
 
-# share of one camera's error by which joints are displaced if other cameras see the patient, too
+# share of one camera's error that displaces the joints if other cameras see the patient, too
 AMONG_OTHERS: Final = 0.5
 REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
@@ -36,18 +35,16 @@ MOVED: Final = "the cameras agree with each other, so it stands elsewhere than e
 
 @dataclass(frozen=True, slots=True)
 class PosesAsked:
-    """The results of checking all camera poses. pairs: the comparison of every two cameras, empty if no pose is given;
-    doubts: all contradictions.
-    """
+    """The results of checking all camera poses."""
 
-    pairs: tuple[CameraPair, ...]
-    doubts: tuple[PoseDoubt, ...]
+    pairs: tuple[CameraPair, ...]  # the comparison of every two cameras; empty if no pose is given
+    doubts: tuple[PoseDoubt, ...]  # all contradictions
 
 
 def agreeing_poses(
     recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> Calibration:
-    """Return the calibration with minor contradictions noted; raises InputError where a given pose cannot be right."""
+    """Return the calibration with notes on minor contradictions; raises InputError if a given pose cannot be right."""
     asked = ask_poses(recording, calibration, clocks, scenes, samples)
     _refuse_contradicted(recording, asked, scenes)
     notes = (*calibration.notes, *(f"{doubt.sentence}; the given pose is used" for doubt in asked.doubts))
@@ -59,10 +56,10 @@ def agreeing_poses(
 def ask_poses(
     recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> PosesAsked:
-    """Return the calibration's doubts about camera poses, and the doubts that cameras raise about each other.
+    """Return all doubts about the camera poses: those of the calibration, and contradictions between cameras.
 
     scenes: one per camera, with the poses that are used; samples: frames of all cameras, on one clock. Poses that were
-    found, not given, are checked in ``calibration``.
+    found instead of given are checked in ``calibration``.
     """
     found = calibration.doubts
     if len(scenes) < 2 or not any(pose.source is PoseSource.GIVEN for pose in calibration.poses):
@@ -76,8 +73,8 @@ def ask_poses(
 
 
 def _excused(doubt: PoseDoubt) -> PoseDoubt:
-    """Remove the consequences of a doubt that the equipment raises about a camera. Call it where all cameras agree with
-    each other: then the equipment was moved.
+    """Return a doubt without its consequences if the equipment raised it. Call this only if all cameras agree with each
+    other: then the equipment was moved, not a camera.
     """
     if doubt.source is not DoubtSource.EQUIPMENT:
         return doubt
@@ -85,7 +82,7 @@ def _excused(doubt: PoseDoubt) -> PoseDoubt:
 
 
 def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequence[Scene]) -> None:
-    """Raise InputError where poses are contradicted by far more than noise; it states what contradicts, by how much,
+    """Raise InputError if poses are contradicted by far more than noise; it states what contradicts them, by how much,
     and a remedy.
     """
     refuted = [doubt for doubt in asked.doubts if doubt.refuted]
@@ -110,8 +107,8 @@ def remedy_of(doubt: PoseDoubt) -> str:
 
 
 def exchanged_cameras(scenes: Sequence[Scene]) -> tuple[str, str] | None:
-    """Return two cameras whose rooms fit those of all other cameras if the poses and lenses of the two are exchanged;
-    else None.
+    """Return the names of two cameras such that all rooms agree once the poses and lenses of both are exchanged; None
+    if there are no such cameras.
     """
     for a, b in combinations(range(len(scenes)), 2):
         first, second = scenes[a].camera, scenes[b].camera

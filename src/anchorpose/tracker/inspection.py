@@ -28,36 +28,32 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-# most frames from the initial to the inspected frame, half a minute of work; beyond it a nearer start is used
+# most frames from the initial to the inspected frame, half a minute of work; if there are more, a nearer start is used
 MOST_FOLLOWED = 60
-NEARBY, NEARBY_SAMPLES = 45, 10  # frames before the inspected one, and how many of them are tried as initial frame
+# length of the range of frames before the inspected frame, and number of these frames that are tried as initial frame
+NEARBY, NEARBY_SAMPLES = 45, 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Next:
-    """The next tracked frame: its observation, the links of every node to it, and the best branches."""
+    """The frame after the inspected frame, and the matches with it."""
 
     observation: Observation
-    links: Hypotheses
-    hypothesis: GlobalHypothesis
+    links: Hypotheses  # the links of every node to the next frame
+    hypothesis: GlobalHypothesis  # the best branches
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inspection:
-    """The results of every stage for one frame.
-
-    observation: the stages up to geodesics, None where no patient could be searched for. estimate: None where the
-    patient was not found. next: None where the recording ends here or the patient was not found. height_m: the height
-    that scales anchor distances. account: sentences on what was done and why results are missing.
-    """
+    """The results of every stage for one frame."""
 
     room: Room
     frame_set: FrameSet
-    observation: Observation | None
-    estimate: Estimate | None
-    next: Next | None
-    height_m: float
-    account: tuple[str, ...]
+    observation: Observation | None  # the stages up to geodesics; None if no patient could be searched for
+    estimate: Estimate | None  # None if the patient was not found
+    next: Next | None  # None if the recording ends here or the patient was not found
+    height_m: float  # the height that scales anchor distances
+    account: tuple[str, ...]  # sentences about the steps taken and the reasons for missing results
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +72,7 @@ class InspectedCamera:
 
     @property
     def time_s(self) -> float:
-        """Return when the depth image was taken, on the reference clock."""
+        """Return the time of the depth image on the reference clock."""
         return self.inspection.frame_set.time_s
 
     @property
@@ -109,11 +105,11 @@ def inspect_frame(
 ) -> Inspection:
     """Return the results of all stages for the frame with this number.
 
-    as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does; the joints are then the
-    same to the last digit, and it takes as long. Otherwise tracking starts at a nearby frame with a first guess of the
-    body. config.patient_xz_m: where the patient stands, in the initial frame with as_tracked, else in the inspected
-    frame. tick is called for every frame that is read. Raises InputError where the recording has no frame with this
-    number.
+    as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does; this takes as long as
+    ``track``, and the joints are the same to the last digit. Otherwise tracking starts at a nearby frame with a first
+    guess of the body. config.patient_xz_m: where the patient stands; with as_tracked in the initial frame, otherwise in
+    the inspected frame. tick is called for every frame that is read. Raises InputError if the recording has no frame
+    with this number.
     """
     position, room = position_of(recording, frame), prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
@@ -167,8 +163,8 @@ def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None
 
 
 def _initial_frames_nearby(route: Route, position: int, room: Room, config: TrackConfig) -> list[InitialFrame]:
-    """Return the frames where tracking may start: the recording's initial frame if it is near, else the best frames
-    before the inspected frame; then the inspected frame itself.
+    """Return the frames where tracking may start: the recording's initial frame if it is near, otherwise the best frame
+    before the inspected frame; last, the inspected frame itself.
     """
     here = _choose(route, [position], room, config)
     if config.patient_xz_m is not None or room.initial_frame is None:
@@ -181,16 +177,14 @@ def _initial_frames_nearby(route: Route, position: int, room: Room, config: Trac
 
 
 def _choose(route: Route, positions: Sequence[int], room: Room, config: TrackConfig) -> list[InitialFrame]:
-    """Rank some frames as initial frames, as ``track`` does; empty where no patient is seen."""
+    """Choose the best initial frame among some frames, as ``track`` does; an empty list if no patient is seen."""
     sightings = [sight_people(frame_set, room.scenes) for frame_set in route.frames(positions)]
     equipment, place = room.recording.equipment, config.patient_xz_m
     return list(rank_initial_frames(positions, sightings, equipment, place, room.cameras)[:1])
 
 
 def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedShape | None, run: Run) -> _Reached | None:
-    """Follow the patient from an initial frame to the one at ``position``; None where the patient is not found
-    there.
-    """
+    """Follow the patient from an initial frame to the frame at ``position``; None if the patient is not found there."""
     frames = route.frames(_course(initial.frame, position, route, run))
     for estimate, tracker in follow_openly(run, frames, initial.choice, shape):
         if tracker is None and shape is None:
@@ -203,8 +197,8 @@ def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedSha
 
 
 def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
-    """Return the positions of the frames to track: from the first frame to the inspected frame and its look-ahead,
-    within the tracked range.
+    """Return the positions of the frames to track: from ``first`` to the inspected frame and its look-ahead, within the
+    tracked range.
     """
     initial = run.room.initial_frame.frame if run.room.initial_frame else position
     direction = 1 if position >= initial else -1

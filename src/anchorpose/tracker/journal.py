@@ -1,17 +1,20 @@
-"""Store the frames of a run while it runs, so that a killed run can continue: values become bytes, in blocks that are
-checked on reading.
+"""Store the frames of a run while it runs, in blocks that are checked on reading, so that a killed run can continue.
 
-The bytes cannot name any code to run: the class of an object follows from the annotation of the attribute that holds
-it. Every stored class therefore declares its attributes (dataclasses and named tuples do so anyway). A value is stored
-as a JSON tree. Null, booleans, numbers and texts are themselves, a member of an enumeration is its value, and a
-container is a list. Anything else is a JSON object with one key: ``{"Pose": {"root_m": ...}}`` is an object of a class,
-``{"again": 3}`` is the fourth stored object once more, ``{"shared": "run"}`` is an object that the reader has,
-``{"array": 5}`` is an array; the keys ``number`` and ``bytes`` mark a numpy scalar and bytes, both stored as an array.
-Objects and arrays keep their identity within one value, containers do not.
+Reading runs no code from a file: the class of an object follows from the type annotation of the attribute that holds
+it. So every stored class declares its attributes, as dataclasses and named tuples do. A value is stored as a JSON tree.
+Null, booleans, numbers and texts are stored as they are, a member of an enumeration as its value, and a container as a
+list. Anything else is a JSON object with one key:
+
+- ``{"Pose": {"root_m": ...}}`` is an object of the class Pose;
+- ``{"again": 3}`` is the fourth stored object once more;
+- ``{"shared": "run"}`` is an object that the reader already has;
+- ``{"array": 5}`` is an array; with the key ``number`` or ``bytes``, it stands for a numpy scalar or for bytes.
+
+An object or array that occurs twice in a value is one object again after reading; a container becomes two.
 
 The digest of a file covers its name. Each pass stores its frames in blocks and, with each block, the state that the
-next frame needs. A run always continues from the values that it stored and read back, so that a killed and resumed run
-has the same numbers as an uninterrupted run.
+next frame needs. A run always continues from values that were stored and read back, so that a resumed run has the same
+numbers as an uninterrupted run.
 """
 
 from __future__ import annotations
@@ -44,7 +47,7 @@ ALSO: Final = {float: (int, np.floating, np.integer), int: (np.integer,), bool: 
 
 
 def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) -> None:
-    """Write a value at the end of ``stream``. shared: objects by name, of which only the name is stored."""
+    """Write a value at the end of ``stream``. shared: objects by name; only their names are stored."""
     writer = _Writer(shared)
     tree = np.frombuffer(json.dumps(writer.node(value), separators=(",", ":")).encode(), np.uint8)
     for array in (tree, *writer.arrays):
@@ -52,10 +55,9 @@ def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) ->
 
 
 def read_value(stream: BytesIO, kind: Any, shared: Mapping[str, object]) -> Any:
-    """Read a value that ``write_value`` wrote, from the present position to the end of ``stream``, as the type
-    ``kind``.
+    """Read a value of the type ``kind`` that ``write_value`` wrote, from the present position to the end of ``stream``.
 
-    Raises ValueError where the content is not such a value.
+    Raises ValueError if the content is not such a value.
     """
     try:
         tree, *arrays = _read_arrays(stream)
@@ -85,7 +87,7 @@ class _Writer:
         if value is None or type(value) in (bool, int, float, str):
             return value
         if isinstance(value, Enum):
-            return value.value  # a field declared as a number or a text may hold a member of an enumeration
+            return value.value  # a field that is declared as a number or a text may hold a member of an enumeration
         if isinstance(value, dict):
             return [[self.node(key), self.node(item)] for key, item in value.items()]
         if isinstance(value, deque):
@@ -199,7 +201,7 @@ COUNT: Final = "count"
 class Journal:
     """A folder of stored values by name; each file is either complete or absent, and is checked when it is read.
 
-    Reading runs no code from the file. shared: objects of the run by name; a resumed run makes them again, so only
+    Reading runs no code from the file. shared: objects of the run by name; a resumed run creates them again, so only
     their names are stored.
     """
 
@@ -216,9 +218,9 @@ class Journal:
         return Journal(folder, self.shared)
 
     def require_whole(self, other: Collection[str] = ()) -> None:
-        """Check all stored values, also in subfolders. other: names of files that ``write`` did not store.
+        """Check all stored values, also in subfolders. other: names of files to skip, which ``write`` did not store.
 
-        Raises InputError where a file is damaged, or was stored under another name.
+        Raises InputError if a file is damaged or was stored under another name.
         """
         for path in sorted(self.folder.rglob("*")):
             place = path.relative_to(self.folder)
@@ -239,8 +241,8 @@ class Journal:
     def read(self, name: str, kind: Any) -> Any:
         """Read the value of this name, which is of the type ``kind``.
 
-        Raises KeyError where no value of this name is stored, InputError where the file is damaged or holds a value of
-        another type.
+        Raises KeyError if no value of this name is stored, InputError if the file is damaged or the value has another
+        type.
         """
         path = self.folder / name
         if not is_there(path):
@@ -253,14 +255,14 @@ class Journal:
             raise self.damaged(name) from error
 
     def _stored(self, name: str) -> bytes:
-        """Return the content of a file; raises InputError where it is damaged, or was stored under another name."""
+        """Return the content of a file; raises InputError if it is damaged or was stored under another name."""
         data = read_whole(self.folder / name, LARGEST_ARRAYS, self._remedy)
         if self._digest(name, memoryview(data)[DIGEST_BYTES:]) != data[:DIGEST_BYTES]:
             raise self.damaged(name)
         return data
 
     def _digest(self, name: str, data: memoryview) -> bytes:
-        """Return the digest of a file's content and name: a block that was copied to another name is refused."""
+        """Return the digest of a file's content and name, so that a block copied to another name is refused."""
         digest = DIGEST(f"{self.folder.name}/{name}\n".encode())
         digest.update(data)
         return digest.digest()
@@ -270,7 +272,7 @@ class Journal:
         return f"remove {self.folder} and give the same command again"
 
     def damaged(self, name: str) -> InputError:
-        """Return the error for an unusable value: everything stored with it has to be made again."""
+        """Return the error for a damaged file: everything in its folder has to be computed again."""
         return InputError(self.folder / name, "is damaged", self._remedy)
 
     def once(self, name: str, kind: Any, make: Callable[[], Item]) -> Item:
@@ -289,7 +291,7 @@ class Blocks(Generic[Item]):
     """The frames of one pass in order, several per file; only the frames of one file are in memory."""
 
     def __init__(self, journal: Journal, kind: Any) -> None:
-        """Take ``kind``, the type of a stored frame."""
+        """Use ``kind`` as the type of a stored frame."""
         self._journal, self._kind = journal, kind
 
     def has(self, number: int) -> bool:
@@ -307,9 +309,7 @@ class Blocks(Generic[Item]):
         self._journal.write(_block_name(number), items)
 
     def write_count(self, count: int) -> None:
-        """Store the number of blocks, so that a lost last block is noticed. It is needed where nothing else states this
-        number.
-        """
+        """Store the number of blocks, so that a lost last block is noticed. Needed if it is not stored elsewhere."""
         self._journal.write(COUNT, count)
 
     def _count(self) -> int:
@@ -319,9 +319,7 @@ class Blocks(Generic[Item]):
             return 0
 
     def read(self, backward: bool = False) -> Iterator[Item]:
-        """Yield all frames, in the order of the pass or in reverse order; raises InputError where a block is
-        missing.
-        """
+        """Yield all frames, in the order of the pass or in reverse; raises InputError if a block is missing."""
         paths = sorted(self._journal.folder.glob("*.frames"), reverse=backward)
         self.require(max(len(paths), self._count()))
         for path in paths:
@@ -336,7 +334,7 @@ def _block_name(number: int) -> str:
 def write_whole(path: Path, data: bytes | memoryview) -> None:
     """Write a file so that it holds either all of ``data`` or its earlier content, even after a power cut.
 
-    Raises InputError where the folder is gone, OSError with the folder's name where the disk is full.
+    Raises InputError if the folder was removed, OSError with the folder's name if the disk is full.
     """
     partial = path.with_name(path.name + ".partial")
     try:

@@ -31,15 +31,13 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
-# times as many frames of a window are kept as are used; the most different poses among them are used
+# frames kept per frame used in a window; the frames with the most different poses are used
 CANDIDATES: Final = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """The part of a frame's estimate that is kept until its window is learnt from; a whole estimate is three times as
-    large.
-    """
+    """The values of a frame that are kept to learn from; a whole estimate is three times as large."""
 
     time_s: float
     belief: PoseBelief
@@ -59,29 +57,24 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherFacing:
-    """The person facing the other way in the first frame learnt from. behind: how much less likely this is, nats."""
+    """The less likely facing of the patient in the first frame learnt from, with the body learnt for it."""
 
     pose: Pose
     shape: FittedShape
-    behind: float
+    behind: float  # nats by which this facing is less likely than the chosen one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearntPatient:
-    """The belief in the patient's shape, at the end of learning and after the first window.
+    """The belief in the patient's shape, and the pose in the first frame learnt from."""
 
-    seconds: the time learnt from. contradiction: how statements about the patient contradict the images, empty if they
-    do not. pose: the pose in frame number ``frame``, the first frame learnt from; turned: the person facing the other
-    way in that frame, with the body learnt for it, None where the images exclude it.
-    """
-
-    belief: ShapeBelief
-    first: ShapeBelief
-    seconds: float
-    pose: Pose
-    frame: int
-    contradiction: str = ""
-    turned: OtherFacing | None = None
+    belief: ShapeBelief  # at the end of learning
+    first: ShapeBelief  # after the first window
+    seconds: float  # s, length of the stretches learnt from
+    pose: Pose  # the pose in frame ``frame``
+    frame: int  # number of the first frame learnt from
+    contradiction: str = ""  # how the user's statements about the patient contradict the images; empty if they agree
+    turned: OtherFacing | None = None  # the opposite facing in that frame; None if the images exclude it
 
     @property
     def shape(self) -> FittedShape:
@@ -101,8 +94,8 @@ class Stretch(NamedTuple):
     """A part of the recording that the body is learnt from.
 
     choice: where the patient stands in its first frame; None if no patient is to be searched for. start: the patient as
-    already found in the first frame, else None. frames: function that reads the frames, forward or backward in time;
-    each call begins with the first frame.
+    found in the first frame; None if not searched for yet. frames: reads the frames, forward or backward in time; each
+    call begins with the first frame.
     """
 
     choice: PatientChoice | None
@@ -111,11 +104,11 @@ class Stretch(NamedTuple):
 
 
 def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | None:
-    """Return the patient's shape, or None where the patient is never found.
+    """Learn the patient's shape; return None if the patient is never found.
 
     Each stretch is followed for its share of ``learning.longest_s``, from the first frame in which the patient is
-    found. Tracking uses the shape learnt so far, and each window of frames refines it. For each facing, only the frames
-    of the first and of the last window are kept.
+    found. Meanwhile tracking uses the shape learnt so far, and each window of frames refines it. For each facing, only
+    the frames of the first and of the last window are kept.
     """
     learnt: LearntPatient | None = None
     for stretch in stretches:
@@ -125,19 +118,14 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Window:
-    """A window of frames to learn from at once.
-
-    seconds: time for which the patient was followed until its end. tracker: the tracker's state after the window, None
-    where tracking ends there. turned: the start in which the person faces the other way, None if the first frame
-    excludes it; frame: number of that frame. moved: the cost, in nats, of a body that turned round between two frames.
-    """
+    """A window of frames that the body is learnt from together."""
 
     kept: list[_Seen]
-    seconds: float
-    moved: float
-    tracker: PatientTracker | None
-    turned: Start | None
-    frame: int
+    seconds: float  # s from the stretch's first frame with the patient to the end of this window
+    moved: float  # nats, cost of the moves in which the body turned round between two frames of this window
+    tracker: PatientTracker | None  # the tracker after this window; None if tracking ended
+    turned: Start | None  # the start with the opposite facing in ``frame``; None if that frame excludes it
+    frame: int  # number of the stretch's first frame with the patient
 
 
 def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, run: Run) -> LearntPatient | None:
@@ -184,11 +172,11 @@ def _last(learning: _Learning) -> LearntPatient:
 
 
 def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
-    """Learn with either facing until one is decided; return the more probable patient, with the other one where the
-    whole stretch does not decide.
+    """Learn with both facings until one is clearly more probable, and return the more probable patient. If the whole
+    stretch does not decide, the result also has the other facing.
 
-    One frame may show too little to decide. A single body has to explain all windows and needs a human shape. With a
-    mistaken facing, the person seems to turn round at some time.
+    A single frame may show too little to decide. But with a mistaken facing, one body of human shape hardly explains
+    all windows, or the person seems to turn round at some time.
     """
     lead, mine, theirs = _compared(one, other, run)
     if theirs is None:
@@ -201,10 +189,10 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
 
 
 def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step, _Step | None]:
-    """Return by how much the first facing is likelier, believed nats, and the windows in which this is decided, or the
-    last ones; None where nobody who faces the other way can be followed.
+    """Return the lead of the first facing in nats, and the window of each facing in which the comparison ended. The
+    last value is None if nobody who faces the other way can be followed.
 
-    Errors of shape are common to all windows, so their mean counts, not their sum.
+    Errors of shape are common to all windows, so the mean over the windows counts, not the sum.
     """
     nats, moved, mine, theirs = list[float](), 0.0, next(one), next(other, None)
     while theirs is not None:
@@ -234,7 +222,7 @@ def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
 
 
 def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the log probability of the body's shape and of its facing in a window, nats."""
+    """Return the log probability, in nats, of the body's shape and of its facing in a window."""
     body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
     facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))
     return facing - 0.5 * shape_cost(learnt.shape, run.room.recording.subject, run.config)
@@ -245,7 +233,7 @@ def _windows(
 ) -> Iterator[_Window]:
     """Yield the frames of a stretch in windows; tracking continues when the next window is requested.
 
-    one_facing: end where the body turns round, since another pass has that facing.
+    one_facing: end where the body turns round, since another pass covers that facing.
     """
     learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
@@ -282,7 +270,7 @@ def _windows(
 
 
 def _turned(estimate: Estimate, tracker: PatientTracker, run: Run) -> Start | None:
-    """Return the start of a frame in which the person faces the other way, as in ``start_turned``."""
+    """Return the start with the opposite facing in a frame, as ``start_turned`` does."""
     if estimate.observation is None or tracker.turned is None:
         return None
     return start_turned(estimate.observation, tracker.turned, run.config)
@@ -295,7 +283,7 @@ def _moved(before: _Seen, after: _Seen) -> float:
 
 
 def _seen(estimate: Estimate, run: Run) -> _Seen | None:
-    """Return the kept values of a frame; None where no body explains it, or a reviewer marked it as unusable."""
+    """Return the kept values of a frame; None if no body explains it or a reviewer marked it as unusable."""
     if estimate.belief is None or estimate.shape is None or estimate.observation is None:
         return None
     if estimate.explained < LEAST_EXPLAINED or run.room.review.why_unusable(estimate.frame_set.frame) is not None:
@@ -304,7 +292,7 @@ def _seen(estimate: Estimate, run: Run) -> _Seen | None:
 
 
 def _fixed(window: _Window, run: Run) -> LearntPatient:
-    """Return the body of the first pose as the result, for settings without learning."""
+    """Return the body of the first pose unchanged, for settings without learning."""
     shape = window.kept[0].shape
     beliefs = known_beliefs(run.room.recording.subject, run.config)
     fixed = replace(likeliest(beliefs, shape), shape=shape)
@@ -317,7 +305,7 @@ def _apart_s(one: _Seen, other: _Seen) -> float:
 
 
 def _learn_more(learnt: LearntPatient | None, window: _Window, seconds: float, run: Run) -> LearntPatient:
-    """Learn from one more window. seconds: total time for which the patient was followed."""
+    """Learn from one more window. seconds: time for which the patient was followed, in all stretches so far."""
     with run.stage("body shape"):
         if learnt is None:
             return _learn_first(seconds, window, run)
@@ -326,9 +314,7 @@ def _learn_more(learnt: LearntPatient | None, window: _Window, seconds: float, r
 
 
 def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
-    """Learn from the first window. Where statements about the patient contradict the images, the statements are
-    ignored.
-    """
+    """Learn from the first window. Statements about the patient that contradict the images are ignored."""
     subject, config, kept = run.room.recording.subject, run.config, window.kept
     shape = kept[0].shape
 

@@ -19,32 +19,32 @@ from anchorpose.tracker.observation import Observation, is_described
 from anchorpose.tracker.room import Run
 
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing; a search takes as long as three frames
-# nats per limb; correctly tracked people, real and simulated, have more (``measure_named_places``)
+# nats; a limb below is confused with another limb; correctly tracked people have more (``measure_named_places``)
 MISNAMED: Final = -1.0
-MORE: Final = 1.5  # times the uncovered area left by the last search; a larger area starts a new search at once
-# m, anchor to limb end; a hand on a bar ends at the bar, so its anchor may be at the wrist or elbow
+MORE: Final = 1.5  # a new search starts at once if the uncovered area exceeds this multiple of the last search's
+# m, largest distance from anchor to limb end: at a bar the visible hand ends, so the anchor may be at wrist or elbow
 ELSEWHERE_M: Final = 0.25
 LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet
 
 
 class LimbWatch:
-    """The state by which it is decided when to search for limbs, and when a search would only cost time."""
+    """The state that decides when to search for limbs, and when a search would only cost time."""
 
     run: Run
-    search_wait: int
-    search_pause: int
-    left_uncovered_m2: float
+    search_wait: int  # frames until the next search for limbs
+    search_pause: int  # frames to wait after the next search if it finds nothing
+    left_uncovered_m2: float  # uncovered area after the last search without a result
 
     def __init__(self, run: Run) -> None:
         self.run = run
-        self.search_wait, self.search_pause = 0, SEARCH_PAUSE  # frames until the next search for limbs
-        self.left_uncovered_m2 = 0.0  # uncovered area after the last search without a result
+        self.search_wait, self.search_pause = 0, SEARCH_PAUSE
+        self.left_uncovered_m2 = 0.0
 
     def look(
         self, body: Body, found: Registration, explanation: Explanation, predicted: PoseBelief, seen: Observation
     ) -> Search | None:
-        """Search for limbs if seen skin stays uncovered or the descriptor assigns skin to another limb; else return
-        None.
+        """Search for limbs if the pose leaves seen skin uncovered, or if the descriptor assigns skin to another limb;
+        else return None.
 
         explanation: how well the registered pose explains the frame.
         """
@@ -58,8 +58,8 @@ class LimbWatch:
         return self._search(body, found, predicted, explanation, seen)
 
     def look_for_whole(self, body: Body, lost: Registration, predicted: PoseBelief, seen: Observation) -> Search | None:
-        """Search again for a body that explains nothing: it may have turned round, or its limbs may be elsewhere.
-        Return None if no search is due or it finds nothing.
+        """Search for another pose when the registered body explains nothing: it may face the opposite way, or its limbs
+        may be in other places. Return None if no search is due or it finds nothing.
         """
         self.search_wait -= 1
         config = self.run.config.registration
@@ -75,7 +75,7 @@ class LimbWatch:
     def _search(
         self, body: Body, found: Registration, predicted: PoseBelief, explanation: Explanation, seen: Observation
     ) -> Search:
-        """Run a search. After a search without a result the next search has to wait longer."""
+        """Run a search; after a search without a result, the next one waits longer."""
         config = self.run.config.registration
         search = search_limbs(body, found, predicted, seen.evidence, config, seen.seen_anchors)
         if search.taken:
@@ -108,7 +108,7 @@ def explained_by(body: Body, found: Registration, seen: Observation) -> Explanat
 def is_doubtful(
     body: Body, found: Registration, explanation: Explanation, seen: Observation, sources: Sequence[Source]
 ) -> bool:
-    """Return whether a limb may be elsewhere, by skin that the pose does not cover or by an anchor."""
+    """Return whether a limb may be misplaced: seen skin is uncovered, or an anchor is far from the limb's end."""
     if Source.SURFACE in sources and needs_search(explanation, bool(hidden_limbs(body, explanation))):
         return True
     away = contradicted_by(body, found.belief.pose, seen.anchors, ELSEWHERE_M)[LIMB_ENDS]

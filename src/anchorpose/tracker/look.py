@@ -1,7 +1,7 @@
 """Examine sampled frames before tracking: find people, recognise mirror images, and list possible initial frames.
 
-A person seen beyond a wall is in the next room or is a mirror image. A mirror image has a twin: a person who stands, in
-most of the sampled frames and however they move, where the image lies when it is reflected in the wall's plane.
+A person seen beyond a wall is either in the next room or a mirror image. A mirror image has a twin: a real person who
+stands, in most of the sampled frames, exactly where the image falls when reflected in the wall's plane.
 """
 
 from __future__ import annotations
@@ -25,21 +25,19 @@ from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-TWIN_M: Final = 0.35  # m over the floor, reflection to twin: bodies seen from front and back differ by this much
+TWIN_M: Final = 0.35  # m, largest distance of a twin from the reflected image: front and back views differ by this
 LEAST_TWINS: Final = 3  # frames with a twin; two people who pass each other may look like twins in one or two frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mirror:
-    """A gap (height, width) in a wall of one scene that shows mirror images. shown: number of frames with a person
-    beyond the gap; twins: number of these in which the twin is seen, too.
-    """
+    """A gap in a wall of one scene that shows mirror images."""
 
     scene: int
     wall: Wall
-    gap: np.ndarray
-    twins: int
-    shown: int
+    gap: np.ndarray  # (height, width) bool, the gap's pixels
+    twins: int  # number of frames in which the image's twin is seen as well
+    shown: int  # number of frames with a person beyond the gap
 
     def is_in(self, other: Mirror) -> bool:
         """Return whether both mirrors are the same gap, found in two planes of one wall."""
@@ -51,16 +49,14 @@ class Mirror:
         away_m = self.wall.offset_m - self.wall.normal @ self.wall.camera.position_m
         return (
             f"a mirror was found {away_m:.1f} m from camera {self.wall.camera.name}: in {self.twins} of {self.shown} "
-            "frames with a person beyond this wall, another person is as far before it; nobody is looked for in it"
+            "frames with a person beyond this wall, another person is as far in front; people in the mirror are ignored"
         )
 
 
 def find_mirrors(
     sightings: Sequence[Sighting], scenes: Sequence[Scene], patient_xz_m: tuple[float, float] | None
 ) -> list[Mirror]:
-    """Find mirrors in which people are seen; a wall beyond which the user placed the patient is not taken for a
-    mirror.
-    """
+    """Find mirrors in which people are seen; a wall beyond which the user placed the patient is not a mirror."""
     if max((len(sighting.people) for sighting in sightings), default=0) < 2:
         return []
     found = list[Mirror]()
@@ -91,7 +87,7 @@ def through_a_gap(choice: PatientChoice, sightings: Sequence[Sighting], scenes: 
             if gap is not None and wall.frames(gap):
                 return (
                     "the patient is seen through a gap in a wall: a doorway or a window, or a mirror, which exchanges "
-                    "left and right; nobody was seen before it who would be reflected so"
+                    "left and right; nobody was seen in front of it whose reflection this could be"
                 )
     return None
 
@@ -105,7 +101,7 @@ def _gap_before(one: SeenPerson, wall: Wall) -> np.ndarray | None:
 
 
 def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> list[Mirror]:
-    """Return each gap of a wall whose mirror images have a twin in most of the frames that could show the twin."""
+    """Return the gaps of a wall in which people have a twin in most of the frames that could show the twin."""
     gaps, twins, shown = list[np.ndarray](), list[int](), list[int]()
     for sighting in sightings:
         for one in sighting.people:
@@ -150,14 +146,12 @@ def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], came
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """The result of examining sampled frames. scenes: with walls in place of mirrors; sightings: one per sample;
-    initial_frames: best first, empty where no patient is found; notes: sentences on mirrors and gaps in walls.
-    """
+    """The result of examining sampled frames."""
 
-    scenes: tuple[Scene, ...]
-    sightings: tuple[Sighting, ...]
-    initial_frames: tuple[InitialFrame, ...]
-    notes: tuple[str, ...]
+    scenes: tuple[Scene, ...]  # with walls in place of mirrors
+    sightings: tuple[Sighting, ...]  # one per sampled frame
+    initial_frames: tuple[InitialFrame, ...]  # best first; empty if no patient is found
+    notes: tuple[str, ...]  # sentences for the user about mirrors and gaps in walls
 
 
 def look_around(
@@ -167,7 +161,10 @@ def look_around(
     equipment: EquipmentModel | None,
     config: TrackConfig,
 ) -> Look:
-    """Find who may be the patient in sampled frames; ``positions`` are the samples' positions in the recording."""
+    """Find people, mirrors and possible initial frames in sampled frames.
+
+    positions: the samples' positions in the recording.
+    """
     sightings = each(lambda sample: sight_people(sample, scenes), samples)
     mirrors = find_mirrors(sightings, scenes, config.patient_xz_m)
     if mirrors:

@@ -1,8 +1,8 @@
 """Track back from a frame in which a limb or the patient was found again, against the direction of the pass.
 
-A limb or patient that was lost and found again was often in view in between, but not at the predicted place. From the
-frame that shows it, the patient is tracked back until both directions agree, or nothing is seen. Each frame is then
-taken from the direction in which more of the body is seen at its place, so that images decide, not predictions.
+A limb or patient that was lost and found again was often in view in between, but not at the predicted place. So the
+patient is tracked back from the frame in which it was found again, until both directions agree or nothing is seen. Each
+frame is then taken from the direction in which more of the body is seen at its place.
 """
 
 from __future__ import annotations
@@ -22,32 +22,28 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import APART_M, PassResult, cheapest_course, course_of, pass_result, seen_less
 from anchorpose.tracker.start import turn_round
 
-AGREEING: Final = 3  # successive frames in which both directions agree on all joints: they will not diverge again
-IN_VAIN: Final = 10  # successive frames in which tracking back sees no more of the body: then it stops
-ELSEWHERE_M: Final = 0.15  # m since the frame before: a limb that was found again moves farther than a small correction
-FIRST_PAUSE, LONGEST_PAUSE = 4, 64  # frames until the next look back; doubled after a look that changes nothing
+AGREEING: Final = 3  # tracking back stops after this many successive frames in which both directions agree
+IN_VAIN: Final = 10  # tracking back stops after this many successive frames without seeing more of the body
+ELSEWHERE_M: Final = 0.15  # m; a joint that jumps farther between two frames belongs to a limb that was found again
+FIRST_PAUSE, LONGEST_PAUSE = 4, 64  # frames until the next look back, doubled after each look that changes nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passed:
-    """A frame of a pass: its position in the recording, the pass's result for it (None where no body is learnt), and
-    its values to store.
-    """
+    """A frame of a pass."""
 
-    position: int
-    result: PassResult | None
-    kept: Kept
+    position: int  # in the recording
+    result: PassResult | None  # the result of the pass; None if no body is learnt
+    kept: Kept  # the values to store
 
 
 @dataclass(slots=True)
 class Waiting:
-    """The frames of a pass that are not stored yet, in order. wait: frames until the next look back; pause: value to
-    which wait is set then.
-    """
+    """The frames of a pass that are not stored yet, in order."""
 
     frames: list[Passed] = field(default_factory=list)
-    wait: int = 0
-    pause: int = FIRST_PAUSE
+    wait: int = 0  # number of frames until the next look back
+    pause: int = FIRST_PAUSE  # number of frames from that look back to the next one
 
     def add(
         self,
@@ -57,9 +53,7 @@ class Waiting:
         run: Run,
         keep: Callable[[Estimate], Kept],
     ) -> None:
-        """Add the next frame; if it shows a limb or patient found again, look back from it (arguments as
-        ``look_back``).
-        """
+        """Add the next frame; if a limb or the patient is found again in it, look back from it (see ``look_back``)."""
         self.wait -= 1
         if self.wait < 0 and self.frames and _is_found_again(estimate, passed.result, self.frames[-1].result):
             seen = look_back(estimate, self.frames, frame, run, keep)
@@ -76,7 +70,7 @@ class Waiting:
 
 
 def _is_found_again(estimate: Estimate, now: PassResult | None, before: PassResult | None) -> bool:
-    """Return whether the patient or a limb is seen in this frame and was lost in the frame before."""
+    """Return whether the patient or a limb was found again in this frame."""
     if now is None or before is None or now.pose is None:
         return False
     if before.pose is None:
@@ -91,8 +85,8 @@ def look_back(
     run: Run,
     keep: Callable[[Estimate], Kept],
 ) -> list[Passed]:
-    """Return the frames before a frame in which something was found again, in order; some of them are replaced by
-    frames tracked back from it.
+    """Return the frames ``before`` the frame in which the patient or a limb was ``found`` again, in order; some of them
+    are replaced by frames that were tracked back.
 
     frame: function that reads the frame at a position.
     """
@@ -116,8 +110,8 @@ def _seen_again(
     run: Run,
     keep: Callable[[Estimate], Kept],
 ) -> list[Passed]:
-    """Track back through the last frames of ``before`` as long as this shows more of the body; return these frames in
-    order.
+    """Track back through the last frames of ``before`` as long as more of the body is seen this way; return these
+    frames in order of the pass.
     """
     again, agreeing, in_vain = list[Passed](), 0, 0
     estimates = _tracked_back(tracker, (frame(one.position) for one in reversed(before)))

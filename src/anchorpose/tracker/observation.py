@@ -22,7 +22,8 @@ from anchorpose.surface.surface import ExpectedSkin, Surface
 from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
-# anchors; three identify a node (paper, Section IV-D), and four give two subsets; a node with fewer keeps all distances
+# anchors; three distances identify a node (paper, Section IV-D), four give two subsets of three anchors; a node with
+# fewer undisturbed distances keeps all its distances
 LEAST_TRUSTED = 4
 # frames between looks by the learnt descriptor at the patient, which take a third of a frame's time
 DESCRIBED_EVERY: Final = 8
@@ -37,20 +38,16 @@ def is_described(frame: int) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectation:
-    """The expected patient: skin, uncertainty of each skin point (p,), anchors_m (5, 3), heading (3,) as a unit vector;
-    number of frames since the last fit.
-    """
+    """Where the patient is expected in a frame."""
 
     skin: ExpectedSkin
-    sigma_m: np.ndarray
-    anchors_m: np.ndarray
-    facing: np.ndarray
-    frames_without_fit: int
+    sigma_m: np.ndarray  # (p,) uncertainty of each skin point
+    anchors_m: np.ndarray  # (5, 3) expected anchors
+    facing: np.ndarray  # (3,) heading, a level unit vector
+    frames_without_fit: int  # number of frames since the body was last fitted
 
     def apart_m(self, other: Expectation) -> float:
-        """Return the distance between two expectations: the 90th percentile of the distances between their skin
-        points.
-        """
+        """Return the 90th percentile of the distances between the skin points of two expectations."""
         return float(np.quantile(np.linalg.norm(self.skin.points_m - other.skin.points_m, axis=1), 0.9))
 
     def moved(self, step: np.ndarray) -> Expectation:
@@ -61,35 +58,26 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Isolated:
-    """The people of one frame: per camera the people's pixels and all labels (None without a depth image), the memory
-    of all people's skin, and the bystanders' bodies.
-    """
+    """The people of one frame."""
 
-    pieces: tuple[Pieces | None, ...]
-    views: tuple[View | None, ...]
-    memory: BystanderMemory
-    bystanders: Bystanders
+    pieces: tuple[Pieces | None, ...]  # the people's pixels, per camera; None without a depth image
+    views: tuple[View | None, ...]  # all labels, per camera; None without a depth image
+    memory: BystanderMemory  # the last seen skin of all people
+    bystanders: Bystanders  # the bystanders' bodies
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenSurface:
-    """The patient's surface in one frame.
+    """The patient's surface in one frame."""
 
-    whole: surface including hidden skin, which is inferred; seen: only the seen surface. border (n,) uint8 of
-    ``Border``: what bounds the surface at each node of the whole. evidence: the data to which the body is registered,
-    including the seen surface.
-    """
-
-    whole: Surface
-    seen: Surface
-    border: np.ndarray
-    evidence: Evidence
+    whole: Surface  # the seen surface and hidden skin, which is inferred
+    seen: Surface  # only the seen surface
+    border: np.ndarray  # (n,) uint8 of ``Border``, per node of ``whole``: why the surface ends there
+    evidence: Evidence  # the data to which the body is registered, including the seen surface
 
 
 class AnchorDistances:
-    """The distances from the seen nodes to the anchors, computed only when they are used, which most frames do not
-    need.
-    """
+    """The distances from the seen nodes to the anchors. They are computed on first use; most frames never use them."""
 
     _surface: SeenSurface
     _anchors: Anchors
@@ -121,31 +109,26 @@ class AnchorDistances:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """One frame after the stages up to geodesics.
-
-    surface: the seen skin of the patient; whole: seen skin and inferred hidden skin. expected: where the patient was
-    expected, None in a frame without expectation. border (n,) uint8 of ``Border``: what bounds the surface at each seen
-    node.
-    """
+    """One frame after the stages up to geodesics."""
 
     frame_set: FrameSet
-    expected: Expectation | None
+    expected: Expectation | None  # where the patient was expected; None in an initial frame
     evidence: Evidence
-    surface: Surface
-    whole: Surface
+    surface: Surface  # the patient's seen skin
+    whole: Surface  # seen skin and inferred hidden skin
     anchors: Anchors
     distances: AnchorDistances
-    border: np.ndarray
+    border: np.ndarray  # (n,) uint8 of ``Border``, per seen node: why the surface ends there
     pieces: tuple[Pieces | None, ...]
     memory: BystanderMemory
     bystanders: Bystanders
 
     @property
     def descriptor(self) -> np.ndarray:
-        """Return (n, 5) metres: the distance from each seen node to each anchor, inf where not reached, NaN where
-        missed.
+        """Return (n, 5) metres: the geodesic distance from each seen node to each anchor; inf if no path leads to the
+        anchor, NaN if the anchor is missed.
 
-        A distance that a hole lengthens is also NaN if the node has enough other distances.
+        A distance that a hole in the surface lengthens is also NaN, if the node has enough other distances.
         """
         return self.distances.of_seen_nodes()
 
@@ -157,15 +140,11 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """The first frame of a track: its observation, the body, the belief in its pose.
-
-    rivals: other poses that explain the frame almost as well. turned: the person facing the other way, however well
-    this explains the frame; None unless the body is still to be learnt.
-    """
+    """The first frame of a track: its observation, and the body with its pose."""
 
     observation: Observation
     shape: FittedShape
     belief: PoseBelief
-    explained: float
-    rivals: tuple[Rival, ...] = ()
-    turned: Rival | None = None
+    explained: float  # 0 to 1, share of the surface that the body explains
+    rivals: tuple[Rival, ...] = ()  # other poses that explain the frame almost as well
+    turned: Rival | None = None  # the opposite facing, however well it explains the frame; None once a body is learnt

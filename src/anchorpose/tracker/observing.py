@@ -48,16 +48,14 @@ from anchorpose.tracker.room import FACING, UP, Run
 from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
-LOOSEST_SKIN_M = 0.05  # m, half of a limb's width; skin predicted less precisely is left out of the likelihood
-UNFITTED_M = 0.04  # m per frame without a fit, growth of the skin's uncertainty: 1.2 m/s at 30 Hz, a fast leg
+LOOSEST_SKIN_M = 0.05  # m, half of a limb's width; skin with a larger sigma is left out of the likelihood
+UNFITTED_M = 0.04  # m, growth of the skin's sigma per frame without a fit: 1.2 m/s at 30 Hz, a fast leg
 
 
 def observe_first(
     frame_set: FrameSet, choice: PatientChoice, height_m: float, run: Run, crowd: Crowd | None = None
 ) -> Observation:
-    """Observe a frame in which only the patient's place is known. crowd: the people in the frame, None where
-    unknown.
-    """
+    """Observe a frame in which only the patient's place is known. crowd: the people there, None if not found yet."""
     isolated = isolate_first(frame_set, choice, run, crowd)
     return observe(frame_set, isolated, None, height_m, run)
 
@@ -81,7 +79,7 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run, crowd: C
 def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> tuple[Isolated, np.ndarray]:
     """Label the people of a frame from the patient's expected place and the bystanders of the frame before.
 
-    Also return the step (3,) over the ground from the patient's expected place to the place in the frame; 0 where they
+    Also return the step (3,) over the ground from the patient's expected place to the place in this frame; zero if both
     agree.
     """
     with run.stage("isolation"):
@@ -99,8 +97,8 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
 
 
 def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
-    """Return the bystanders who do not overlap the patient at a place (3,). A bystander who overlaps was fitted to the
-    patient's surface.
+    """Return the bystanders without those who overlap the patient at a place (3,): their bodies were fitted to the
+    patient's surface by mistake.
     """
     apart = [
         np.linalg.norm((one.belief.pose.root_m - place_m)[[0, 2]]) > IN_EACH_OTHER_M for one in bystanders.followed
@@ -115,7 +113,7 @@ def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> By
 
 
 def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> np.ndarray:
-    """Return the step (3,) from the patient's expected place to their place in the frame; 0 where they agree."""
+    """Return the step (3,) from the patient's expected place to the seen place; zero if both agree."""
     seen_m = memory.seen_last.get(PixelLabel.PATIENT)
     if seen_m is None:
         return np.zeros(3)
@@ -127,8 +125,8 @@ def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pie
 def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
     """Return the likelihood that a place belongs to the patient, by the predicted skin.
 
-    A limb that has been hidden for long has no likelihood, since anything near its predicted place would be taken for
-    it. When it reappears, it is connected to the patient's surface.
+    A limb that has been hidden for long is left out, since anything near its predicted place would be taken for the
+    limb. When it reappears, its connection to the patient's surface shows whose limb it is.
     """
     spread = config.skin_sigma_m + UNFITTED_M * expected.frames_without_fit
     sure = expected.sigma_m < LOOSEST_SKIN_M
@@ -144,7 +142,7 @@ def _separated(
     elapsed_s: float,
     run: Run,
 ) -> tuple[View | None, ...]:
-    """Label the pixels of all people; elapsed_s: time since the frame that the bystanders' bodies were fitted to."""
+    """Label the pixels of all people; elapsed_s: time since the frame in which the bystanders' bodies were fitted."""
     with run.stage("isolation"):
         others = bystander_likelihood(bystanders, body_points(), elapsed_s)
         likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
@@ -190,8 +188,8 @@ def _isolated(
 def observe(
     frame_set: FrameSet, isolated: Isolated, expected: Expectation | None, height_m: float, run: Run
 ) -> Observation:
-    """Compute surface and anchors of a frame whose people are isolated. height_m: the patient's height, which scales
-    the anchors' distances.
+    """Compute surface and anchors of a frame with labelled people. height_m: the patient's height; anchor distances
+    scale with it.
     """
     surface = see_surface(isolated, expected, run)
     anchors = see_anchors(surface, expected, height_m, run)
@@ -245,19 +243,15 @@ def gather(
 
 
 Associate = Callable[[Observation, Observation, TrackConfig], Matcher]
-"""Function that decides which nodes of two successive frames are the same place of the skin; by default ``link``."""
+"""Function that decides which nodes of two successive frames show the same place of the skin; by default ``link``."""
 
 
 class Window:
-    """The last registered frame and the later frames, some of which are observed already.
-
-    frames: all of these frames; seen: observations of the first of them. Frames are matched when the track tree needs
-    it.
-    """
+    """The last registered frame and the frames of the look-ahead. They are matched only when the track tree is used."""
 
     run: Run
-    frames: deque[FrameSet]
-    seen: deque[Observation]
+    frames: deque[FrameSet]  # all frames of the window
+    seen: deque[Observation]  # observations of its first frames; later frames are not observed yet
     _matchers: deque[Matcher | None]
 
     def __init__(self, first: Observation, run: Run) -> None:
@@ -297,8 +291,8 @@ class Window:
             held.popleft()
 
     def matchers(self) -> list[Matcher]:
-        """Return, per pair of observed frames and subset of anchors, the node of the later frame that each node
-        matches.
+        """Return one matcher per pair of successive observed frames: it gives, per subset of anchors, the node of the
+        later frame that each node matches.
         """
         associate = self.run.associate or (lambda now, later, config: link(now, later, config.hypotheses, config.gate))
         found = [
@@ -309,8 +303,8 @@ class Window:
         return found
 
     def global_hypothesis(self, body: Body, pose: Pose, predicted: Sequence[Pose]) -> GlobalHypothesis:
-        """Search the track tree over all observed frames. pose: pose of the first frame; predicted: poses of all
-        others.
+        """Search the track tree over all observed frames. pose: pose in the first frame; predicted: poses in the later
+        frames.
         """
         config = self.run.config
         return global_hypothesis(

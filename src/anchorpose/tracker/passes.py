@@ -36,10 +36,10 @@ from anchorpose.tracker.smoothing import (
 from anchorpose.tracker.start import find_start, turn_round
 
 BLOCK: Final = 48
-"""Frames per stored block: two to six seconds of work. The state stored with it has ten to fifty megabytes."""
+"""Frames per stored block: two to six seconds of work. The tracker's state stored with a block has 10 to 50 MB."""
 
-STRETCHES: Final = 3  # largest number of stretches that the body is learnt from; each needs a search for a first pose
-STRETCHES_APART_S: Final = 60.0  # s between stretches: patients sit or stand for about a minute
+STRETCHES: Final = 3  # most stretches that the body is learnt from; each costs a search for a first pose
+STRETCHES_APART_S: Final = 60.0  # s, least time between stretches: patients sit or stand for about a minute
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +62,9 @@ class Route:
         return without_other_places(read_frame(self.room.recording, position), self.room.scenes)
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """Return the parts of the recording to learn the body from: one from the initial frame, and up to two, minutes
-        away, that show the patient best. Parts that are hidden in one stretch may be in view in another.
+        """Return the stretches of the recording to learn the body from: one begins at the initial frame, up to two more
+        at the frames that show the patient best among frames a minute away. A body part hidden in one stretch may be in
+        view in another.
         """
         chosen = list(self.room.initial_frames[:1])
         for other in self.room.initial_frames[1:]:
@@ -77,7 +78,7 @@ class Route:
         return tuple(Stretch(one.choice, one.start, frames) for one, frames in zip(chosen, sides, strict=True))
 
     def _longer_side(self, position: int) -> Sequence[int]:
-        """Return the positions from a given position to the farther end of the tracked range."""
+        """Return all positions from a given position to the farther end of the tracked range."""
         last, first = self.forward[-1], self.backward[-1]
         forward, backward = range(position, last + 1), range(position, first - 1, -1)
         return max(forward, backward, key=len)
@@ -86,14 +87,14 @@ class Route:
         return float(self.room.recording.streams[0].time_s[position])
 
     def skip(self, count: int) -> None:
-        """Count frames that were tracked before the run was stopped as read."""
+        """Count as read the frames that were tracked before the run was interrupted."""
         for _ in range(count):
             self.tick()
 
 
 def plan_route(room: Room, config: TrackConfig, tick: Callable[[], None]) -> Route:
-    """Plan the route from the initial frame to both ends of the tracked range; without an initial frame it begins at
-    the start of the range.
+    """Plan the route from the initial frame to both ends of the tracked range. Without an initial frame, the route
+    begins at the start of the range.
     """
     recording = room.recording
     positions = range(*slice(config.start, config.stop).indices(len(recording.streams[0].files)))
@@ -112,8 +113,8 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
 def track_on(route: Route, run: Run, learnt: LearntPatient | None, journal: Journal) -> Iterator[TrackedFrame]:
     """Track all frames when the first is requested, then yield them in the order of time.
 
-    Every block is stored in the journal; if the journal has frames already, tracking continues after them. Raises
-    InputError at once where it cannot continue.
+    Every block is stored in the journal; if the journal has frames already, tracking continues after them. If it cannot
+    continue, InputError is raised before the first frame is requested.
     """
     passes = _Passes(route, run, learnt, None if learnt is None else build_body(body_points(), learnt.shape), journal)
     passes.require_readable()
@@ -122,20 +123,15 @@ def track_on(route: Route, run: Run, learnt: LearntPatient | None, journal: Jour
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PassState:
-    """The state of a pass: number of frames read, of blocks and frames stored, and the tracker to continue with, None
-    at the end of the pass.
+    """The state of a pass, stored after each block so that an interrupted run can continue."""
 
-    waiting: frames that are not stored yet, since later frames may show a limb that they lost; turned: the start of a
-    pass in the other direction, once this pass has ended; seconds: time spent in each stage so far.
-    """
-
-    frames: int
-    blocks: int
-    stored: int
-    waiting: Waiting
-    follower: Follower | None
-    turned: Start | None
-    seconds: dict[str, float]
+    frames: int  # number of frames read
+    blocks: int  # number of blocks stored
+    stored: int  # number of frames stored
+    waiting: Waiting  # frames that are not stored yet, since later frames may show a limb that is lost in them
+    follower: Follower | None  # the tracker to continue with; None after the pass has ended
+    turned: Start | None  # the start of a pass in the other direction, once this pass has ended
+    seconds: dict[str, float]  # time spent in each stage so far
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +157,7 @@ class _Passes:
         if both:
             self.side("backward", self.route.backward)
         self.side("forward", self.route.forward)
-        if both:  # leave out the initial frame here, since both sides have it
+        if both:  # without the initial frame, since the forward side has it, too
             yield from islice(self.stored("backward", backward=True), len(self.route.backward) - 1)
         yield from self.stored("forward")
 
@@ -177,9 +173,9 @@ class _Passes:
         yield from self._blocks(name).read(backward=backward)
 
     def _both_ways(self, name: str, positions: Sequence[int], body: Body) -> None:
-        """Track to one end and back to the initial frame, and combine both passes.
+        """Track from the initial frame to one end and back, and combine both passes.
 
-        The frames are read a third time, to compute how well the smoothed poses explain them.
+        The frames are then read a third time, to compute how well the smoothed poses explain them.
         """
         usable = self.run.room.review.why_unusable
 
@@ -206,7 +202,7 @@ class _Passes:
             smoothed.write(number, [self._smoothed(row, *pair, frame, smoothing) for row, (pair, frame) in rows])
 
     def _smoothing(self, there: str, back: str, count: int) -> Smoothing:
-        """Compute how both passes are combined in all frames; only a few frames are completely in memory at a time."""
+        """Compute how both passes are combined in all frames; only a few frames are held in memory at a time."""
         time_s, frame = np.zeros(count), np.zeros(count, np.int64)
         for row, (tracked, _) in enumerate(self._blocks(there).read()):
             time_s[row], frame[row] = tracked.record.joints.time_s, tracked.record.joints.frame
@@ -228,7 +224,7 @@ class _Passes:
     ) -> TrackedFrame:
         tracked, there = forth
         if self.body is None:
-            raise ValueError("only the passes of a body can be combined")
+            raise ValueError("passes can only be combined if a body was learnt")
         with self.run.stage("smoothing"):
             answer = smoothed_result(self.body, there, back, smoothing, row)
             explanation = explain_smoothed(frame_set, answer, self.body, self.run)
@@ -242,10 +238,10 @@ class _Passes:
         keep: Callable[[Estimate], Kept],
         wait: int = 0,
     ) -> Start | None:
-        """Run one pass, from the last frame in the journal to its end; return the start of a pass in the other
+        """Run one pass to its end, after the frames already in the journal; return the start of a pass in the other
         direction.
 
-        wait: number of frames that may still change when a limb is found again.
+        wait: number of last frames kept back because they may still change when a lost limb is found again.
         """
         journal, blocks = self.journal.inside(name), self._blocks(name)
         initial = self.run.room.initial_frame

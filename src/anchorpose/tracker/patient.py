@@ -39,20 +39,15 @@ from anchorpose.tracker.observing import Window, gather, isolate, see_anchors, s
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
-# least share of joints in an image for a patient in view; a hip stays longest when people walk out
+# least share of the joints inside an image for the patient to count as in view; of all joints, the hips leave last
 IN_VIEW: Final = 0.25
-# m, half a forearm's width; a frame is observed again if its skin is now expected this far from where it was
+# m, half a forearm's width; a frame is observed again if the patient's skin is now expected farther than this from
+# the place expected at the first observation
 SEE_AGAIN_M: Final = 0.03
 
 
 class PatientTracker:
-    """The tracker of one patient. Its window holds the last registered frame and up to ``look_ahead`` later frames.
-
-    ahead: predicted poses; rivals: other poses that explain the last frames almost as well; moved: whether limbs were
-    found elsewhere than in earlier frames; turned: the person facing the other way in the first frame, as in ``Start``;
-    ends: hands and feet that were lost and not seen since; limb_seen_s (PARTS,
-    2): when each limb was last seen, up to elbow or knee and beyond (NaN: never).
-    """
+    """The tracker of one patient. Its window holds the last registered frame and up to ``look_ahead`` later frames."""
 
     run: Run
     config: TrackConfig
@@ -63,17 +58,17 @@ class PatientTracker:
     history: deque[np.ndarray]
     belief: PoseBelief
     window: Window
-    ahead: list[Pose]
-    joints_ahead: np.ndarray
+    ahead: list[Pose]  # predicted poses of the next frames
+    joints_ahead: np.ndarray  # (t, 21, 3) m, predicted joints of the next frames
     pace: Pace
     last: LastSeen
     watch: LimbWatch
-    rivals: tuple[Rival, ...]
-    turned: Rival | None
-    moved: bool
+    rivals: tuple[Rival, ...]  # other poses that explain the last frames almost as well
+    turned: Rival | None  # the opposite facing in the first frame, as in ``Start``
+    moved: bool  # whether limbs were found in another place than earlier frames suggested
     feet: StandingFeet
-    ends: frozenset[int]
-    limb_seen_s: np.ndarray
+    ends: frozenset[int]  # hands and feet that were lost and have not been seen since
+    limb_seen_s: np.ndarray  # (PARTS, 2) s, when the upper and the lower half of each limb was last seen; NaN = never
     skin_sigma_m: np.ndarray
     first: Estimate
 
@@ -99,8 +94,9 @@ class PatientTracker:
     def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:
         """Track one frame by the method (paper, Section IV).
 
-        frame_set: the next frame, None after the last one; only_look: only add it to the look-ahead. Returns the
-        estimate of the first frame after the last estimated one, once its whole look-ahead is in the window; else None.
+        frame_set: the next frame, None after the last frame; only_look: add it to the look-ahead without tracking.
+        Frames are estimated in order. Returns the next frame's estimate once its whole look-ahead is in the window,
+        else None.
         """
         if not self._look(frame_set) or only_look:
             return None
@@ -117,10 +113,10 @@ class PatientTracker:
 
     def _advance(self) -> tuple[Registration, Observation, GlobalHypothesis | None]:
         """Register the body to the second frame of the window, and make this frame the first."""
-        # predict, isolate, surface, anchors: what the second frame of the window shows; it is estimated now
+        # predict, isolate, surface, anchors: observe the second frame of the window, which is estimated now
         poses, elapsed_s = self._observe_until(1), self._elapsed_s()
-        # register: fit the body, all parts at once, to everything seen of the patient; where it does not explain the
-        # frame, search for limbs again
+        # register: fit all parts of the body together to the patient's whole visible surface; search again for limbs
+        # that do not explain the frame
         registration, hypothesis = self._register(poses, elapsed_s)
         return registration, self._move_on(registration, elapsed_s), hypothesis
 
@@ -135,9 +131,7 @@ class PatientTracker:
 
     @property
     def has_left(self) -> bool:
-        """Return whether the patient is leaving the image or left it between two frames. A person who enters there next
-        may be another person.
-        """
+        """Return whether the patient is leaving or has left the image. The next person to enter may be somebody new."""
         views = self.window[0].evidence.views
         gone = not self._in_view and not any(view.patient.any() for view in views if view is not None)
         return gone or seen_as_strip(views, self.run.room.cameras)
@@ -191,13 +185,11 @@ class PatientTracker:
         return estimate
 
     def _unseen_s(self, registration: Registration, seen: Observation) -> np.ndarray:
-        """Return (PARTS, 2) seconds since each part was seen, infinite: never. This also stores which parts this frame
-        shows.
-        """
+        """Return (PARTS, 2) seconds since each part was last seen, inf if never, and store what this frame shows."""
         time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
         shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
         if corrected is not None:
-            shown[LIMB_OF_JOINTS[corrected.joint]] = True  # the reviewer saw it
+            shown[LIMB_OF_JOINTS[corrected.joint]] = True  # the reviewer saw the limb
         self.limb_seen_s = np.where(shown, time_s, self.limb_seen_s)
         return np.asarray(np.where(np.isnan(self.limb_seen_s), np.inf, np.abs(time_s - self.limb_seen_s)))
 
@@ -218,10 +210,10 @@ class PatientTracker:
         return self.ahead[:steps]
 
     def _observe_until(self, last: int) -> list[Pose]:
-        """Return predicted poses of the later frames up to number ``last``, and observe these frames.
+        """Return the predicted poses of the window's frames 1 to ``last``, and observe these frames.
 
-        The next frame may be observed already, for the tree of the frame before; it is observed again if the patient is
-        now expected elsewhere.
+        Frame 1 may have been observed already, in the look-ahead of the frame before. It is observed again if the
+        patient is now expected in another place.
         """
         if len(self.window.seen) > 1:
             expected, before = self.expect(self.predict(1)[0]), self.window[1].expected
@@ -232,7 +224,7 @@ class PatientTracker:
         return self.predict(last)
 
     def _observe(self, number: int) -> Observation:
-        """Observe a frame of the window by its number; the frames before it must be observed."""
+        """Observe frame ``number`` of the window; all frames before it must be observed already."""
         frame_set, before = self.window.frames[number], self.window[number - 1]
         # predict: scaled motion dynamics predict where the body will be (Section IV-C)
         expected = self.expect(self.predict(number)[-1])
@@ -244,7 +236,7 @@ class PatientTracker:
             expected = expected.moved(step)
         if number == 1:
             self.pace = WALKING if step.any() else PATIENT_PACE
-        # surface: one mesh of all cameras, cut where the body touches itself, closed where it is hidden
+        # surface: one mesh from all cameras, cut where the body touches itself, bridged where the body is hidden
         surface = see_surface(isolated, expected, self.run)
         # anchors: head, hands and feet, from the depth image (Definition 2)
         anchors = see_anchors(surface, expected, self.height_m, self.run)
@@ -277,7 +269,7 @@ class PatientTracker:
         """Return the belief with a reviewer's corrections of this frame's joints, if there are any.
 
         Where corrections contradict the belief, the evidence was attributed to the wrong limb. The corrections then get
-        more weight, and the movement so far is dropped. A place that the body cannot reach is ignored.
+        more weight, and the past movement is not used for prediction. A place that the body cannot reach is ignored.
         """
         given = self._corrections(seen)
         if given is None:
@@ -298,8 +290,8 @@ class PatientTracker:
             return self.window.global_hypothesis(self.body, self.belief.pose, poses)
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
-        """Register the second frame of the window, or keep the predicted pose where nothing is seen; if asked for, also
-        return the track tree.
+        """Register the second frame of the window, or keep the predicted pose if nothing is seen; also return the track
+        tree's best branch if it was searched.
         """
         predicted, self.moved = self.belief.later(poses[0], elapsed_s, self.pace), False
         if not len(self.window[1].surface):
@@ -313,8 +305,8 @@ class PatientTracker:
     def _register_body(
         self, poses: list[Pose], predicted: PoseBelief, elapsed_s: float
     ) -> tuple[Registration, GlobalHypothesis | None]:
-        """Register all joined parts of the learnt body at once; the tree's matches constrain them if the settings ask
-        for it.
+        """Register all parts of the learnt body together; with ``hypotheses.always``, the tree's matches constrain
+        them.
         """
         hypothesis = self._search_tree() if self.config.hypotheses.always else None
         found = self._fit(predicted, no_constraints() if hypothesis is None else self._held(hypothesis, poses[0]))
@@ -337,7 +329,7 @@ class PatientTracker:
         return best, hypothesis
 
     def _fit(self, predicted: PoseBelief, held: Constraints) -> Registration:
-        """Register the body to the next frame, at first with the ``held`` constraints."""
+        """Register the body to the next frame; the ``held`` constraints apply only at first."""
         seen, config = self.window[1], self.config.registration
         return register(self.body, predicted, seen.evidence, held, config, self.feet.rows(seen.frame_set.time_s))
 

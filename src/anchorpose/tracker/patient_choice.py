@@ -1,8 +1,8 @@
 """Choose the patient among the people in the sampled frames.
 
-The patient stands in the equipment, is there all the time, is near the middle of what the cameras look at, and does not
-turn the back to all cameras; helpers stand around the patient and face the patient. None of these signs is certain, so
-each gives a vote.
+The patient stands in the equipment, is there all the time, is near the cameras' optical axes, and does not turn the
+back to all cameras. Helpers stand around the patient and face the patient. None of these signs is certain, so each
+gives votes.
 """
 
 from __future__ import annotations
@@ -21,37 +21,35 @@ from anchorpose.rotations import unit
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
-STAYS_M: Final = 0.40  # m from a person's usual place: a step, or the way from a seat to standing
-# m; appearances with nearer usual places are of one person: half of the least distance of two pelvises
+STAYS_M: Final = 0.40  # m, largest distance from a person's usual place: a step, or standing up from a seat
+# m; people seen at usual places nearer than this are one person: half of the least distance between two pelvises
 SAME_M: Final = 0.15
 # least share of a person's nodes that a body explains; people have at least 0.68, things up to 0.70
 HUMAN: Final = 0.65
 # largest share of the trunk that cameras see past: 0.25 for the rough body of a lunge, 0.37 and more for a chair
 MOST_PAST: Final = 0.3
-HELP_M: Final = 1.2  # m between the pelvises of patient and helper: an outstretched arm's length and a step
-FACES: Final = 0.7  # least cosine between a person's heading and the direction to the patient: 45 degrees
-ASIDE_M: Final = 0.4  # m from the cameras' axes that costs 0.7 votes; cameras are aimed by eye
-OUTSIDE_M: Final = 0.2  # m outside the equipment's outline; a patient may lean out of it
-SURE: Final = 1.0  # votes between the patient and the next candidate: three to one if votes are likelihoods
-CHANCE: Final = 2  # least frames with the person; a person who is seen once may be a body fitted to an arm
-# m below the top of the head, where the trunk of a standing or sitting person is
+HELP_M: Final = 1.2  # m, largest distance of a helper's pelvis from the patient's: an outstretched arm and a step
+FACES: Final = 0.7  # least cosine between a helper's heading and the direction to the patient: 45 degrees
+ASIDE_M: Final = 0.4  # m, distance from the cameras' axes that costs 0.7 votes; cameras are aimed by eye
+OUTSIDE_M: Final = 0.2  # m outside the equipment's outline that cost 0.7 votes; a patient may lean out of it
+SURE: Final = 1.0  # least lead in votes for a sure choice: odds of three to one if votes are log likelihoods
+CHANCE: Final = 2  # frames added to those without the person: a person seen once may be a body fitted to an arm
+# m below the top of the head: heights of the trunk of a standing or sitting person
 CHEST_M: Final = np.linspace(0.35, 0.75, 7)
-BEFORE_M: Final = 0.3  # m before the middle of a trunk: a nearer reading belongs to something else
-STEP_M: Final = 0.4  # m from frame to frame, 2 m/s at 5 frames per second
-# m from the given place: a person farther away is another person, and the patient has not come yet
+BEFORE_M: Final = 0.3  # m; a reading this far in front of the middle of a trunk belongs to something else
+STEP_M: Final = 0.4  # m, longest step from frame to frame: 2 m/s at 5 frames per second
+# m, largest distance of the patient from the given place; a person farther away is another person
 GIVEN_M: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A person in all sightings. seen: the person in each sighting, None where not seen; votes: a larger number is
-    likelier the patient.
-    """
+    """A person who may be the patient."""
 
-    seen: tuple[SeenPerson | None, ...]
-    votes: float
-    within: bool
-    faced: float
+    seen: tuple[SeenPerson | None, ...]  # the person in each sighting; None where not seen
+    votes: float  # the candidate with most votes is likeliest the patient
+    within: bool  # whether the usual place is within the equipment
+    faced: float  # mean number of people nearby who face this person
 
     @property
     def place_xz_m(self) -> np.ndarray:
@@ -61,11 +59,9 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patient:
-    """The chosen patient. seen: the person in each sighting, None where not seen; other fields as in
-    ``PatientChoice``.
-    """
+    """The chosen patient; fields without a comment are described in ``PatientChoice``."""
 
-    seen: tuple[SeenPerson | None, ...]
+    seen: tuple[SeenPerson | None, ...]  # the patient in each sighting; None where not seen
     reason: str
     sure: bool
     rival_xz_m: np.ndarray | None
@@ -77,10 +73,10 @@ def choose_patient(
     patient_xz_m: tuple[float, float] | None,
     cameras: Sequence[Camera],
 ) -> Patient | None:
-    """Choose the patient among all people in the sightings; None where nobody is seen.
+    """Choose the patient among all people in the sightings; None if nobody is seen.
 
-    With ``patient_xz_m`` it is the person nearest to this place in the first sighting with a person there, otherwise
-    the person with most votes.
+    With ``patient_xz_m``, the patient is the person nearest to this place in the first sighting with a person there;
+    otherwise, the person with most votes.
     """
     candidates = find_candidates(sightings, equipment, cameras)
     if not candidates:
@@ -94,9 +90,9 @@ def choose_patient(
 
 
 def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndarray) -> Patient | None:
-    """Follow the person who stands at a place in the sighting ``first`` from frame to frame; None where nobody is near.
+    """Follow the person who stands at a place in sighting number ``first`` from frame to frame; None if nobody is near.
 
-    sightings: sightings of successive frames; a walking person is whoever is nearest to the person's previous place.
+    sightings: sightings of successive frames. In each frame, the person nearest to the previous place is taken.
     """
     seen: list[SeenPerson | None] = [None] * len(sightings)
     for way in (range(first, len(sightings)), range(first, -1, -1)):
@@ -116,8 +112,8 @@ def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndar
 def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
-    """Return all people who were seen, with their votes; people without a human body are included only if nobody has a
-    human body.
+    """Return all people who were seen, with their votes. Without any person whom a human body explains, all detections
+    are returned.
     """
     members = _joined(_followed(sightings))
     human = [seen for seen in members if _is_human(seen)]
@@ -125,7 +121,7 @@ def find_candidates(
 
 
 def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
-    """Return each person's appearances: a person seen near the usual place of an earlier person is the same person."""
+    """Return each person in all sightings; a person near the usual place of an earlier person is the same person."""
     members = list[list[SeenPerson | None]]()
     for number, sighting in enumerate(sightings):
         people = sighting.people
@@ -148,7 +144,7 @@ def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
 
 
 def _joined(members: Sequence[list[SeenPerson | None]]) -> list[list[SeenPerson | None]]:
-    """Join appearances at the same place, which belong to one person: a squatting person is sometimes seen as two."""
+    """Join people with the same usual place: they are one person. A squatting person is sometimes seen as two."""
     joined = list[list[SeenPerson | None]]()
     for seen in sorted(members, key=lambda one: -sum(person is not None for person in one)):
         place = _usual_place(seen)
@@ -167,8 +163,8 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
     """Return whether a body explains most of the person, and cameras do not see past its trunk.
 
-    The upper quartile of the sightings decides: little is seen of a patient behind a pad and a therapist until the
-    patient stands up.
+    The upper quartile of the explained shares decides: little of a patient behind a pad and a therapist is seen until
+    the patient stands up.
     """
     bodies = _bodies(seen)
     if not bodies:
@@ -208,7 +204,7 @@ def _candidate(
 
 
 def _times_gone(seen: Sequence[SeenPerson | None], sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> int:
-    """Count the frames in which a person is not seen although nothing hides their usual place."""
+    """Count the frames in which a person is not seen although nothing hides the person's usual place."""
     there = [one for one in seen if one is not None]
     x, z = _usual_place(there)
     chest = min(one.person.top_m for one in there) - CHEST_M
@@ -251,7 +247,7 @@ def _faced_by(one: SeenPerson, sighting: Sighting) -> int:
 
 
 def _turned_to_camera(one: SeenPerson, cameras: Sequence[Camera]) -> float:
-    """Return the cosine between a person's heading and the direction to the camera nearest to it; 0 without a body."""
+    """Return the largest cosine between a person's heading and the direction to a camera; 0 without a body."""
     if one.body is None:
         return 0.0
     towards = [unit(camera.position_m[[0, 2]] - one.body.place_xz_m) for camera in cameras]
@@ -259,7 +255,7 @@ def _turned_to_camera(one: SeenPerson, cameras: Sequence[Camera]) -> float:
 
 
 def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
-    """Return the distance over the ground of a place from the cameras' axes (root mean square)."""
+    """Return the distance of a place on the ground from the cameras' optical axes (root mean square over cameras)."""
     aside = []
     for camera in cameras:
         x, z = unit(camera.require_pose()[[0, 2], 2])
@@ -276,8 +272,8 @@ def outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
 
 
 def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candidate:
-    """Return the person nearest to a place in the first sighting with a person there; if nobody is ever there, the
-    person who comes nearest.
+    """Return the person nearest to a place in the first sighting with a person there. If nobody is ever there, return
+    the person who comes nearest.
     """
 
     def away_m(candidate: Candidate, number: int) -> float:
@@ -290,8 +286,8 @@ def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candid
 
 
 def distance_m(one: SeenPerson, place_xz_m: np.ndarray) -> float:
-    """Return the distance from a place to the person's pelvis or surface axis, whichever is nearer, since users may
-    give either.
+    """Return the distance from a place to the person's pelvis or surface axis, whichever is nearer: users may give
+    either place.
     """
     return float(min(np.linalg.norm(one.place_xz_m - place_xz_m), np.linalg.norm(one.person.ground_xz_m - place_xz_m)))
 

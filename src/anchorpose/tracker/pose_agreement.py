@@ -24,31 +24,32 @@ from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet, depths_of
 
-# Shares of the commonly viewed surface that one camera sees past by more than AWAY_M: above the first it is noted,
-# above the second refused
+# shares of the room's surface in view of both cameras that one camera sees past by more than AWAY_M: above the first, a
+# note is written; above the second, the recording is refused
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
-# share that is refused where cameras smear depth edges, so that no person's outline confirms it
+# the share of the room above which the recording is refused if cameras blur depth edges, since outlines of people then
+# cannot confirm the contradiction
 ROOM_ALONE: Final = 0.6
-AWAY_M: Final = 0.10  # m; smaller errors are tolerable: poses 3 cm and a degree off displace people by up to 0.12
-LEAST_SHARED: Final = 500  # points that both cameras see; with fewer there is no share
+AWAY_M: Final = 0.10  # m; smaller distances are tolerated: poses wrong by 3 cm and 1 degree displace people by 0.12
+LEAST_SHARED: Final = 500  # least number of points that both cameras see; with fewer, shares are unknown
 POINTS: Final = 20000  # points of the room that are compared
-POINTS_OF_PEOPLE: Final = 3000  # points of the people of one frame
+POINTS_OF_PEOPLE: Final = 3000  # points of the people of one frame that are compared
 FRAMES: Final = 8
-OFF_M: Final = 0.015  # m between the common surfaces; correct poses have at most 0.009
-REFUTED_M: Final = 0.15  # m between the common surfaces, as between two cameras that are each 10 cm off
+OFF_M: Final = 0.015  # m between the common surfaces, above which poses are doubted; correct poses have at most 0.009
+REFUTED_M: Final = 0.15  # m between the common surfaces, above which poses are refused: both cameras 10 cm wrong
 
 
 @dataclass(frozen=True, slots=True)
 class SeenPast:
-    """Shares of the surfaces shown by one of two cameras that the other camera sees past; the larger share of both
-    directions. They are NaN where the cameras share too little, and for people where a camera smears depth edges, so
-    that outlines are unreliable.
+    """How much of the surface that one of two cameras shows is seen past by the other: the larger of both directions.
+
+    NaN if both cameras see too little of the same surface.
     """
 
     cameras: tuple[str, str]
-    of_room: float
-    of_people: float
+    of_room: float  # share of the room, 0 to 1
+    of_people: float  # share of the people, 0 to 1; NaN also if a camera blurs depth edges, so that outlines are wrong
 
     @property
     def measured(self) -> str:
@@ -60,12 +61,10 @@ class SeenPast:
 
 @dataclass(frozen=True, slots=True)
 class CameraPair:
-    """The comparison of two cameras. by: displacement between the surfaces that both cameras see, None where these do
-    not determine it.
-    """
+    """The comparison of two cameras."""
 
     past: SeenPast
-    by: Displacement | None
+    by: Displacement | None  # displacement between the surfaces that both cameras see; None if it is undetermined
 
     @property
     def measured(self) -> str:
@@ -104,17 +103,17 @@ def _surfaces(
 
 
 def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> list[SeenPast]:
-    """Return the shares seen past for all pairs of cameras. moments: each camera's people at some times, None without a
-    frame.
+    """Return the shares seen past for all pairs of cameras. moments: per moment, each camera's pixels of people; None
+    without a frame.
     """
     return [_of_pair(one, other, scenes, moments) for one, other in combinations(range(len(scenes)), 2)]
 
 
 def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
-    """Return the doubt that the comparison of two cameras raises about their poses, None without a doubt.
+    """Return the doubt that the comparison of two cameras raises about their poses; None if there is no doubt.
 
-    The common surfaces decide where they determine the displacement, otherwise the shares seen past. Where the clocks
-    are unknown, only the room counts, since people are elsewhere at another time.
+    If the common surfaces determine a displacement, it decides; otherwise the shares seen past decide. Without known
+    clocks only the room can refute a pose, since the cameras may show people at different times.
     """
     past, names = pair.past, " and ".join(pair.past.cameras)
     if pair.by is not None:
@@ -147,7 +146,7 @@ def _largest(shares: Sequence[float]) -> float:
 
 
 def _share(counts: Sequence[tuple[int, int]]) -> float:
-    """Return the share of the visible, unhidden points that is seen past; NaN where they are too few."""
+    """Return the share of points seen past among points in view that nothing hides; NaN if there are too few points."""
     past, known = np.sum(counts, axis=0) if counts else (0, 0)
     return float(past / known) if known >= LEAST_SHARED else float("nan")
 
@@ -165,10 +164,10 @@ def _people_past(here: Pieces, there: Pieces, one: Scene, other: Scene) -> tuple
 
 
 def _past(world_m: np.ndarray, other: Scene, depth_m: np.ndarray) -> tuple[int, int]:
-    """Return which of the points (n, 3) another camera sees past, and for which this is known, (n,) bool each, by its
-    depth image (height, width) metres.
+    """Return how many of the points (n, 3) another camera sees past by its depth image (height, width), metres; and for
+    how many this is known.
 
-    It is known for points in view where the camera has a reading and nothing hides the point. The nearest reading
+    It is known for points in view at which the camera has a reading and nothing hides the point. The nearest reading
     within ``AWAY_M`` sideways is used.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)

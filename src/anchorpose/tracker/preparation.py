@@ -1,7 +1,6 @@
 """Find clocks, calibration and room from frames spread over the recording.
 
-Where the equipment looks the same from two sides, the direction in which the patient faces is found from the patient's
-body.
+If the equipment looks the same from two sides, the patient's body decides which side is the front.
 """
 
 from __future__ import annotations
@@ -35,16 +34,16 @@ from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import rough_body_of, sight_people
 from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
-# times as many samples are used if the empty room has to be combined from moments in which its parts are free
+# factor on the number of samples if the empty room has to be combined from moments in which its parts are free
 BLIND_SAMPLES = 3
-# frames before and after the frame in which the user named the patient: half a step of walking each way
+# frames examined before and after the frame in which the user named the patient: half a walking step on each side
 AROUND: Final = 6
 LOOKS: Final = 3  # frames from which the heading is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """A recording on one clock and in one world, and the sampled frames (positions ``chosen``) that determined both."""
+    """A recording with one clock and one world, and the sampled frames (positions ``chosen``) that they come from."""
 
     recording: Recording
     clocks: Clocks
@@ -54,9 +53,9 @@ class Settled:
 
 
 def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Room:
-    """Return everything that is known before tracking.
+    """Return the clocks, camera poses, backgrounds and possible initial frames, before tracking.
 
-    Raises InputError where poses cannot be found, or where given poses cannot be correct (``given_poses``).
+    Raises InputError if camera poses cannot be found, or if given poses cannot be correct (``given_poses``).
     """
     settled = settle(recording, config, review)
     scenes = scenes_of(settled)
@@ -66,11 +65,10 @@ def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_
 
 
 def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
-    """Find clocks and poses of all cameras. Known poses make the clocks more precise, and known clocks make poses more
-    precise that are found from people.
+    """Find the clocks and poses of all cameras. Known poses make the clocks more precise; known clocks make the poses
+    that are found from people more precise.
 
-    Clocks and floor of reviewed results are used unchanged. Raises InputError where a pose cannot be
-    found.
+    Clocks and floor of reviewed results are used unchanged. Raises InputError if a pose cannot be found.
     """
     unplaced = len(recording.cameras) > 1 and any(camera.T_world_camera is None for camera in recording.cameras)
     by_people = unplaced and recording.equipment is None
@@ -91,7 +89,7 @@ def _settled(
     review: Review = NO_REVIEW,
     rough_clocks: bool = False,
 ) -> Settled:
-    """Find the clocks with the camera poses that are known, then find the poses that are not given."""
+    """Find the clocks with the known camera poses, then find the other poses."""
     if config.clocks.estimate and all(camera.name in review.clocks for camera in cameras):
         clocks = clocks_of_results(cameras, review.clocks)
         timed = align_clocks(recording, clocks.clocks)
@@ -109,7 +107,7 @@ def calibrate(
 ) -> Calibration:
     """Find the poses of all cameras that are not given; the body model resolves the facing of symmetric equipment.
 
-    The patient's given place is not used, since it was read in the world of an earlier run, which must stay the same.
+    The user's patient place is not used here: it refers to the world of an earlier run, and must not change that world.
     """
     anybody = replace(config, patient_xz_m=None, patient_frame=None)
 
@@ -137,8 +135,8 @@ def furnish_room(
 ) -> Room:
     """Find the background of every camera and the patient, from the settled recording's sampled frames.
 
-    scenes: every camera's, if known already. Tracking does not begin in a frame that a reviewer marked as
-    unusable, unless all are.
+    scenes: one per camera, None to find them here. Tracking does not begin in a frame that a reviewer marked as
+    unusable, unless all frames are.
     """
     recording, calibration = settled.recording, settled.calibration
     scenes = scenes_of(settled) if scenes is None else scenes
@@ -155,15 +153,15 @@ def furnish_room(
 def look_for_patient(
     settled: Settled, config: TrackConfig, review: Review = NO_REVIEW, scenes: tuple[Scene, ...] | None = None
 ) -> Look:
-    """Find all people in the sampled frames that a reviewer left usable, and choose the patient.
+    """Find all people in the sampled frames that no reviewer marked as unusable, and choose the patient.
 
-    scenes: every camera's, if known already.
+    scenes: one per camera, None to find them here.
     """
     scenes = scenes_of(settled) if scenes is None else scenes
     samples = settled.samples
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
-    # the empty room needed more samples than this
+    # the empty room needed more samples than are needed here
     usable = [usable[k] for k in thin(len(usable), config.follow.samples)]
     positions = [settled.chosen[k] for k in usable]
     frames = [without_other_places(samples[k], scenes) for k in usable]
@@ -173,10 +171,10 @@ def look_for_patient(
 def _frames_of_named(
     recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int, review: Review
 ) -> tuple[InitialFrame, ...]:
-    """Return the possible initial frames for a person named by a place in a frame: this frame, or frames just before or
-    after it.
+    """Return the possible initial frames for a patient given by a place in a frame: this frame and frames just before
+    and after it.
 
-    Empty where nobody stands there in this frame; raises InputError where the recording has no such frame.
+    Empty if nobody stands there in this frame. Raises InputError if the recording has no such frame.
     """
     here, last = _position(recording, frame), len(recording.streams[0].files)
     positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
@@ -197,7 +195,7 @@ def _position(recording: Recording, frame: int) -> int:
 
 
 def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int) -> InputError:
-    """Return the error for a given place without a person; it states where people are."""
+    """Return the error for a given place where nobody is; it states where people are in this frame."""
     people = sight_people(read_frame(recording, _position(recording, frame)), scenes).people
     seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in people)]
     where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"
@@ -230,10 +228,10 @@ def _background(settled: Settled, number: int) -> BackgroundModel:
 def heading_of_patient(
     room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
 ) -> int | None:
-    """Return the index of the level unit vector (3,) that the patient faces; None unless all frames agree.
+    """Return the index of the heading (a level unit vector, (3,)) that the patient faces; None unless all frames agree.
 
-    room: its initial frame is an index into ``samples``. Several frames are used, because in a single frame another
-    person may be taken for a part of the patient.
+    room: its initial frames are indices into ``samples``. Several frames are used, because in a single frame another
+    person may be mistaken for a part of the patient.
     """
     looks = [one for one in room.initial_frames if one.choice.sure][:LOOKS]
     faced = [facing for look in looks if (facing := _facing(room, samples[look.frame], look, config)) is not None]

@@ -1,4 +1,4 @@
-"""Collect prior knowledge of the patient's shape: stature by age and sex, stated sizes, rough bodies."""
+"""Collect prior knowledge of the patient's shape: stature by age and sex, the user's statements, first bodies."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ doi:10.2471/BLT.07.043497)."""
 
 _SPREAD: Final = 0.045  # share of the median; WHO's standard deviations are 4 to 5 % of it at every age
 _ADULT_M: Final[dict[Sex, tuple[float, float]]] = {"female": (1.629, 0.064), "male": (1.756, 0.069)}
-"""ANSUR II (Gordon et al. 2014, NATICK/TR-15/007), 1,986 women and 4,082 men."""
+"""Mean and standard deviation: ANSUR II (Gordon et al. 2014, NATICK/TR-15/007), 1,986 women and 4,082 men."""
 
 
 def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
-    """Return mean and standard deviation of the stature in metres. An unknown age (None) counts as an adult's, an age
-    below 3 years as 3 years.
+    """Return mean and standard deviation of the stature in metres. Without an age, an adult is assumed; an age below 3
+    years counts as 3 years.
     """
     sexes: tuple[Sex, ...] = ("female", "male") if sex is None else (sex,)
     if age_years is None or age_years >= GROWN_YEARS:
@@ -83,18 +83,18 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
     return mean, float(np.hypot(spread, apart if age_years is None or age_years > 12.0 else 0.0))
 
 
-# factors of the stature estimated from matches; real people are often 5 to 10 % shorter, simulated people are not
+# statures tried, as factors on the stature estimated from matches: real people are often 5 to 10 % shorter than that
 TALLER = (1.0, 0.92)
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CHILD_HEIGHTS_M = (0.95, 1.55)
 ORDINARY_HEIGHT_M = 1.70  # height of an adult whose height is not given
-CONTRADICTS = 3.0  # standard deviations by which a stated height and the images may differ
-SYSTEMATIC_M = 0.02  # systematic error of a height from images: shoes, hair and a body unlike the model
-TRIED_SIGMA_M = 0.01  # standard deviation of a tried height, which gives its weight
+CONTRADICTS = 3.0  # standard deviations; a stated height that differs more from the images contradicts them
+SYSTEMATIC_M = 0.02  # m, systematic error of a height from images: shoes, hair and a body unlike the model
+TRIED_SIGMA_M = 0.01  # m, standard deviation of a tried height, which sets its weight in the fitted shape
 
 
 def ordinary_height_m(recording: Recording) -> float:
-    """Return the patient's height as given, else the mean for the given age and sex."""
+    """Return the patient's height if given, else the mean height for the given age and sex."""
     subject = recording.subject
     if subject.height_m is not None:
         return subject.height_m
@@ -104,8 +104,7 @@ def ordinary_height_m(recording: Recording) -> float:
 def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, ...]:
     """Return the prior beliefs in the patient's shape: an adult's first and, unless the patient is grown, a child's.
 
-    A measured height is one more observation. Without a measured height, age and sex give the height, where they are
-    stated.
+    A measured height is one more observation. Without it, the height follows from age and sex, if they are stated.
     """
     asset = body_points().asset
     groups = (adult_belief,) if subject.grown else (adult_belief, child_belief)
@@ -118,24 +117,24 @@ def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, .
 
 
 def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief:
-    """Return the belief (adult or child) that a shape most likely belongs to, by the statistical components."""
+    """Return the belief (adult or child) to which a shape most likely belongs, by its statistical components."""
     asset = body_points().asset
     return min(beliefs, key=lambda belief: belief.common(asset).cost(shape))
 
 
 def shape_cost(shape: FittedShape, subject: Subject, config: TrackConfig) -> float:
-    """Return the sum of a shape's squared deviations from the group (adults or children) that it most likely belongs
-    to: twice its cost in nats.
+    """Return the sum of a shape's squared deviations from its likeliest group (adults or children): twice its cost in
+    nats.
     """
     likely = likeliest(known_beliefs(subject, config), shape)
     return float(likely.common(body_points().asset).cost(shape))
 
 
 def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> FirstShape:
-    """Return the bodies with which a search begins, of the stated or seen stature, from the statements about the
+    """Return the bodies to try first: they have the stated or visible stature and agree with the statements about the
     patient.
 
-    A child's body is included only where a child may be so tall, or where the age is a child's.
+    A child's body is included only if a child may be this tall, or if the stated age is a child's.
     """
     asset, tried = body_points().asset, list[ShapeBelief]()
     heights_m = [share * stature_m for share in TALLER] if subject.height_m is None else [subject.height_m]
@@ -151,7 +150,7 @@ def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> Fi
 
 
 def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> str:
-    """Return how statements about the patient contradict a body that was learnt without them; empty if they do not."""
+    """Return how statements about the patient contradict a body that was learnt without them; empty if they agree."""
     if subject == subject.unmeasured or (
         subject.height_m is None and subject.age_years is None and subject.sex is None
     ):
@@ -172,6 +171,6 @@ def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> s
 
 
 def is_human(shape: FittedShape) -> bool:
-    """Return whether a person may have this height, so that the model is not fitted to half a person."""
+    """Return whether a person may have this height; if not, the body was probably fitted to half a person."""
     shortest, tallest = STATURES_M
     return shortest < standing_height(body_points().asset, shape)[0] < tallest

@@ -1,7 +1,8 @@
 """Find objects that rest for a part of the time (moved furniture, people who keep still), and add the furniture to the
 room.
 
-An opened door or a pushed chair is not in one place for long enough to be learnt as the room, yet it is not a person.
+A door that is opened or a chair that is pushed does not stay in one place long enough to be learnt as part of the room,
+yet it is not a person.
 """
 
 from __future__ import annotations
@@ -23,23 +24,22 @@ from anchorpose.isolation.components import JUMP_GATE, label_components
 from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet
 
-LEAST_S: Final = 1.0  # s that an object must rest: a person who turns back stands still for half a second
-LEAST_SAMPLES: Final = 6  # samples that must show the object at rest, by which its sway is measured
-SETTLING: Final = 2  # samples after an object comes to rest, in which it still moves by less than the noise
-# share of the connected foreground that must be at rest; an object seen in a larger share of samples is part of the
-# room
+LEAST_S: Final = 1.0  # s, least time at rest: a person who turns back stands still for half a second
+LEAST_SAMPLES: Final = 6  # least number of samples that show the object at rest; its sway is measured in them
+SETTLING: Final = 2  # samples after an object comes to rest that are not used: it may still move within the noise
+# least share of the connected foreground that is at rest, and of the piece that came to rest during the samples
 WHOLE: Final = 0.8
-SHOWN: Final = 33  # percent of the object's pixels that must be seen; people may hide its other pixels
-OFTEN: Final = 67  # percentile of the samples: in a third of them nobody touches the object
-RIM_PX: Final = 2  # pixels around an object where its edge flickers
+SHOWN: Final = 33  # least percentage of the object's pixels that a sample shows; people may hide the others
+OFTEN: Final = 67  # percentile over the samples: in a third of them nobody touches the object
+RIM_PX: Final = 2  # width in pixels of the rim around an object in which its edge flickers
 
 
 class Recorded(NamedTuple):
-    """Sampled frames of one camera (n, height, width) float32 in order, their times (n,) and foreground (bool)."""
+    """Sampled frames of one camera, in order."""
 
-    frames_m: np.ndarray
-    time_s: np.ndarray
-    nearer: np.ndarray
+    frames_m: np.ndarray  # (n, height, width) float32
+    time_s: np.ndarray  # (n,)
+    nearer: np.ndarray  # (n, height, width) bool, the foreground
 
     def reversed(self) -> Recorded:
         """Return the samples in reverse order, with increasing times."""
@@ -48,35 +48,28 @@ class Recorded(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestingObject:
-    """An object that keeps its place in some samples. piece (height, width) bool: its pixels; samples (k,) int: the
-    numbers of these samples.
-    """
+    """An object that keeps its place in some samples."""
 
-    piece: np.ndarray
+    piece: np.ndarray  # (height, width) bool, the object's pixels
     layer: RestingLayer
-    samples: np.ndarray
+    samples: np.ndarray  # (k,) int, numbers of the samples that show it at rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Still:
-    """The surface that rests until the last of n samples, per pixel (height, width).
+    """The surface that is at rest until the last of n samples, per pixel."""
 
-    depth_m float32, 0 = no such surface; since int: the first sample that read it, after which no reading lies behind
-    it; agrees (n, height, width) bool: whether a sample, from then on, reads it.
-    """
-
-    depth_m: np.ndarray
-    since: np.ndarray
-    agrees: np.ndarray
+    depth_m: np.ndarray  # (height, width) float32, 0 where there is no such surface
+    since: np.ndarray  # (height, width) int, first sample that reads the surface; no later reading lies behind it
+    agrees: np.ndarray  # (n, height, width) bool, whether a sample reads the surface, from ``since`` on
 
 
 def resting_objects(
     frames_m: Sequence[np.ndarray], time_s: Sequence[float], model: BackgroundModel
 ) -> list[RestingObject]:
-    """Return the complete foreground pieces, people included, that rest from the first sample on or until the last
-    sample.
+    """Return the objects, people included, that rest from the first sample on or until the last sample.
 
-    frames_m: sampled frames (height, width) float32 with their times (n,), in order.
+    frames_m: n sampled frames (height, width) float32, in order; time_s: their n times.
     """
     times = np.asarray(time_s, dtype=np.float64)
     if len(times) < 2 * LEAST_SAMPLES or times[-1] - times[0] < 2.0 * LEAST_S:
@@ -112,9 +105,7 @@ def _until_the_end(seen: Recorded, model: BackgroundModel) -> Iterator[RestingOb
 
 
 def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
-    """Return the surface that is still: the farthest reading of the last second, unless a later reading lies behind
-    it.
-    """
+    """Return the surface that is at rest until the last sample, from the farthest readings of the last second."""
     frames, times = seen.frames_m, seen.time_s
     last = frames[min(int(np.searchsorted(times, times[-1] - LEAST_S)), len(frames) - LEAST_SAMPLES) :]
     far = last.max(axis=0)
@@ -131,8 +122,8 @@ def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
 
 
 def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndarray:
-    """Return the samples (k,) that show most of a piece at rest, without samples in which it settles; none if there are
-    too few.
+    """Return the samples (k,) that show enough of a piece at rest, without the first ``SETTLING`` samples; an empty
+    array if there are too few.
     """
     since = np.percentile(still.since[piece], SHOWN)
     samples = np.flatnonzero(still.agrees[:, piece].mean(axis=1) > SHOWN / 100.0)
@@ -144,7 +135,7 @@ def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndar
 def _whole_share(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> float:
-    """Return the share of the connected foreground around a piece that is at rest, at the ``OFTEN`` percentile of the
+    """Return which share of the connected foreground around a piece is at rest: the ``OFTEN`` percentile over the
     samples.
     """
     shares = []
@@ -159,8 +150,8 @@ def _whole_share(
 def _layer(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> RestingLayer:
-    """Make the scene layer of a piece and its rim, from its first sample on. The layer's deviation is measured and
-    follows the z^2 law.
+    """Make the scene layer of a piece and its rim, from its first sample on. The layer's standard deviation is measured
+    and grows with the square of the depth.
     """
     readings = np.where(still.agrees[samples][:, piece], seen.frames_m[samples][:, piece], np.nan)
     read = np.isfinite(readings).any(axis=0)
@@ -171,15 +162,15 @@ def _layer(
     return RestingLayer(depth, np.float32(sigma_per_m) * depth**2, float(seen.time_s[samples[0]]), np.inf)
 
 
-CHECKED: Final = 3  # samples of an object that the descriptor examines
-MOST_PERSON: Final = 0.2  # largest share of an object's pixels that may look like a person: chairs have up to a tenth
+CHECKED: Final = 3  # number of an object's samples that the descriptor examines
+MOST_PERSON: Final = 0.2  # largest share of an object's pixels that may look like a person; chairs have up to 0.1
 
 
 def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet]) -> Scene:
     """Add to a camera's scene the moved objects of the room, each for the time that it rests.
 
-    This is done only in a room that was learnt from the recording. With an image of the empty room, every other object
-    stays foreground.
+    Objects are added only if the room was learnt from the recording. If the recording has an image of the empty room,
+    every object that is not in this image stays foreground.
     """
     model, camera = scene.background, scene.camera
     if model.source is not BackgroundSource.RECORDING:
@@ -191,7 +182,7 @@ def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet])
 
 
 def _person_share(one: RestingObject, frames_m: Sequence[np.ndarray], camera: Camera) -> float:
-    """Return the share of an object's pixels that the descriptor takes for a person, the median over some samples."""
+    """Return the share of an object's pixels that look like a person to the descriptor: the median of some samples."""
     chosen = [int(one.samples[k]) for k in thin(len(one.samples), CHECKED)]
     row, column, _ = nearest_rays(camera)
     return float(

@@ -1,4 +1,4 @@
-"""Hold what a run knows before its first frame: room, cameras, initial frames, corrections, settings."""
+"""Hold the knowledge of a run before its first frame: room, cameras, initial frames, corrections, settings."""
 
 from __future__ import annotations
 
@@ -35,38 +35,30 @@ FACING = np.array([1.0, 0.0, 0.0])  # world convention: the patient faces along 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InitialFrame:
-    """A frame that shows the patient (its position in the recording), and where the patient stands in it.
+    """A frame that shows the patient, where tracking may begin."""
 
-    score: 0 to 1, by how well the patient is seen and how far other people are; whole: 0 to 1, the patient's visible
-    surface relative to the usual area; alone: whether no other person is near; crowd: the people seen in the frame, as
-    long as they may be needed; start: the patient as found there, None before a body is fitted.
-    """
-
-    frame: int
-    choice: PatientChoice
-    score: float
-    whole: float
-    alone: bool
-    crowd: Crowd | None = field(default=None, repr=False)
-    start: Start | None = field(default=None, repr=False)
+    frame: int  # position in the recording
+    choice: PatientChoice  # where the patient stands
+    score: float  # 0 to 1; higher the better the patient is seen and the farther away other people are
+    whole: float  # 0 to 1, the patient's visible surface relative to the usual area
+    alone: bool  # whether no other person is seen
+    crowd: Crowd | None = field(default=None, repr=False)  # the people seen; None once they are no longer needed
+    start: Start | None = field(default=None, repr=False)  # the patient as found here; None before a body is fitted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """The prepared room. recording: the recording on one clock; cameras and scenes: in the order of the recording;
-    initial_frames: frames where tracking may begin, best first, empty where nobody was seen in the sampled frames or
-    nobody is to be tracked; review: a reviewer's corrections of earlier results; why_nobody: why all joints are lost
-    where there is no initial frame; notes: sentences on mirrors and gaps in walls.
-    """
+    """The prepared room."""
 
-    recording: Recording
+    recording: Recording  # on one clock
     clocks: Clocks
     calibration: Calibration
-    scenes: tuple[Scene, ...]
+    scenes: tuple[Scene, ...]  # one per camera, in the order of the recording
+    # best first; empty if nobody was seen in the sampled frames or nobody is to be tracked
     initial_frames: tuple[InitialFrame, ...]
-    review: Review
-    why_nobody: str = NOBODY_SEEN
-    notes: tuple[str, ...] = ()
+    review: Review  # a reviewer's corrections of earlier results
+    why_nobody: str = NOBODY_SEEN  # why all joints are lost if there is no initial frame
+    notes: tuple[str, ...] = ()  # sentences for the user about mirrors and gaps in walls
 
     @property
     def initial_frame(self) -> InitialFrame | None:
@@ -81,15 +73,12 @@ class Room:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Review:
-    """A reviewer's corrections. joints: by frame number. unusable: first and last frame, both included, and the
-    sentence with the reason. clocks (by camera) and floor_height_m: from the corrected results; empty and None where
-    they have to be found.
-    """
+    """A reviewer's corrections of earlier results."""
 
-    joints: dict[int, CorrectedJoints] = field(default_factory=dict)
-    unusable: tuple[tuple[int, int, str], ...] = ()
-    clocks: dict[str, Clock] = field(default_factory=dict)
-    floor_height_m: float | None = None
+    joints: dict[int, CorrectedJoints] = field(default_factory=dict)  # by frame number
+    unusable: tuple[tuple[int, int, str], ...] = ()  # first frame, last frame (both unusable), sentence with the reason
+    clocks: dict[str, Clock] = field(default_factory=dict)  # by camera, from the earlier results; empty = to be found
+    floor_height_m: float | None = None  # from the earlier results; None = to be found
 
     def why_unusable(self, frame: int) -> str | None:
         """Return the reason given for the first unusable interval that contains the frame; None where the frame is
@@ -106,7 +95,7 @@ NO_REVIEW: Final = Review()
 
 
 def held_joints(review: Review, frames: Sequence[int]) -> np.ndarray:
-    """Return (t, 21) bool: joints that a reviewer corrected in the frames with these numbers, and all joints of the
+    """Return (t, 21) bool: in the frames with these numbers, the joints that a reviewer corrected and all joints of the
     same limbs.
     """
     held = np.zeros((len(frames), JOINT_COUNT), bool)
@@ -131,8 +120,8 @@ def review_of(corrections: Corrections) -> Review:
 
 
 def require_frames(path: Path, corrections: Corrections, recording: Recording) -> None:
-    """Raise InputError where an entry names a frame that the recording lacks or has at another time, or where the
-    patient is named in an unusable frame.
+    """Raise InputError if an entry has a frame that the recording lacks, a frame with another time, or if it names the
+    patient in an unusable frame.
     """
     clock = corrections.recording.clocks.get(recording.cameras[0].name, Clock())
     time_s = clock.reference_s(recording.streams[0].time_s)
@@ -152,7 +141,7 @@ def require_frames(path: Path, corrections: Corrections, recording: Recording) -
 
 
 def _moments(corrections: Corrections) -> Iterator[tuple[int, float, str]]:
-    """Yield every frame that an entry names, the time stated for it, and words for what the entry does there."""
+    """Yield every frame with an entry, the time stated for it, and words that describe the entry."""
     for joint in corrections.joints:
         yield joint.frame, joint.time_s, "corrects joints of"
     if corrections.patient is not None:
@@ -172,22 +161,18 @@ def _corrected_joints(entries: list[JointCorrection]) -> CorrectedJoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """The inputs with which every frame of a run is tracked.
-
-    motions: reference movements, None where the prediction needs none. associate: function that matches nodes of
-    successive frames (``observing.Associate``); None: ``link``.
-    """
+    """The inputs that are the same for every frame of a run."""
 
     room: Room
     config: TrackConfig
-    motions: MotionDatabase | None = None
+    motions: MotionDatabase | None = None  # reference movements; None if the prediction needs none
     stopwatch: Stopwatch = field(default_factory=Stopwatch)
-    associate: Callable[..., Matcher] | None = None
+    associate: Callable[..., Matcher] | None = None  # matches nodes (``observing.Associate``); None = ``link``
 
     def without_patient(self, why: str) -> Run:
-        """Return the run without a patient: a person was found but is not to be tracked, for the given reason."""
+        """Return the run without a patient, if a person was found who is not to be tracked for the given reason."""
         return replace(self, room=replace(self.room, initial_frames=(), why_nobody=why))
 
     def stage(self, name: str) -> AbstractContextManager[None]:
-        """Count the time of the enclosed block for the stage of this name."""
+        """Add the time spent in the enclosed block to the stage of this name."""
         return self.stopwatch.stage(name)

@@ -1,4 +1,4 @@
-"""Search for a lost patient; a person who was seen beside the patient is not taken for the patient."""
+"""Search for a lost patient. A person who was seen together with the patient before is not taken for the patient."""
 
 from __future__ import annotations
 
@@ -22,32 +22,27 @@ from anchorpose.tracker.patient_choice import outside_m
 from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.start import NoStart
 
-NEAR_M: Final = 0.5  # m from the patient's last place: the visible part of a body lies off its axis
+NEAR_M: Final = 0.5  # m; a person this near is at the patient's last place: the visible part may lie off the axis
 WALK_M_S: Final = 1.5  # m/s, people's walking speed
 RETURN_S: Final = 1.0  # s; nobody can walk out of the image, turn round and be back sooner
-STRIP_M: Final = 0.15  # m from the image border; half a trunk in profile, a head's width
-BORDER: Final = 0.1  # share of the image's width or height at the border where stereo cameras have no readings
-CUT: Final = 0.5  # share of a person's rows or columns that must continue to the border
+STRIP_M: Final = 0.15  # m, width of a strip at the image border: half a trunk in profile, a head's width
+BORDER: Final = 0.1  # share of the image's width or height at the border in which stereo cameras may have no readings
+CUT: Final = 0.5  # least share of a person's rows or columns that reach the border, if the border cuts the person off
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LastSeen:
-    """The last sight of the patient, and the other people there.
+    """The last sight of the patient, and the other people there."""
 
-    seen: the last frame with the patient; belief: the belief in the patient's pose in it; met: labels of the people
-    followed beside the patient until now; places: where (2,) the pelvis of each was last seen; gone_s and gone_frames:
-    time and number of frames since then.
-    """
-
-    seen: Observation
-    belief: PoseBelief
-    met: frozenset[int] = frozenset()
-    places: dict[int, np.ndarray] = field(default_factory=dict)
-    gone_s: float = 0.0
-    gone_frames: int = 0
+    seen: Observation  # the last frame that shows the patient
+    belief: PoseBelief  # the patient's pose in that frame
+    met: frozenset[int] = frozenset()  # labels of all people who were followed together with the patient
+    places: dict[int, np.ndarray] = field(default_factory=dict)  # by label, (2,) where the pelvis was last seen
+    gone_s: float = 0.0  # time since ``seen``
+    gone_frames: int = 0  # number of frames since ``seen``
 
     def after(self, following: Observation, belief: PoseBelief | None, elapsed_s: float) -> LastSeen:
-        """Return the record after one more frame. belief: None where the frame does not show the patient."""
+        """Return the record after one more frame. belief: None if the frame does not show the patient."""
         others = [one for one in following.bystanders.followed if one.hidden_s == 0.0]
         met = self.met | {one.label for one in others}
         places = self.places | {one.label: one.belief.pose.root_m[[0, 2]] for one in others}
@@ -60,11 +55,10 @@ class LastSeen:
 class Search:
     """The search for a lost patient. Bystanders are still followed, so that none of them is taken for the patient.
 
-    now: the last frame searched; left: whether the patient has walked out of the image. memory: the bystander memory
-    after the last frame.
+    now: the frame in which the patient was lost; left: whether the patient has walked out of the image.
     """
 
-    memory: BystanderMemory
+    memory: BystanderMemory  # after the last frame searched
     _belief: PoseBelief
     _time_s: float
     _place_xz_m: np.ndarray
@@ -78,16 +72,15 @@ class Search:
         self.memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
         self._belief, self._lost_s = last.belief, last.seen.frame_set.time_s
         self._place_xz_m = last.belief.pose.root_m[[0, 2]]
-        self._newcomer = last.seen.memory.next_label  # labels from this one on belong to people who came since
+        self._newcomer = last.seen.memory.next_label  # this and higher labels belong to people who came later
         self._met, self._places, self._left = last.met, last.places, left
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | NoStart:
-        """Return who may be the patient in this frame, or why nobody may be the patient; call it for all frames in
-        order.
+        """Return who may be the patient in this frame, or why nobody may; call it for all frames in order.
 
-        A person who enters after the patient has left the image, or appears elsewhere, may be a bystander who was there
-        before. The person is the patient if in the equipment, or if all bystanders are in view. A person who enters too
-        soon after the patient has left is another person.
+        A new person who enters after the patient has left the image, or appears in another place, may be a bystander
+        who was there before. The person counts as the patient only in the equipment, or while all bystanders are in
+        view. A person who enters too soon after the patient has left is not the patient.
         """
         pieces, cameras = find_all_pieces(frame_set, run.room.scenes), run.room.cameras
         elapsed_s = frame_set.time_s - self._time_s
@@ -108,7 +101,7 @@ class Search:
         if elsewhere and self._others_are_away(views) and not _in_equipment(nearest, run.room):
             return NoStart.WHO_IS_IT
         return PatientChoice(
-            nearest, "is nearest to where the patient was lost, of those who were not there before", sure=False
+            nearest, "is nearest to where the patient was lost, among people who were not there before", sure=False
         )
 
     def _away_m(self, axis_xz_m: np.ndarray) -> float:
@@ -116,16 +109,16 @@ class Search:
         return float(np.linalg.norm(axis_xz_m - self._place_xz_m))
 
     def _is_someone_hidden(self, axis_xz_m: np.ndarray, views: Sequence[View | None]) -> bool:
-        """Return whether a person at a place (2,) is nearer to the last place of a bystander who is out of view than to
-        the patient's. If something hides both, the bystander may reappear first, under a new label.
+        """Return whether a person at a place (2,) may be a bystander who is out of view: the bystander's last place is
+        nearer than the patient's. Such a bystander may reappear before the patient, under a new label.
         """
         shown = _people_in(views)
         hidden = [place for label, place in self._places.items() if label not in shown]
         return any(np.linalg.norm(axis_xz_m - place) < self._away_m(axis_xz_m) for place in hidden)
 
     def expected(self, time_s: float) -> PoseBelief | None:
-        """Return the expected pose of a lost patient who has not walked out of the image: the last pose, less certain
-        with time; nobody turns round within a second behind a therapist.
+        """Return the expected pose of a lost patient: the last pose, less certain with time, since nobody turns round
+        within a second behind a therapist. None if the patient has walked out of the image.
         """
         return None if self._left else self._belief.later(self._belief.pose, abs(time_s - self._lost_s))
 
@@ -134,10 +127,10 @@ class Search:
         return not self._met <= _people_in(views)
 
     def _strangers(self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> list[Person]:
-        """Return the people who are not one of the bystanders; each bystander is at most one person.
+        """Return the people who are not bystanders seen before.
 
-        A bystander is the person who has most of the bystander's pixels: where people touch, labels spread from one to
-        the other, but the descriptor separates them.
+        Each bystander is identified with at most one person, who has most pixels with the bystander's label. Labels
+        spread between people who touch, but the descriptor separates these people.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)
@@ -160,9 +153,9 @@ def _people_in(views: Sequence[View | None]) -> frozenset[int]:
 
 
 def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bool:
-    """Return whether all that any camera sees of the patient is a narrow strip at the border of its image.
+    """Return whether every camera that sees the patient shows only a narrow strip at the border of its image.
 
-    It is False where no camera sees the patient, who may be hidden.
+    It is False if no camera sees the patient: then the patient may be hidden.
     """
     seen = [(view, camera) for view, camera in zip(views, cameras, strict=True) if view is not None]
     shown = [(view, camera) for view, camera in seen if view.patient.any()]
@@ -170,8 +163,8 @@ def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bo
 
 
 def _is_strip(view: View, camera: Camera) -> bool:
-    """Return whether the patient's pixels extend less than ``STRIP_M`` from a border, or from the first readings beside
-    it.
+    """Return whether the patient's pixels extend less than ``STRIP_M`` from a border of the image, or from the readings
+    nearest to that border.
     """
     lens = camera.intrinsics
     sides = (
@@ -184,8 +177,8 @@ def _is_strip(view: View, camera: Camera) -> bool:
 
 
 def _reach_m(patient: np.ndarray, depth_m: np.ndarray, focal_px: float) -> float:
-    """Return how far the patient's pixels extend from column 0, in metres; infinite where column 0 does not cut them
-    off.
+    """Return how far the patient's pixels extend from column 0, in metres; infinite if the patient is not cut off at
+    column 0.
     """
     if not patient[:, : int(np.ceil(BORDER * patient.shape[1]))].any():
         return float("inf")

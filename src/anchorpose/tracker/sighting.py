@@ -1,4 +1,4 @@
-"""Find all people in a frame, each with a rough body, before it is known who is the patient."""
+"""Find all people in a frame, each with a rough body, before the patient is chosen."""
 
 from __future__ import annotations
 
@@ -22,33 +22,28 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
 from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
-COVERED_M: Final = 0.10  # m from the skin of a rough body, for clothes and the body's error
-IN_EACH_OTHER_M: Final = 0.25  # m between pelvises; a trunk's depth and a rough body's error
+COVERED_M: Final = 0.10  # m; a rough body covers points this near to its skin: clothes and the body's error
+IN_EACH_OTHER_M: Final = 0.25  # m; two bodies with nearer pelvises are one person: a trunk's depth and the error
 _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crowd:
-    """The people at one moment. pieces: the foreground of each camera (None without a frame); people: the people shown
-    by these pixels; bodies: one per person (None where too little is seen).
-    """
+    """The people at one moment."""
 
-    pieces: tuple[Pieces | None, ...]
-    people: People
-    bodies: tuple[RoughPerson | None, ...]
+    pieces: tuple[Pieces | None, ...]  # foreground of each camera; None if the camera has no frame
+    people: People  # the people in the foreground
+    bodies: tuple[RoughPerson | None, ...]  # one per person; None if too little of the person is seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoughBody:
-    """A rough body's place, heading and fit. place_xz_m (2,): the pelvis; facing_xz (2,): unit vector from the back to
-    the front; explained: 0 to 1, share of the person's nodes that the body explains; past: 0 to 1, share of the trunk's
-    skin that cameras see past.
-    """
+    """A rough body's place, heading and fit."""
 
-    place_xz_m: np.ndarray
-    facing_xz: np.ndarray
-    explained: float
-    past: float
+    place_xz_m: np.ndarray  # (2,) the pelvis on the floor
+    facing_xz: np.ndarray  # (2,) unit vector from the back to the front
+    explained: float  # 0 to 1, share of the person's nodes that the body explains
+    past: float  # 0 to 1, share of the trunk's skin that cameras see past, so that it cannot be there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,20 +55,18 @@ class SeenPerson:
 
     @property
     def place_xz_m(self) -> np.ndarray:
-        """Return the place (2,) of the pelvis; it comes from the body, if a body was fitted."""
+        """Return the place (2,) of the fitted body's pelvis; without a body, the person's place on the ground."""
         return self.person.ground_xz_m if self.body is None else self.body.place_xz_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
-    """The people seen in one frame. depths_m: each camera's depth image, None without a frame; crowd: the people with
-    their pixels, in the order of ``people``.
-    """
+    """The people seen in one frame."""
 
     frame: int
     people: tuple[SeenPerson, ...]
-    depths_m: tuple[np.ndarray | None, ...]
-    crowd: Crowd | None = None
+    depths_m: tuple[np.ndarray | None, ...]  # each camera's depth image; None if the camera has no frame
+    crowd: Crowd | None = None  # the same people with their pixels, in the order of ``people``
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
@@ -90,11 +83,10 @@ def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
 
 
 def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> Crowd:
-    """Return the people at one moment with their rough bodies; a person whom another person's body covers is taken as a
-    part of it.
+    """Return the people at one moment with their rough bodies. A person covered by another person's body is merged into
+    that person.
 
-    This is needed because votes for a hidden pelvis may be half a metre off, so that one person seen by two cameras may
-    first count as two.
+    Votes for a hidden pelvis may be half a metre wrong, so one person seen by two cameras may first count as two.
     """
     people = see_people(pieces, cameras)
     bodies = _bodies(pieces, people, cameras, np.arange(len(people.people)))
@@ -117,8 +109,8 @@ def _bodies(
 
 
 def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[RoughPerson | None]) -> np.ndarray:
-    """Return (k,) int: for each person, the number of the larger person whose body covers most of them, else the
-    person's own number.
+    """Return (k,) int, per person, the number of the larger person whose body covers most of this person; if there is
+    none, the number of this person.
     """
     owner, skins = np.arange(len(people.people)), dict[int, cKDTree]()
     for number in np.argsort([-person.area_m2 for person in people.people], kind="stable").tolist():

@@ -1,8 +1,8 @@
 """Combine the forward and the backward pass limb by limb, and smooth the joints over time.
 
-A limb that is lost behind a person in one direction is often kept in the other. Where the two passes agree they are
-averaged. Where they disagree, the limb is taken from the pass in which more of it is seen at its place. Joints are then
-smoothed by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
+A limb that one pass loses behind a person is often tracked by the other pass. Where both passes agree on a limb, they
+are averaged. Where they disagree, the limb is taken from the pass in which more of it is seen at its place. Joints are
+then smoothed by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ SPINE_BASE: Final = JOINT_INDEX["SpineBase"]  # a joint of the trunk, not of a l
 FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
 # m, the width of a wrist; if both passes place a limb's joint nearer than this, they are averaged
 APART_M: Final = 0.06
-# m, half a shoulder breadth; farther apart, the trunk is in two places, and limbs cannot be mixed
+# m, half a shoulder breadth; if the passes place the trunk farther apart than this, all limbs are taken from one pass
 TRUNK_APART_M: Final = 0.15
 HIDDEN_COST: Final = 0.5  # cost per frame of a joint that is not seen; a seen joint costs 0
-LOST_COST: Final = 2.0  # cost of placing a joint where the cameras see past it
-SWITCH_COST: Final = 0.2  # cost of changing from one pass to the other, less than a hidden joint in one frame
-# cost of a change per metre of jump, so that a jump of 0.2 m has to save one lost joint
+LOST_COST: Final = 2.0  # cost per frame of a joint that is lost: cameras see past its place
+SWITCH_COST: Final = 0.2  # cost of switching from one pass to the other, less than a hidden joint in one frame
+# cost of switching per metre that the limb jumps; a jump of 0.2 m costs as much as one lost joint
 SWITCH_COST_PER_M: Final = 10.0
 AT_ONCE: Final = 3  # joints smoothed together: all joints of an hour would fill the memory
-ACCELERATION: Final = 2.0  # m/s per square root of a second: 1 m/s in the quarter of a second that a reach starts in
+ACCELERATION: Final = 2.0  # m/s per square root of a second: 1 m/s in 0.25 s, as at the start of a reach
 
 
 def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float) -> np.ndarray:
     """Return the most likely positions over time (t, j, 3) of joints observed at joints_m (t, j, 3) with sigma_m (t,
-    j). The joints' velocity is modelled as a random walk: it changes by ``acceleration`` times the square root of the
-    time, m/s.
+    j). The velocity of a joint is modelled as a random walk: its standard deviation grows with the square root of time,
+    by ``acceleration`` m/s in one second.
 
     Every axis of every joint is smoothed separately. time_s (t,): strictly rising or falling.
     """
@@ -65,8 +65,8 @@ def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray
 def _forwards(
     steps_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Run Kalman's filter: return position and velocity (j, 2, 3) and covariance (j, 2, 2) of each frame, and the
-    predictions from the frame before, for all frames but the first.
+    """Run the Kalman filter. Return, per frame, position and velocity (j, 2, 3) and their covariance (j, 2, 2); then,
+    per frame after the first, both as predicted from the frame before.
     """
     count = joints_m.shape[1]
     mean = np.stack([joints_m[0], np.zeros((count, 3))], axis=1)
@@ -91,7 +91,7 @@ def _motion(step_s: float) -> np.ndarray:
 
 
 def _random_walk(step_s: float) -> np.ndarray:
-    """Return the covariance (2, 2) that position and velocity gain in a step, for an acceleration of one."""
+    """Return the covariance (2, 2) that position and velocity gain in a time step, for ``acceleration`` 1."""
     return np.array([[step_s**3 / 3.0, step_s**2 / 2.0], [step_s**2 / 2.0, step_s]])
 
 
@@ -103,22 +103,18 @@ _JOINT_COST: Final = np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassResult:
-    """The result of a pass, or of both together, for a frame, and the person labels it was based on: some kilobytes.
+    """The result of one pass, or of both combined, in one frame: a few kilobytes."""
 
-    pose: None where the patient is lost; joints_m (21, 3) by that pose, including lost joints; sigma_m (21,), NaN where
-    lost; labels: one image per camera with a depth image, empty where the patient is lost.
-    """
-
-    pose: Pose | None
-    joints_m: np.ndarray
-    sigma_m: np.ndarray
+    pose: Pose | None  # None if the patient is lost
+    joints_m: np.ndarray  # (21, 3) joints of the pose, also lost joints
+    sigma_m: np.ndarray  # (21,), NaN for lost joints
     states: tuple[JointState, ...]
-    labels: tuple[LabelImage, ...] = ()
+    labels: tuple[LabelImage, ...] = ()  # person labels, one image per camera with a depth image; empty if lost
 
 
 def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], usable: bool) -> PassResult:
-    """Return the part of an estimate to keep until the other pass reaches its frame; an unusable frame keeps
-    nothing.
+    """Return the part of an estimate to keep until the other pass reaches its frame; for an unusable frame, a result
+    without a pose.
     """
     if estimate.belief is None or not usable:
         blank = np.full((JOINT_COUNT, 3), np.nan)
@@ -129,16 +125,12 @@ def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassCourse:
-    """All frames of a pass, or of both together, without poses and labels.
+    """All frames of one pass, or of both combined, without poses and labels."""
 
-    joints_m (t, 21, 3), sigma_m (t, 21), NaN where lost; state_code (t, 21) int8; found (t,) bool: whether there is a
-    pose.
-    """
-
-    joints_m: np.ndarray
-    sigma_m: np.ndarray
-    state_code: np.ndarray
-    found: np.ndarray
+    joints_m: np.ndarray  # (t, 21, 3)
+    sigma_m: np.ndarray  # (t, 21), NaN for lost joints
+    state_code: np.ndarray  # (t, 21) int8
+    found: np.ndarray  # (t,) bool, whether the frame has a pose
 
 
 def course_of(frames: Iterable[PassResult], count: int) -> PassCourse:
@@ -153,20 +145,18 @@ def course_of(frames: Iterable[PassResult], count: int) -> PassCourse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothing:
-    """The combination of both passes. weight (t, PARTS): share of the second pass in trunk and limbs; course: all
-    frames with smoothed joints, to which the body is then posed.
-    """
+    """The combination of both passes."""
 
-    weight: np.ndarray
-    course: PassCourse
+    weight: np.ndarray  # (t, PARTS), share of the second pass in trunk and limbs, 0 to 1
+    course: PassCourse  # all frames with smoothed joints, to which the body is then posed
 
 
 def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.ndarray, lost_sigma_m: float) -> Smoothing:
     """Combine and smooth the frames (t,) of two passes, both in the order of the first.
 
-    held (t, 21) bool: joints that a reviewer placed, and their limbs; they stay in place and do not affect other
-    frames. Joints are combined and smoothed over each stretch without a gap; frames in which both passes lost the
-    patient stay lost.
+    held (t, 21) bool: joints that a reviewer placed, and all joints of the same limbs; they stay in place and do not
+    affect other frames. Frames in which both passes lost the patient stay lost; joints are smoothed over each stretch
+    between such frames.
     """
     weight = _weights_of_back(there, back, lost_sigma_m)
     mixed = _mixed(there, back, weight[:, LIMB_OF_JOINTS])
@@ -175,7 +165,7 @@ def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.nda
 
 def smoothed_result(body: Body, there: PassResult, back: PassResult, smoothing: Smoothing, row: int) -> PassResult:
     """Pose the body to fit the smoothed joints of a frame, within its bone lengths and joint ranges. Labels come from
-    the pass from which the trunk is taken.
+    the pass with more weight at the trunk.
     """
     weight, course = smoothing.weight[row], smoothing.course
     start, joints_m = _nearer_pose(there.pose, back.pose, body.points, weight), course.joints_m[row]
@@ -209,7 +199,7 @@ def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray,
 
 
 def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -> np.ndarray:
-    """Return (t, PARTS) share of the second pass in trunk and limbs: weighted by inverse variance where both agree,
+    """Return (t, PARTS) the share of the second pass in trunk and limbs: by inverse variance where both passes agree,
     else 0 or 1.
     """
     apart_m = np.nan_to_num(np.linalg.norm(there.joints_m - back.joints_m, axis=2))
@@ -226,7 +216,7 @@ def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -
         weight[:, part] = np.where(agree, spread[0] / spread.sum(axis=0), chosen)
         if part == 0:
             split = ~agree
-        weight[split, part] = weight[split, 0]  # where the trunk is in two places, limbs follow it
+        weight[split, part] = weight[split, 0]  # if the passes disagree on the trunk, limbs come from the trunk's pass
     return weight
 
 
@@ -235,14 +225,13 @@ def _known_sigma(course: PassCourse, lost_sigma_m: float) -> np.ndarray:
 
 
 def seen_less(answer: PassResult) -> float:
-    """Return the cost of a frame's joints that are not seen at their place; 0 if all joints are seen."""
+    """Return the total cost of the joints that are not seen at their place in a frame; 0 if all joints are seen."""
     return float(_JOINT_COST[[STATE_CODE[state] for state in answer.states]].sum())
 
 
 def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
-    """Return (t,) which of two courses with cost (2, t) to take in each frame for the least total cost (Viterbi 1967).
-
-    A change between them costs more the farther apart they are, since limbs do not jump.
+    """Return (t,) 0 or 1: which of two courses with cost (2, t) to take in each frame for the least total cost (Viterbi
+    1967). The farther apart the courses are, the more a switch costs, since limbs do not jump.
     """
     change = SWITCH_COST + SWITCH_COST_PER_M * distance_m
     total, came_from = cost[:, 0].copy(), np.zeros((len(distance_m), 2), dtype=np.int64)
@@ -259,7 +248,7 @@ def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
 
 
 def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCourse:
-    """Mix joints, sigma and states of both; weight (t, 21): share of the second pass where both found the patient."""
+    """Mix joints, sigma and states of both passes; weight (t, 21): share of the second where both found the patient."""
     share = np.where((there.found & back.found)[:, None], weight, back.found[:, None].astype(np.float64))
     code = np.where(share > 0.5, back.state_code, there.state_code)
     joints = there.joints_m + share[..., None] * (back.joints_m - there.joints_m)
@@ -280,7 +269,7 @@ def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.
 
 
 def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weight: np.ndarray) -> Pose | None:
-    """Take each part's bones from the pose that has more weight there; None where both are lost."""
+    """Take the bones of each body part from the pose with more weight there; None if both poses are missing."""
     if one is None or other is None:
         return one or other
     rotations = one.rotations.copy()
@@ -290,10 +279,9 @@ def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weigh
 
 
 def explain_smoothed(frame_set: FrameSet, answer: PassResult, body: Body, run: Run) -> Explanation | None:
-    """Compute how well the combined pose explains a frame; None where there is no pose.
+    """Compute how well the combined pose explains a frame; None without a pose.
 
-    frame_set: the frame, read again, since the views of all frames would fill the memory. Person labels come from
-    ``answer``.
+    frame_set: the frame, read again, since all depth images would fill the memory; ``answer`` has the person labels.
     """
     if answer.pose is None:
         return None

@@ -1,7 +1,7 @@
 """Find where tracking begins: the frame that shows the patient best, and the body that explains it.
 
-A therapist who holds the patient may be mistaken for a part of the patient; fitting a body shows in which frame the
-patient is alone.
+A therapist who holds the patient may be mistaken for a part of the patient. A fitted body explains the whole patient
+only in frames without such a mistake.
 """
 
 from __future__ import annotations
@@ -51,16 +51,17 @@ from anchorpose.tracker.prior_shape import (
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import Crowd, SeenPerson, Sighting
 
-SEEN = 0.3  # share of skin at which a forearm or shank counts as fully seen; half of it faces a camera
-USUAL = 60.0  # sum of squared deviations of all joint ranges; correct first poses have 15 to 60, wrong poses over 100
-# least quality if there is no equipment around; correct starts have 0.35, a wrong start in a crowd had less than 0.25
+SEEN = 0.3  # a forearm or shank counts as fully seen with this share of its skin; a camera sees half at most
+# usual rarity of a pose (sum of the squared joint deviations); correct first poses have 15 to 60, wrong ones over 100
+USUAL = 60.0
+# least quality of a start without equipment; correct starts have 0.35, a wrong start in a crowd had less than 0.25
 LEAST_QUALITY = 0.25
 LEAST_TRUNK = 0.05  # least seen share of the skin of trunk and head: a face, or a part of a chest between other people
-TURN_GATE = 21.1  # sum of three squared deviations of angles; one patient in ten thousand turns so far unseen
-MOST_DEVIATIONS = 4.0  # standard deviations of the largest of 16 statistical components: one adult in a thousand
-LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must explain
-HANGS_M = 0.35  # m from floor to feet; people on a high bed or a treadmill have their feet lower than this
-UPRIGHT = 0.7  # least cosine between trunk and vertical for this check; a lying person's feet are not near the floor
+TURN_GATE = 21.1  # largest squared Mahalanobis distance (3 angles) of an unseen turn; 1 patient in 10,000 turns farther
+MOST_DEVIATIONS = 4.0  # standard deviations, most for any of 16 shape components: one adult in a thousand exceeds it
+LEAST_EXPLAINED = 0.55  # least share of the surface that a first pose must explain
+HANGS_M = 0.35  # m, largest height of the feet above the floor; feet on a high bed or a treadmill are lower
+UPRIGHT = 0.7  # least cosine between trunk and vertical for the HANGS_M check; a lying person's feet may be high
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
 
 
@@ -68,22 +69,20 @@ class NoStart(StrEnum):
     """The reason why tracking does not begin in a frame."""
 
     NOBODY_THERE = "nobody is seen where the patient should be"
-    NOBODY_NEW = "everybody in view was there beside the patient"
-    WHO_IS_IT = "who came in may be another person"
-    TOO_LITTLE_SEEN = "too little of anybody is seen where the patient should be"
+    NOBODY_NEW = "everybody in view was seen together with the patient before"
+    WHO_IS_IT = "the person who came in may not be the patient"
+    TOO_LITTLE_SEEN = "too little of a person is seen where the patient should be"
     NO_BODY_FITS = "no body explains what is seen there"
     NOT_HUMAN = "only a body outside of the range of human shapes would explain what is seen there"
-    HANGS = "only a body that hangs above the floor would explain what is seen there"
+    HANGS = "only a body above the floor would explain what is seen there"
     LIMBS_ALONE = "neither trunk nor head is in view, only limbs"
 
 
 class Facing(NamedTuple):
-    """The facing of the patient in a frame by a longer stretch of the recording: a pose that has it, and the person
-    facing the other way with a body of its own, None where the stretch excludes it.
-    """
+    """The patient's facing in a frame, decided by a longer stretch of the recording."""
 
-    pose: Pose
-    other: Rival | None
+    pose: Pose  # a pose with this facing
+    other: Rival | None  # the opposite facing, with the body learnt for it; None if the stretch excludes it
 
 
 def find_start(
@@ -95,11 +94,11 @@ def find_start(
     expected: PoseBelief | None = None,
     facing: Facing | None = None,
 ) -> Start | NoStart:
-    """Find the patient in this frame, or return why there is none.
+    """Find the patient in this frame, or return why the patient is not found.
 
-    known: the learnt shape, None before learning; crowd: the people in this frame, None where unknown; expected: the
-    pose before the patient was lost. The first pose is found without the expected pose; a search may then turn the body
-    round. facing: decides on the facing in place of this frame alone.
+    known: the learnt shape, None before learning; crowd: the people in this frame, None if not found yet; expected: the
+    pose before the patient was lost. It is used for the limb search after the first pose, and to reject a person who
+    faces the other way. facing: the known facing, which this frame alone need not decide; None if unknown.
     """
     room, config = run.room, run.config
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
@@ -120,8 +119,8 @@ def find_start(
 def _start_with(
     first: FirstPose, seen: Observation, expected: PoseBelief | None, facing: Facing | None, config: TrackConfig
 ) -> Start | None:
-    """Return the start with a first pose after a search for its limbs; None where the pose does not fit. The other
-    arguments are those of ``find_start``.
+    """Return the start with a first pose, after a search for its limbs; None if the pose does not fit. ``expected`` and
+    ``facing`` are described in ``find_start``.
     """
     body, turned = build_body(body_points(), first.shape), _turned(first)
     if facing is not None:
@@ -130,7 +129,8 @@ def _start_with(
     if not found.found:
         return None
     before = expected or vague_belief(found.belief.pose)
-    search = search_limbs(body, found, before, seen.evidence, config.registration)  # sides, limbs without matches
+    # corrects exchanged sides, and limbs without matches
+    search = search_limbs(body, found, before, seen.evidence, config.registration)
     found = search.registration
     others = [*search.rivals, turned] if facing is None else _facing_as(facing, search.rivals)
     rivals = rivals_of(body, found.belief, others)
@@ -140,30 +140,28 @@ def _start_with(
 def _turned_round(before: PoseBelief, now: Pose) -> bool:
     """Return whether the pelvis has turned farther than is likely since the pose before.
 
-    Then it may be another person: a helper who was hidden together with the patient often faces the patient, and so
-    shows a back where a front was.
+    Then the person may not be the patient: a helper who was hidden together with the patient often faces the patient,
+    and so shows the back where the patient showed the front.
     """
     turn = before.pose.change_to(now, body_points().moving)[:3]
     return float(turn @ np.linalg.solve(before.covariance[:3, :3], turn)) > TURN_GATE
 
 
 def _turned(first: FirstPose) -> Rival:
-    """Return the person facing the other way, with the same body or with one learnt for that facing, whichever is
-    likelier.
-    """
+    """Return the opposite facing, with the same body or with a body fitted for that facing, whichever is likelier."""
     other = min(first.others, key=first.ahead_of)
     own = None if other.shape is first.shape else build_body(body_points(), other.shape)
     return Rival(vague_belief(other.pose), first.ahead_of(other), body=own)
 
 
 def _facing_as(facing: Facing, rivals: Sequence[Rival]) -> list[Rival]:
-    """Return the rivals with a known facing, and the person facing the other way as far as this is possible."""
+    """Return the rivals that have the known facing, and the opposite facing if it is still possible."""
     alike = [one for one in rivals if not facing.pose.faces_away(one.belief.pose)]
     return alike if facing.other is None else [*alike, facing.other]
 
 
 def start_turned(seen: Observation, turned: Rival, config: TrackConfig) -> Start | None:
-    """Return the start with a rival that faces the other way and has its own body; None where it explains nothing."""
+    """Return the start with the opposite facing; None if it has no body of its own or explains nothing."""
     if turned.body is None:
         return None
     found = posterior(turned.body, turned.belief.pose, turned.belief, seen.evidence, config.registration)
@@ -171,9 +169,9 @@ def start_turned(seen: Observation, turned: Rival, config: TrackConfig) -> Start
 
 
 def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: FittedShape | None) -> FirstPose:
-    """Find the first pose with the learnt body, else with a body that may still change.
+    """Find the first pose with the learnt body, or, before learning, with a body that may still change.
 
-    Where no likely body fits the statements about the patient, the images alone decide.
+    If no likely body fits the user's statements about the patient, the images alone decide.
     """
     subject, config = run.room.recording.subject, run.config
     if known is not None:
@@ -186,7 +184,7 @@ def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: Fitte
 
 
 def _is_likely(first: FirstPose, subject: Subject) -> bool:
-    """Return whether people have such a height and build. A measured height is always accepted."""
+    """Return whether the fitted height and build are human. A height that the user measured is always accepted."""
     deviations = first.belief.deviations(first.shape)[: body_points().asset.common_count]
     return (subject.height_m is not None or is_human(first.shape)) and bool(deviations.max() < MOST_DEVIATIONS)
 
@@ -213,7 +211,7 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
 
 
 def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
-    """Return whether an upright body ends far above the floor, because only a part of the person is seen.
+    """Return whether an upright body ends far above the floor, which happens if only a part of the person is seen.
 
     joints_m (21, 3).
     """
@@ -225,8 +223,8 @@ def quality(start: Start) -> float:
     """Return the quality of a start, 0 to 1: the share of the surface that the body explains, reduced for each forearm
     and shank that is hardly seen, and for a rare pose.
 
-    The pose of a hidden part is arbitrary, and a limb that the first frame assigns to another person stays wrong for
-    long. Rare poses are suspect: legs that were fitted to the head of a kneeling person are bent in a rare way.
+    The pose of a hidden limb is arbitrary, and a limb that the first frame confuses with another person's limb stays
+    wrong for long. Rare poses are often wrong: for example, legs fitted to a kneeling person's head bend in a rare way.
     """
     body = build_body(body_points(), start.shape)
     points, pose = body.points, start.belief.pose
@@ -237,9 +235,9 @@ def quality(start: Start) -> float:
 
 
 def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
-    """Return the start of a pass in the other direction, from the frame in which a pass ended; None if lost there.
+    """Return the start of a pass in the other direction, from the last frame of a pass; None if the patient was lost.
 
-    The belief is reduced to this frame's evidence, so that the other direction is independent.
+    The belief uses only this frame's evidence, so that both passes are independent.
     """
     seen, belief, shape = estimate.observation, estimate.belief, estimate.shape
     if seen is None or belief is None or shape is None:
@@ -250,12 +248,12 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     return Start(seen, shape, found.belief, found.explained, estimate.rivals)
 
 
-CROWDED_M: Final = 1.0  # m between the axes of two people; an outstretched arm and half a trunk
+CROWDED_M: Final = 1.0  # m between the axes of two people, below which the score falls: an arm and half a trunk
 MERGED: Final = 0.5  # weight of a frame with fewer people than usual; two people who stand close may be seen as one
-WELL: Final = 0.92  # least share explained, with all limbs seen: 0.95 to 1 when alone, 0.7 with a therapist's arm
-WHOLE: Final = 0.8  # least share of the patient's usual visible surface; any pose explains a sliver beside a therapist
-TRIES: Final = 8  # frames; each takes one or two seconds to fit
-APART: Final = 0.25  # share of the frames' time span between tried frames; nearby frames fail for the same reason
+WELL: Final = 0.92  # quality at which a frame is taken at once: alone 0.95 to 1, with a therapist's arm added 0.7
+WHOLE: Final = 0.8  # least share of the patient's usual visible surface; any pose would explain a narrow strip
+TRIES: Final = 8  # most frames to fit; each takes one or two seconds
+APART: Final = 0.25  # tried frames are this share of the time span apart; nearby frames fail for the same reason
 
 
 def rank_initial_frames(
@@ -268,7 +266,7 @@ def rank_initial_frames(
     """Return the frames that show the patient; frames that show the patient well and nobody nearby come first.
 
     frames: positions in the recording; sightings: the people in each frame. If the user gave the patient's place, only
-    the first run of frames with the patient there is used, since the place is given for the start.
+    the first unbroken series of frames with the patient there is used, since the place refers to the start.
     """
     patient = choose_patient(sightings, equipment, patient_xz_m, cameras)
     if patient is None:
@@ -298,7 +296,7 @@ class _Shown(NamedTuple):
 
 
 def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
-    """Return the first run of frames in which the patient is at a place; all frames if the patient is never there."""
+    """Return the first unbroken series of frames with the patient at a place; all frames if never there."""
     there = [one is not None and distance_m(one, place_xz_m) < GIVEN_M for one in patient.seen]
     if not any(there):
         return range(len(there))
@@ -307,8 +305,8 @@ def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
 
 
 def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: float) -> InitialFrame:
-    """Score a frame. More surface than usual does not increase the score, since it may belong to another person who
-    touches the patient.
+    """Score a frame. Surface beyond the usual area does not raise the score: it may belong to a person who touches the
+    patient.
     """
     one, sighting = shown.patient, shown.sighting
     people = sighting.people
@@ -322,8 +320,8 @@ def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: f
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
-    """Return the room with its best initial frame first. Where the patient is always alone, nobody can be confused with
-    them, so no body is fitted.
+    """Return the room with its best initial frame first. If the patient is always alone, nobody can be confused with
+    the patient, so no body is fitted.
     """
     candidates = room.initial_frames
     if all(one.alone for one in candidates):
@@ -347,7 +345,7 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
 
 def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> float:
-    """Return the log probability of a start's pose and shape, by the images and the body priors, nats."""
+    """Return the log probability, in nats, of a start's pose and shape, given the images and the body priors."""
     body = build_body(body_points(), start.shape)
     readings = log_probability(body, start.belief.pose, start.observation.evidence)
     return readings - 0.5 * shape_cost(start.shape, subject, config)
@@ -358,11 +356,10 @@ def best_of(
 ) -> InitialFrame:
     """Return the first frame that shows the whole patient and is explained well, or the most probable of ``TRIES``.
 
-    explained: function that returns how well a body explains the patient in a frame, 0 to 1, and its log probability
-    (nats), less what the surface that it leaves unexplained could have added. A body that is turned round covers as
-    much surface, but its readings are less probable than in other frames, or its shape is rare. Where a person behind
-    the patient has the patient's label, there is more surface, but no body explains all of it. The frame with the best
-    score is tried first, then frames far from all tried frames.
+    explained: returns, for a frame, how well a body explains the patient, 0 to 1, and the body's log probability in
+    nats, minus a penalty for unexplained surface. A body with the wrong facing explains as much surface, but its
+    readings are less probable, or its shape is rare. If a person behind the patient has the patient's label, no body
+    explains all of the surface. The frame with the best score is tried first, then frames far from all tried frames.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:

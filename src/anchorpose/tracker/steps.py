@@ -1,7 +1,8 @@
 """Find where all people moved since the last frame, from the depth images alone.
 
-At a low frame rate a walking person moves a quarter of a metre between frames, farther than remembered or predicted
-skin reaches. So each person's last seen points are moved over the ground and compared with the new frame.
+At a low frame rate a walking person moves a quarter of a metre between frames, too far to be recognised by the
+remembered or predicted skin. So each person's last seen points are moved over the ground and compared with the new
+frame.
 """
 
 from __future__ import annotations
@@ -18,30 +19,30 @@ from anchorpose.body.visibility import Projection, pixels_of, projection_of
 from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Pieces
 
-REACH_M: Final = 0.60  # m from frame to frame: 3 m/s at 5 frames a second
+REACH_M: Final = 0.60  # m, longest step from frame to frame: 3 m/s at 5 frames per second
 GRID_M: Final = 0.05  # m between tried steps: half a limb's width
-SAME_M: Final = 0.06  # m from a moved point to the reading: half the grid along the ray, clothes and noise
-PAST_M: Final = 0.15  # m; a reading so far behind a point shows that the point is not there
-POINTS: Final = 250  # points per person; the share found is then precise to 0.03
-STAYED: Final = 0.6  # share of a person's points found again, above which the person has not walked
-PLACED: Final = 0.4  # share of expected skin that must be found; the person's own limbs hide a part of it
-BETTER: Final = 0.2  # share of the points that a step must explain more than staying does
+SAME_M: Final = 0.06  # m, largest gap between a moved point and the reading: half the grid step, clothes and noise
+PAST_M: Final = 0.15  # m; a reading this far behind a point shows that the point is not there
+POINTS: Final = 250  # most points used per person; the share found is then precise to 0.03
+STAYED: Final = 0.6  # a person with at least this share of points found again in place has not walked
+PLACED: Final = 0.4  # no step is needed if this share of expected skin is found; the person's own limbs hide the rest
+BETTER: Final = 0.2  # a step must find this share of the points more than staying does
 LEAST: Final = 0.25  # least share of the points found after a step; other people may hide the rest
-FAR_COST: Final = 0.2  # share of the points per metre of step; of two equally good places the nearer is chosen
+FAR_COST: Final = 0.2  # share of the points subtracted per metre of step, so that the nearer of two good places wins
 MOST_WALKERS: Final = 5  # people whose steps are compared jointly; more do not fit into an image
 MOST_STEPS: Final = 4  # steps considered for each person
-APART_M: Final = 0.25  # m between the axes of two people, and between two steps worth comparing
-LEAST_POINTS: Final = 60  # points of a hand: a share of fewer points is not reliable
+APART_M: Final = 0.25  # m, least distance between the axes of two people, and between two considered steps
+LEAST_POINTS: Final = 60  # about the points of a hand; a share of fewer points is not reliable
 
 
 def find_steps(
     skin_m: Mapping[int, np.ndarray], pieces: Sequence[Pieces | None], cameras: Sequence[Camera]
 ) -> dict[int, np.ndarray]:
-    """Return how far people moved over the ground, (3,) metres by label; people who stayed or are not seen are left
-    out.
+    """Return each walking person's step over the ground, (3,) metres by label. People who stayed, or are not seen, have
+    no entry.
 
-    skin_m: per label, the points (n, 3), world, of the person's skin that were seen in the last frame. A point is found
-    where a person's pixel lies at its depth, refuted where a camera sees past it, and unknown where it is hidden. The
+    skin_m: (n, 3) world points per label: the person's skin seen in the last frame. A moved point counts as found if a
+    pixel of a person lies at its depth, as refuted if a camera sees past it, and as unknown if it is hidden. The
     combination of steps that explains most points is chosen.
     """
     shown = [(pixels, projection_of(camera)) for pixels, camera in zip(pieces, cameras, strict=True) if pixels]
@@ -60,17 +61,17 @@ def find_steps(
 
 
 class _Option(NamedTuple):
-    """A possible step (3,), its end (2,) on the ground, and its worth."""
+    """A possible step of one person."""
 
-    step: np.ndarray
-    place_xz_m: np.ndarray
-    worth: float
+    step: np.ndarray  # (3,) m
+    place_xz_m: np.ndarray  # (2,) the person's place on the ground after the step
+    worth: float  # share of the points explained, less the cost of the distance
 
 
 def _options(
     points_m: np.ndarray, staying: float, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> list[_Option]:
-    """Return the options of a person: staying, or one of the best steps, which lead to different places."""
+    """Return the options of a person: staying, and up to MOST_STEPS good steps that lead to different places."""
     steps, center = _grid(), points_m.mean(axis=0)[[0, 2]]
     worth = _worth(_thinned(points_m), steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     found = [_Option(np.zeros(3), center, max(staying, 0.0))]
@@ -83,7 +84,7 @@ def _options(
 
 
 def _together(chosen: Sequence[_Option]) -> float:
-    """Return the total worth of several people's steps, which must not lead two people to the same place."""
+    """Return the total worth of several people's steps; -inf if two people would end in the same place."""
     for one, other in combinations(chosen, 2):
         if (one.step.any() or other.step.any()) and np.linalg.norm(one.place_xz_m - other.place_xz_m) < APART_M:
             return -np.inf
@@ -93,10 +94,10 @@ def _together(chosen: Sequence[_Option]) -> float:
 def step_onto(
     skin_m: np.ndarray, seen_m: np.ndarray, pieces: Sequence[Pieces | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Return the step (3,) over the ground that moves expected skin to where its owner is seen; 0 where it already
-    is.
+    """Return the step (3,) over the ground that moves a person's expected skin to where the person is seen; zero if the
+    skin already fits or no step fits clearly better.
 
-    skin_m (p, 3): the expected skin that faces a camera; seen_m (n, 3): points at which ``find_steps`` found the owner.
+    skin_m (p, 3): expected skin that faces a camera; seen_m (n, 3): points at which ``find_steps`` found the person.
     """
     nowhere = np.zeros(3)
     if len(skin_m) < LEAST_POINTS or len(seen_m) < LEAST_POINTS:
@@ -114,7 +115,7 @@ def step_onto(
 
 
 def facing_points(points_m: np.ndarray, normals: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
-    """Return the points (n, 3) that face any camera; normals (n, 3)."""
+    """Return those of the points (n, 3) with normals (n, 3) that face at least one camera."""
     facing = np.zeros(len(points_m), dtype=bool)
     for camera in cameras:
         facing |= ((camera.position_m - points_m) * normals).sum(axis=1) > 0
@@ -139,7 +140,7 @@ def _grid() -> np.ndarray:
 def _best_step(
     points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, float]:
-    """Return the step that finds most of the points again, and its worth."""
+    """Return the step (3,) of greatest worth, and its worth less the cost of the distance."""
     steps = _grid()
     worth = _worth(points_m, steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     best = int(worth.argmax())
@@ -149,8 +150,8 @@ def _best_step(
 def _worth(
     points_m: np.ndarray, steps: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Return the share (k,) of points found after each step, less the refuted ones; one camera is enough to find a
-    point.
+    """Return (k,) the share of points found after each step minus the share refuted. A point is found if any camera
+    finds it.
     """
     found = np.zeros((len(steps), len(points_m)), np.int8)
     for (pixels, projection), open_ in zip(shown, free, strict=True):
@@ -167,7 +168,7 @@ def _look(
     free: np.ndarray,
     found: np.ndarray,
 ) -> None:
-    """Enter 1 for a moved point with a free pixel at its depth, and -1 for a point that the camera sees past."""
+    """Set found to 1 for a moved point with a free pixel at its depth, and to -1 if the camera sees past the point."""
     height, width = depth.shape
     for k in range(len(steps)):
         column, row, far = pixels_of(points + steps[k], projection, height, width)
@@ -185,7 +186,7 @@ def _look(
 
 
 def _take(points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]) -> None:
-    """Mark the pixels at the points as taken: nobody else is found there."""
+    """Mark the pixels at the points as taken, so that no other person is found there."""
     for (pixels, projection), open_ in zip(shown, free, strict=True):
         _close(points_m, projection, pixels.depth_m, open_)
 

@@ -28,34 +28,29 @@ JOINTS: Final = {"recording": pa.string(), "frame": pa.int64(), "joint": pa.stri
 MATCHES: Final = {"task": pa.string(), "pair": pa.string(), "node": pa.int64(), "match": pa.int64()}
 OPTIONAL: Final = "sigma_m"
 MAY_BE_EMPTY: Final = frozenset((*PLACE, OPTIONAL, "match"))
-FARTHEST_M: Final = 100.0  # m; rooms are smaller, so larger values are millimetres
+FARTHEST_M: Final = 100.0  # m; rooms are smaller, so a larger value must be in millimetres
 NO_ROW, NO_MATCH = -2, -1
-"""Marks of a node: the answers have no row for it; they state that it has no match."""
+"""Marks of a node: the answers have no row for it, or they state that it has no match."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointAnswers:
-    """The answers on one recording: position_m (t, 21, 3), world, and sigma_m (t, 21), NaN where the answers give
-    none.
-    """
+    """The answers about the joints of one recording; values that the answers do not give are NaN."""
 
-    position_m: np.ndarray
-    sigma_m: np.ndarray
+    position_m: np.ndarray  # (t, 21, 3), world
+    sigma_m: np.ndarray  # (t, 21)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answers:
-    """All answers about the recordings of a benchmark folder.
+    """All answers about the recordings of a benchmark folder."""
 
-    joints: by recording; matches: by task and pair, (n,) int64 node of the second frame, ``NO_MATCH`` or ``NO_ROW``.
-    elsewhere: rows about recordings that are not in the folder.
-    """
-
-    method: str
-    source: str
-    joints: Mapping[str, JointAnswers]
+    method: str  # name of the method
+    source: str  # where the method is described
+    joints: Mapping[str, JointAnswers]  # by recording
+    # by task and pair, (n,) int64: node of the second frame, ``NO_MATCH`` or ``NO_ROW``
     matches: Mapping[tuple[str, str], np.ndarray]
-    elsewhere: int
+    elsewhere: int  # number of rows about recordings that are not in the folder
 
 
 def read_answers(folder: Path, benchmark: Benchmark) -> Answers:
@@ -89,9 +84,10 @@ def _table_file(folder: Path, name: str) -> Path | None:
 
 
 def read_table(path: Path, columns: Mapping[str, pa.DataType]) -> dict[str, np.ndarray]:
-    """Return the columns by name: texts, int64, or float64 with NaN where empty; ``match`` is ``NO_MATCH`` where empty.
+    """Return the columns by name: texts, int64, or float64.
 
-    sigma_m may be left out. Raises InputError where columns are missing, unknown, of another type or partly empty.
+    An empty float64 is NaN, and an empty ``match`` is ``NO_MATCH``. The column sigma_m may be left out. Raises
+    InputError if columns are missing, unknown, of another type or partly empty.
     """
     remedy = f"give the columns {', '.join(columns)}" + (" (sigma_m may be left out)" if OPTIONAL in columns else "")
     try:
@@ -182,7 +178,7 @@ def _read_joints(path: Path, benchmark: Benchmark) -> tuple[dict[str, JointAnswe
 
 
 def check_places(path: Path, place_m: np.ndarray) -> None:
-    """Raise InputError where a row of ``place_m`` (rows, 3) is neither a place in a room nor empty."""
+    """Raise InputError if a row of ``place_m`` (rows, 3) is neither a place in a room nor empty."""
     empty, finite = np.isnan(place_m), np.isfinite(place_m).all(axis=1)
     _refuse(path, ~finite & ~empty.all(axis=1), "has part of a position", "give x_m, y_m and z_m, or none of them")
     far = finite & (np.abs(place_m) > FARTHEST_M).any(axis=1)

@@ -14,38 +14,35 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # pixels around a label that give the depth of the labelled skin
+PATCH_PX: Final = 3  # pixels on each side of a label from which the depth of the labelled skin is taken
 IN_FRONT_M, BEHIND_M = 0.10, 0.35  # m, how far a joint may lie in front of and behind the skin at its label
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
-"""Joints that are invisible under clothes: labellers placed them by proportion, up to 12 cm apart."""
-DEEP_M: Final = 0.10  # m from the skin of a trunk to its axis
+"""Joints that are invisible under clothes; labellers placed them by the body's proportions, up to 12 cm apart."""
+DEEP_M: Final = 0.10  # m, from the skin of a trunk to its axis
 
 
 @dataclass(frozen=True, slots=True)
 class LabelledPerson:
-    """One person in one frame. box: first and last column and row; joints: name to (column, row), only of seen joints;
-    plain: whether head and more than half of the trunk are in view; unclear: joints about which the labeller was less
-    sure.
-    """
+    """The labels of one person in one frame."""
 
     person: str
-    plain: bool
-    box: tuple[float, float, float, float]
-    joints: dict[str, tuple[float, float]]
-    unclear: frozenset[str] = frozenset()
+    plain: bool  # whether the head and more than half of the trunk are in view
+    box: tuple[float, float, float, float]  # first column, first row, last column, last row
+    joints: dict[str, tuple[float, float]]  # name to (column, row), only for seen joints
+    unclear: frozenset[str] = frozenset()  # joints about which the labeller was less sure
 
 
 Frames = dict[int, tuple[LabelledPerson, ...]]
 
 
 def read_labels(folder: Path, recording: str, labeller: str) -> Frames:
-    """Return the frame number to the people in it, as one of ``LABELLERS`` saw them. folder: benchmarks/labels."""
+    """Return the people in each frame, by its number, as seen by one of ``LABELLERS``. folder: benchmarks/labels."""
     return _frames(_document(folder, recording, labeller)["frames"])
 
 
 def read_label_set(folder: Path, name: str, labeller: str) -> dict[str, Frames]:
-    """Return the recording to its labelled frames, from a file that holds several recordings."""
+    """Return the labelled frames of each recording, by its name, from a file with several recordings."""
     return {recording: _frames(frames) for recording, frames in _document(folder, name, labeller)["recordings"].items()}
 
 
@@ -74,7 +71,7 @@ def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
 
 
 def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """Return (3,) world: the middle of a labelled trunk; None where no joint of it is labelled and has a reading."""
+    """Return (3,) world: the middle of a labelled trunk; None if no joint of it has both a label and a reading."""
     found = []
     for name in TRUNK:
         if name in person.joints and np.isfinite(z := skin_depth_m(depth_m, person.joints[name])):
@@ -86,11 +83,10 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
 
 
 def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return the distance, across the line of sight, of each visible labelled joint from the tracked joint, (21, 3)
-    world.
+    """Return the distance across the line of sight, in metres, of each labelled joint from the tracked joint.
 
-    It is inf where the tracked joint is lost, in front of, or far behind the labelled skin; joints without a reading at
-    the label are left out.
+    joints_m (21, 3): tracked joints, world. The distance is inf if the tracked joint is lost, in front of the labelled
+    skin or far behind it. Joints without a reading at the label are left out.
     """
     distances = {}
     for name, (right, down, behind) in shift_m(person, joints_m, depth_m, camera).items():
@@ -100,10 +96,10 @@ def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, cam
 
 
 def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, np.ndarray]:
-    """Return the joint to (3,): how far (21, 3) world joints are right of, below and behind a label on the skin; NaN
-    where lost.
+    """Return, for each joint, how far it is right of, below and behind its label on the skin: (3,) metres.
 
-    Joints that are labelled by proportion, and labels without a reading, are left out.
+    joints_m (21, 3): tracked joints, world. A lost joint gives NaN. Joints that are labelled by proportion, and labels
+    without a reading, are left out.
     """
     T_camera_world, lens = invert_rigid(camera.require_pose()), camera.intrinsics
     shifts = {}
@@ -128,7 +124,7 @@ def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, cam
 
 
 def trunk_pixel(table: JointTable, row: int, camera: Camera) -> np.ndarray | None:
-    """Return (3,) column, row and depth of the tracked trunk's middle; None where it is lost."""
+    """Return (3,) column, row and depth of the tracked trunk's middle; None if it is lost."""
     middle = table.position_m[row, [JOINT_INDEX[name] for name in TRUNK]].mean(axis=0)
     if not np.isfinite(middle).all():
         return None

@@ -36,33 +36,29 @@ from anchorpose.threads import one_thread
 
 DOCUMENT: Final = "benchmark.json"
 FORMAT: Final = "anchorpose-benchmark"
-REFERENCE: Final = "reference.json"  # file beside this module: DOCUMENT of the whole set as made on Linux, x86-64
-HOLE_SHARE: Final = 0.5  # share of the frames that get a hole, as in the paper; never the first frame
+REFERENCE: Final = "reference.json"  # file beside this module: DOCUMENT of all recordings as made on Linux, x86-64
+HOLE_SHARE: Final = 0.5  # share of the frames that get a hole, as in the paper; the first frame never gets one
 STEP: Final = 2  # every second row and column is a node, as in the tracker's mesh
 TRUTH_UNIT_M: Final = 1e-4  # true joints are compared to a tenth of a millimetre
 
 
 @dataclass(frozen=True, slots=True)
 class Fingerprint:
-    """The fingerprint of a recording. depth: hash of all decoded depth images; truth: hash of the joints, rounded to
-    0.1 mm; readings: their number; mean_mm.
-    """
+    """The fingerprint of a recording's content."""
 
-    depth: str
-    truth: str
-    readings: int
-    mean_mm: float
+    depth: str  # hash of all decoded depth images
+    truth: str  # hash of the true joints, rounded to 0.1 mm
+    readings: int  # number of depth readings
+    mean_mm: float  # mean of the readings
 
 
 @dataclass(frozen=True, slots=True)
 class Benchmark:
-    """A benchmark folder. groups: the existing ones; other_bytes: a sentence per recording that differs from the
-    reference.
-    """
+    """A benchmark folder."""
 
     folder: Path
-    groups: tuple[Group, ...]
-    other_bytes: tuple[str, ...]
+    groups: tuple[Group, ...]  # groups that exist in the folder
+    other_bytes: tuple[str, ...]  # one sentence for each recording that differs from the reference
 
 
 def make_benchmark(
@@ -72,7 +68,7 @@ def make_benchmark(
 
     Recordings that an earlier run has finished are kept, so the same call also checks a benchmark.
 
-    Raises InputError where the folder is neither empty nor a benchmark of this version.
+    Raises InputError if the folder is neither empty nor a benchmark of this version.
     """
     check_place(out)
     if out.exists() and any(out.iterdir()):
@@ -106,7 +102,7 @@ def open_benchmark(folder: Path) -> Benchmark:
 
 
 def unlike_reference(found: dict[str, Fingerprint]) -> list[str]:
-    """Return a sentence for each recording whose content is not that of the reference."""
+    """Return a sentence for each recording whose content differs from the reference."""
     known, sentences = reference(), list[str]()
     for name, mark in found.items():
         expected = known.get(name)
@@ -121,15 +117,13 @@ def unlike_reference(found: dict[str, Fingerprint]) -> list[str]:
 
 
 def reference() -> dict[str, Fingerprint]:
-    """Return the fingerprints of all recordings by name."""
+    """Return the reference's fingerprints of all recordings, by name."""
     document = json.loads(files(__package__).joinpath(REFERENCE).read_text(encoding="utf-8"))
     return {name: Fingerprint(**mark) for name, mark in document["recordings"].items()}
 
 
 def make_group(group: Group, out: Path) -> None:
-    """Make all files of one seed: recordings, true joints, nodes, and true matches of the nodes in the format of
-    answers.
-    """
+    """Make all files of one seed: recordings, true joints, nodes, and their true matches in the format of answers."""
     with one_thread(), whole_or_nothing(out / group.name) as work:
         simulated = work / "simulated"
         simulate_recording(simulated, group.simulation)
@@ -142,9 +136,7 @@ def make_group(group: Group, out: Path) -> None:
 
 
 def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -> None:
-    """Make the copies with holes, all in the same frames, and the nodes of the pairs' frames with their true
-    matches.
-    """
+    """Make the copies with holes, which are in the same frames in all copies, and nodes and true matches of pairs."""
     camera, frames = recording.cameras[0].name, range(len(recording.streams[0].files))
     seen = [patient_pixels(recording, labels / camera, frame) for frame in frames]
     centre_m = np.array([points.mean(axis=0) for _, points in seen])
@@ -161,9 +153,7 @@ def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -
 
 
 def patient_pixels(recording: Recording, labels: Path, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the row and column (n, 2) of the pixels that truly show the patient and have a reading; places (n, 3),
-    world.
-    """
+    """Return the pixels that truly show the patient and have a reading: row and column (n, 2), place (n, 3), world."""
     camera = recording.cameras[0]
     depth_m = read_depth_image(recording.streams[0].files[frame], camera).depth_m
     label = read_image(labels / f"{frame:06d}.png")
@@ -191,7 +181,7 @@ def _write_nodes(path: Path, pixel: np.ndarray, points_m: np.ndarray) -> None:
 
 
 def _write_matches(group: Group, work: Path) -> None:
-    """Write the node nearest to each true place, in the format of answers."""
+    """Write the node nearest to each node's true place as its match, in the format of answers."""
     skin, rows = Skin(group.simulation), ["task,pair,node,match"]
     for pair in group.pairs:
         best = truth_of(work, pair, skin).nearest()

@@ -12,14 +12,17 @@ from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
 VERSION: Final = 1
-"""Version; it grows with every change of recordings, tasks or scores: figures of two versions are not comparable."""
+"""Version of the benchmark.
+
+It grows with every change of recordings, tasks or scores, since figures of two versions cannot be compared.
+"""
 
 SECONDS: Final = 6.0
 FPS: Final = 10.0  # frames per second; the paper's samples are about a tenth of a second apart
 GAPS: Final = {"association-0.1s": 1, "association-0.3s": 3, "association-1s": 10, "association-1.5s": 15}
 """Frames between the two frames of a pair, by task."""
 
-FIRST_FRAMES: Final = (4, 22, 40)  # first frames of the pairs of a recording, the same for every gap
+FIRST_FRAMES: Final = (4, 22, 40)  # first frames of a recording's pairs, the same for every gap
 CLINIC: Final = "clinic"
 NODES: Final = "nodes"
 TRACKING: Final = {f"tracking-{hole_m:.2f}m": hole_m for hole_m in PAPER_HOLES_M}
@@ -29,7 +32,7 @@ TASKS: Final = (*GAPS, *TRACKING, CLINIC)
 
 
 class Part(StrEnum):
-    """The part of the benchmark: recordings for developing a method, or recordings for leader board figures."""
+    """A part of the benchmark: recordings to develop a method with, or recordings for the leader board's figures."""
 
     DEVELOPMENT = "development"
     TEST = "test"
@@ -44,14 +47,14 @@ SEEDS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two frames whose nodes are to be matched; first and second: files of nodes, relative to the benchmark."""
+    """Two frames whose nodes are to be matched."""
 
     task: str
     name: str
     first_frame: int
     second_frame: int
-    first: str
-    second: str
+    first: str  # file with the nodes of the first frame, relative to the benchmark
+    second: str  # file with the nodes of the second frame, relative to the benchmark
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +78,7 @@ class Group:
 
     @property
     def recordings(self) -> dict[str, str]:
-        """Return, per task, the folder of its recording relative to the benchmark: the name that answers use."""
+        """Return the folder of each task's recording, relative to the benchmark; answers use it as the name."""
         if self.is_clinic:
             return {CLINIC: f"{self.name}/recording"}
         return {task: f"{self.name}/hole-{round(100 * hole_m):03d}" for task, hole_m in TRACKING.items()}
@@ -101,7 +104,7 @@ class Group:
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """Return the groups of a part. at_most: largest number per kind, beginning with the first seeds."""
+    """Return the groups of a part. at_most: largest number of groups per kind, in the order of their seeds."""
     single, clinic = SEEDS[part]
     return tuple(
         Group(part, is_clinic, seed)

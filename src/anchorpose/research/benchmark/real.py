@@ -21,15 +21,14 @@ FILE: Final = "real.csv"
 COLUMNS: Final = {"recording": pa.string(), "person": pa.string(), "frame": pa.int64(), "joint": pa.string(), **PLACE}
 
 Joints = dict[tuple[str, str, int], np.ndarray]
-"""By recording, person and frame: (21, 3) metres in the frame of the recording's first camera, NaN where missing."""
+"""Joints (21, 3) by recording, person and frame: metres in the frame of the recording's first camera, NaN = missing."""
 
 
 def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskScore]:
-    """Return, for each labelled recording in the user's folder, the distances across the line of sight from both
-    labellers' labels.
+    """Return the score of each labelled recording in the user's folder.
 
-    A joint that is not at the labelled person's depth counts as missing. Raises InputError where the folder has no
-    labelled recording.
+    It is the distance, across the line of sight, from the labels of both labellers. A joint that is not at the labelled
+    person's depth counts as missing. Raises InputError if the folder has no labelled recording.
     """
     joints, scores = _read(answers / FILE), dict[str, TaskScore]()
     names = sorted({path.name.split(".")[0] for path in labels.glob("*.first.json")})
@@ -48,7 +47,7 @@ def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskS
 
 
 def _distances(name: str, joints: Joints, folder: Path, labels: Path) -> Iterator[float]:
-    """Yield the error of each labelled joint in metres, inf where the answer is missing or at another depth."""
+    """Yield the error of each labelled joint in metres; inf if the answer is missing or at another depth."""
     recording = open_recording(folder)
     camera = replace(recording.cameras[0], T_world_camera=np.eye(4))
     for labeller in LABELLERS:

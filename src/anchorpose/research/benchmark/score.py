@@ -1,6 +1,6 @@
-"""Score answers task by task, and compare two sets of answers in pairs.
+"""Score answers task by task, and compare two sets of answers, question by question.
 
-Missing answers are counted separately, and count as outside in every share.
+The share of missing answers is given separately; a missing answer counts as outside every distance.
 """
 
 from __future__ import annotations
@@ -26,31 +26,25 @@ RESAMPLES: Final = 2000
 
 
 class Asked(NamedTuple):
-    """The questions of a task about one recording: m nodes seen in both frames, or joints with a known truth.
+    """The m questions of a task about one recording: nodes seen in both frames, or joints with a known truth."""
 
-    error_mm (m,): NaN without an answer. none (m,) bool: questions answered by "no match". moved (m,) bool: nodes that
-    moved. within (m, 3): per axis, 1 where the truth lies within 1.96 sigma, else 0; NaN where no sigma is given.
-    """
-
-    error_mm: np.ndarray
-    none: np.ndarray
-    moved: np.ndarray
-    within: np.ndarray
+    error_mm: np.ndarray  # (m,), NaN without an answer
+    none: np.ndarray  # (m,) bool, questions answered by "no match"
+    moved: np.ndarray  # (m,) bool, nodes that moved
+    within: np.ndarray  # (m, 3) per axis, 1 if the truth lies within 1.96 sigma, 0 if not, NaN if no sigma is given
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskScore:
-    """Figures of one task; None where a figure has no data.
+    """Figures of one task; None = no data for this figure.
 
-    missing_share: share of the questions without an answer; none_share: share answered by "no match". Shares within a
-    distance are of all questions, millimetres are over the answered questions. coverage_95: share of the axes with a
-    sigma.
+    Shares within a distance are shares of all questions. Millimetres are over the questions with an answer.
     """
 
     recordings: int
-    asked: int
-    missing_share: float
-    none_share: float
+    asked: int  # number of questions
+    missing_share: float  # share of the questions without an answer
+    none_share: float  # share of the questions answered by "no match"
     mean_mm: float | None
     median_mm: float | None
     p95_mm: float | None
@@ -59,22 +53,22 @@ class TaskScore:
     moved: int
     moved_median_mm: float | None
     moved_within_50mm: float | None
-    coverage_95: float | None
+    coverage_95: float | None  # share of the axes with a sigma on which the truth lies within 1.96 sigma
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Score:
-    """A score. tasks: tasks with any answer; asked: their questions, by task and group."""
+    """The score of a set of answers."""
 
     answers: Answers
     part: Part
-    other_bytes: tuple[str, ...]
-    tasks: Mapping[str, TaskScore]
-    asked: Mapping[str, Mapping[str, Asked]]
+    other_bytes: tuple[str, ...]  # as in ``Benchmark``
+    tasks: Mapping[str, TaskScore]  # only tasks with any answer
+    asked: Mapping[str, Mapping[str, Asked]]  # the questions of these tasks, by task and group
 
 
 def score_answers(benchmark: Benchmark, answers: Answers, part: Part) -> Score:
-    """Score every task of a part to which there are answers; all recordings of the task in the folder count."""
+    """Score every task of a part for which there are answers; all recordings of the task in the folder count."""
     groups = [group for group in benchmark.groups if group.part is part]
     asked: dict[str, dict[str, Asked]] = {}
     for group in groups:
@@ -147,11 +141,11 @@ def summarise(each: Sequence[Asked]) -> TaskScore:
 
 
 def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
-    """Return the differences ``one`` minus ``other``, by task, with 95 % intervals by the bootstrap over recordings,
-    drawn in pairs.
+    """Return the differences ``one`` minus ``other`` by task, with 95 % intervals.
 
-    mm: mean distance where both have an answer, negative where ``one`` is nearer; within_50mm: share of all questions,
-    positive where ``one`` is better.
+    Intervals are by the bootstrap over recordings; both scores use the same drawn recordings. mm: mean distance over
+    the questions that both answer, negative if ``one`` is nearer. within_50mm: share of all questions, positive if
+    ``one`` is better.
     """
     compared = {}
     for task in (task for task in TASKS if task in one.asked and task in other.asked):
@@ -182,8 +176,10 @@ def as_document(score: Score) -> dict[str, Any]:
 
 
 def leader_board_row(score: Score) -> str:
-    """Return a row of the table of docs/benchmark.md: per cent within 50 mm, all / moved, by gap; mean joint error by
-    hole and in clinics, with the share that is missing; per cent in 1.96 sigma in clinics.
+    """Return a row of the table of docs/benchmark.md.
+
+    Its columns are, for each gap, the per cent of all nodes / of moved nodes within 50 mm; for each hole and for
+    clinics, the mean joint error with the share that is missing; and for clinics, the per cent within 1.96 sigma.
     """
     cells = [score.answers.method]
     for task in (*GAPS, *TRACKING, CLINIC):

@@ -1,4 +1,4 @@
-"""Compute the true places of a frame's nodes in another frame, and the distance of matches from them on the body."""
+"""Compute where a frame's nodes truly are in another frame, and how far matches are from there on the body."""
 
 from __future__ import annotations
 
@@ -14,13 +14,11 @@ from anchorpose.recording.document import read_text
 from anchorpose.research.benchmark.plan import NODES, Pair
 from anchorpose.research.experiment.correspondence import Skin, TruePlaces
 
-MOVED_M = 0.03  # a node whose place changed by more counts as moved
+MOVED_M = 0.03  # m; a node whose place changed by more counts as moved
 
 
 def read_nodes(path: Path) -> np.ndarray:
-    """Return (n, 3) places of a frame's nodes, metres, world. Raises InputError where the file is not as it was
-    made.
-    """
+    """Return the places (n, 3) of a frame's nodes, metres, world. Raises InputError if the file was changed."""
     try:
         table = np.loadtxt(StringIO(read_text(path)), delimiter=",", skiprows=1, ndmin=2)
         if table.shape[1] != 6 or not np.array_equal(table[:, 0], np.arange(len(table))):
@@ -33,38 +31,33 @@ def read_nodes(path: Path) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairTruth:
-    """The truth of a pair. first_m (n, 3) and second_m (k, 3): nodes, world, metres; places: the first nodes' in the
-    second frame.
-
-    Nodes on the body whose place has no node near it in the second frame are hidden there; nodes off the body (flying
-    pixels) have no place.
-    """
+    """The truth of a pair of frames."""
 
     skin: Skin
     pair: Pair
-    first_m: np.ndarray
-    second_m: np.ndarray
+    first_m: np.ndarray  # (n, 3) nodes of the first frame, metres, world
+    second_m: np.ndarray  # (k, 3) nodes of the second frame, metres, world
+    # places of the first frame's nodes in the second frame; a place without a node near it is hidden there, and nodes
+    # that are not on the body (flying pixels) have no place
     places: TruePlaces
 
     @property
     def moved(self) -> np.ndarray:
-        """Return (n,) bool: nodes that are farther than ``MOVED_M`` away in the second frame."""
+        """Return (n,) bool: nodes that are more than ``MOVED_M`` away from their first place in the second frame."""
         moved: np.ndarray = np.linalg.norm(self.places.place_m - self.first_m, axis=1) > MOVED_M
         return moved
 
     def nearest(self) -> np.ndarray:
-        """Return (n,) int the best possible answer: the node nearest to each true place, -1 where the place is not
-        seen.
-        """
+        """Return the best possible answer (n,) int: the node nearest to each true place, -1 if this is not seen."""
         best, seen = np.full(len(self.first_m), -1, np.int64), self.places.seen
         best[seen] = cKDTree(self.second_m).query(self.places.place_m[seen])[1]
         return best
 
     def error_mm(self, match: np.ndarray) -> np.ndarray:
-        """Return (n,) the distance along the skin of each match (-1 or less: none) from the true place; NaN without
-        match or place.
+        """Return (n,): the distance along the skin of each match from the true place; NaN without match or place.
 
-        It is at least the straight distance, since both ends are known only to the nearest vertex of the skin.
+        match: -1 or less = no match. The distance is at least the straight distance, since both ends are known only up
+        to the nearest vertex of the skin.
         """
         error, known = np.full(len(match), np.nan), (match >= 0) & self.places.seen
         matched = self.second_m[match[known]]

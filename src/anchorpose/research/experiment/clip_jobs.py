@@ -1,4 +1,4 @@
-"""Run the recordings of an experiment as jobs of the engine that also tracks many sessions, with progress."""
+"""Run the recordings of an experiment as jobs, by the engine that also tracks many sessions, and report progress."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from anchorpose.research.experiment.work import work_on
 BESIDE: Final = "pictures"
 
 Progress = Callable[[float, float], None]
-"""Called with the approximate seconds on one core, done and in total."""
+"""Function called with the approximate seconds of work on one core: seconds done, and seconds in total."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A part of an experiment: clips, the plan of their tasks, and the costs of the tasks."""
+    """A part of an experiment: its clips, the plan of their tasks, and the costs of the tasks."""
 
     spec: PlanSpec
     clips: tuple[Clip, ...]
@@ -49,9 +49,10 @@ class Part:
 def do(
     part: Part, processes: int, progress: Progress, after_s: float, beside: Callable[[], object] | None = None
 ) -> list[str]:
-    """Do all tasks, clips in parallel; returns a sentence for each clip with a task that could not be done.
+    """Do all tasks, with clips in parallel; return a sentence for each clip with a task that could not be done.
 
-    after_s: seconds of work after this part, for the time left. beside: other work, done in one of the processes.
+    after_s: seconds of work after this part, which count for the time left. beside: other work, to be done in one of
+    the processes.
     """
     tasks = part.tasks()
     left_s = part.cost_s(tasks)

@@ -1,7 +1,7 @@
-"""Provide the recordings of an experiment, simulated or the user's own with reference skeletons, and cut holes into
-them.
+"""Provide the recordings of an experiment and cut holes into them.
 
-Holes are the paper's transient occlusions: data removed around the body's centre in random frames (Section V).
+Recordings are simulated, or the user's own recordings with reference skeletons. Holes are the paper's transient
+occlusions: data removed around the body's centre in random frames (Section V).
 """
 
 from __future__ import annotations
@@ -24,19 +24,17 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
-LOOSE_M = 0.014  # m, close to the simulator's limit; ordinary clothes are up to 0.009 away from the skin
+LOOSE_M = 0.014  # m, distance of loose clothes from the skin, near the simulator's limit; ordinarily at most 0.009
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clip:
-    """One recording of an experiment. simulation: settings of a simulated recording, None where ``folder`` is the
-    user's.
-    """
+    """One recording of an experiment."""
 
     name: str
     scene: Scene
-    simulation: SimulationConfig | None
-    folder: Path | None = None
+    simulation: SimulationConfig | None  # settings of a simulated recording; None for a recording of the user
+    folder: Path | None = None  # folder of a recording of the user
 
     @property
     def holes_are_cut(self) -> bool:
@@ -79,7 +77,7 @@ def simulation_of(scene: Scene, seed: int, config: ExperimentConfig) -> Simulati
     raise ValueError(f"{scene} is not simulated")
 
 
-SURE = 1.0  # least confidence of a reference joint that is used
+SURE = 1.0  # smallest confidence of a reference joint that is used
 
 
 def simulated_joints(truth: Path) -> np.ndarray:
@@ -89,11 +87,10 @@ def simulated_joints(truth: Path) -> np.ndarray:
 
 
 def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
-    """Return the joints (t, 21, 3), metres, world, of a skeleton.npz (``names`` of our joints, ``xyz`` (t, m, 4)); NaN
-    where uncertain.
+    """Return the joints (t, 21, 3) of a skeleton.npz, metres, world; uncertain joints are NaN.
 
-    ``xyz``: camera x right, y up, z away, metres, and confidence; a joint at the origin is missing.
-    Raises InputError where the file is not such a skeleton.
+    The file has the ``names`` of m of our joints and ``xyz`` (t, m, 4): metres in the camera's frame (x right, y up, z
+    away) and confidence. A joint at the origin is missing. Raises InputError if the file is not such a skeleton.
     """
     remedy = "give names and xyz (t, joints, 4)"
     arrays = read_arrays(skeleton, ("names", "xyz"), remedy)
@@ -110,13 +107,14 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
     return joints
 
 
-ON_BODY_M = 0.3  # distance from the middle of a body to its skin; a point farther away is not on the body
-HOLES_KEY = 7  # key of a random stream that is separate from those of the recordings
+ON_BODY_M = 0.3  # m, distance from the middle of a body to its skin; a point farther away is not on the body
+HOLES_KEY = 7  # key of the holes' random stream, which is separate from the random streams of the recordings
 
 
 def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]) -> np.ndarray:
-    """Draw (frames,) bool: the frames that lose data. Frames at which tracking starts, whose pose is given, never
-    do.
+    """Draw the frames that lose data, (frames,) bool.
+
+    Frames at which tracking starts never lose data, since their pose is given.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HOLES_KEY,)))
     chosen: np.ndarray = rng.random(frames) < share
@@ -125,13 +123,13 @@ def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]
 
 
 def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.ndarray, radius_m: float) -> np.ndarray:
-    """Return a copy of the recording folder at ``out`` without the readings nearer than ``radius_m`` to the body's
-    centre.
+    """Copy the recording folder to ``out`` without the readings nearer than ``radius_m`` to the body's centre.
 
-    centre_m (t, 3): the mean of the visible body, world, NaN where the body was not seen; such a frame does not change.
-    This mean lies inside the body, so the hole is centred on the reading nearest to it, and the radius is valid on the
-    skin. chosen (t,) bool. Images that lose nothing are linked, not copied. Returns (t,) bool: the frames that lost
-    readings. Raises InputError for a recording of several cameras: their frames would have to be paired first.
+    centre_m (t, 3): the mean of the visible body, world. It lies inside the body, so the hole is centred on the reading
+    nearest to it, and the radius is valid on the skin. NaN if the body was not seen: such a frame does not change.
+    chosen (t,) bool: the frames to change. Images that lose nothing are linked, not copied. Returns (t,) bool: the
+    frames that lost readings. Raises InputError for a recording of several cameras, whose frames would have to be
+    paired first.
     """
     if len(recording.cameras) != 1:
         raise InputError(recording.folder, "has several cameras", "holes are cut in recordings of one camera only")
@@ -153,7 +151,7 @@ def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.
 def within_hole(file: Path, camera: Camera, centre_m: np.ndarray, radius_m: float) -> np.ndarray | None:
     """Return (height, width) bool: pixels of a depth image within the radius of the reading nearest to a world point.
 
-    None where there is no such reading within reach of a body.
+    None if this point has no reading within ``ON_BODY_M``.
     """
     depth = read_depth_image(file, camera).depth_m
     if depth is None or np.isnan(centre_m).any():

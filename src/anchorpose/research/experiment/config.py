@@ -15,22 +15,22 @@ PAPER_HOLES_M: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 
 
 class Scene(StrEnum):
-    """A kind of recording; all but the first are beyond the paper."""
+    """A kind of recording; only the first is in the paper."""
 
-    PAPER = "paper"  # one person, one front camera, no occluder but the holes
+    PAPER = "paper"  # one person, one front camera, and no occlusion except the holes
     LOOSE = "loose"  # as paper, in clothes twice as loose
-    FRAME = "frame"  # one front camera, a standing frame's bars in front of the patient
-    CLINIC_FRONT = "clinic-front"  # as frame, with two therapists who hold and move
+    FRAME = "frame"  # one front camera, and the bars of a standing frame in front of the patient
+    CLINIC_FRONT = "clinic-front"  # as frame, with two therapists who hold the patient and move
     CLINIC = "clinic"  # as clinic-front, with three cameras
-    REAL = "real"  # recordings that the user gives, with reference skeletons
+    REAL = "real"  # the user's recordings with reference skeletons
 
 
 class Form(StrEnum):
     """The form of the framework: how a pose follows from the matches.
 
-    Rejection is not in the paper: the track tree gives up a node at ``TreeConfig.missed_cost_m``, a part's motion is
-    fitted with Cauchy's weights, and a pose that explains too little of the frame is replaced by the predicted pose. So
-    gross errors of the matches have no effect.
+    The paper does not reject matches. Rejection here means that the track tree gives up a node at
+    ``TreeConfig.missed_cost_m``, that a part's motion is fitted with Cauchy's weights, and that a pose that explains
+    too little of the frame is replaced by the predicted pose. Gross errors of the matches then have no effect.
     """
 
     REFINED = "surface"  # parts follow their matches, then the surface (ICP); bad matches are rejected
@@ -53,16 +53,17 @@ class Update(StrEnum):
     """The way in which the pose is updated by the matches."""
 
     PARTS = "parts"  # every part by itself, as in the paper
-    KALMAN = "kalman"  # an iterated extended Kalman filter over the pose (paper, Section III)
-    PARTICLES = "particles"  # a particle filter over the pose (paper, Section III)
+    KALMAN = "kalman"  # by an iterated extended Kalman filter over the pose (paper, Section III)
+    PARTICLES = "particles"  # by a particle filter over the pose (paper, Section III)
 
 
 @settings
 class ExperimentConfig:
-    """The paper's experiment by default: 20 recordings, six sizes of hole, all methods on the same frames.
+    """The settings of an experiment; the default is the paper's experiment.
 
-    The paper's samples are not a video: 200 of them contain slow and fast movements of all limbs, so they are about a
-    tenth of a second apart. Here the frame rate is ten per second.
+    It has 20 recordings, six sizes of hole, and all methods on the same frames. The paper's samples are not a video:
+    200 of them contain slow and fast movements of all limbs, so they must be about a tenth of a second apart. Therefore
+    the frame rate here is ten per second.
     """
 
     # first seed of the test recordings; each seed is another body, other clothes and other movements
@@ -76,22 +77,24 @@ class ExperimentConfig:
     segment_frames: Annotated[Count, Field(ge=2)] = 10
     # segments per recording, drawn at random, the same for every method: 1,080 frames with the default
     segments: Count = 6
-    gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # between the two frames whose matches are compared
-    windows: Count = 2  # moments of each recording, size of hole and gap at which matches are compared with the truth
-    # forms with the surface run at every size of hole
+    gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose matches are compared
+    # number of moments at which matches are compared with the truth, for each recording, size of hole and gap
+    windows: Count = 2
+    # forms of the framework; forms with the surface run at every size of hole, others without and with the largest hole
     forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
-    scene_recordings: Count = 3  # recordings of each scene beyond the paper's
-    scene_seconds: Positive = 6.0
-    methods: tuple[str, ...] = ()  # keys, or paths of Python files with METHODS; none: all
-    ablation: bool = True  # also run ablated variants of anchorpose's own tracker, in the scenes beyond the paper's
+    scene_recordings: Count = 3  # number of recordings of each scene other than the paper's
+    scene_seconds: Positive = 6.0  # length of each of these recordings
+    methods: tuple[str, ...] = ()  # keys of methods, or paths of Python files with METHODS; empty = all methods
+    ablation: bool = True  # also run ablated variants of anchorpose's own tracker, in scenes other than the paper's
     training_seed: int = 401  # seed of the recordings from which settings are chosen and movements are taken
     training_recordings: Count = 4
-    training_samples: Annotated[Count, Field(ge=40)] = 200  # frames of reference movements
-    training_windows: Count = 2  # moments of each, with and without a hole, on which settings are tried
-    tuned: bool = True  # False: every method with its first setting
+    training_samples: Annotated[Count, Field(ge=40)] = 200  # number of frames of reference movements
+    # number of moments of each training recording, with and without a hole, at which settings are tried
+    training_windows: Count = 2
+    tuned: bool = True  # False: every method uses its first setting
     pictures: bool = True  # draw matches, hypotheses and tracked joints; False: tables and figures only
-    resamples: Annotated[Count, Field(ge=100)] = 2000  # resamples of the bootstrap over recordings
+    resamples: Annotated[Count, Field(ge=100)] = 2000  # number of resamples of the bootstrap over recordings
 
     def __post_init__(self) -> None:
         if not (
@@ -125,8 +128,9 @@ class ExperimentConfig:
 
 
 def quick() -> ExperimentConfig:
-    """Return a configuration that runs everything once on very little data, in five minutes, only to show that it
-    runs.
+    """Return a configuration that runs everything once on very little data, only to show that it runs.
+
+    It takes five minutes.
     """
     return ExperimentConfig(
         recordings=1,

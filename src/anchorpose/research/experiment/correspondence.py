@@ -1,4 +1,4 @@
-"""Compute the true correspondence of simulated surfaces: where the skin point of each node is in another frame."""
+"""Compute the true correspondence of simulated surfaces: where each node's point of the skin is in another frame."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 
-SEEN_M = 0.025  # m, two node spacings; a point without a node this near is not seen
+SEEN_M = 0.025  # m, two node spacings; a point whose nearest node is farther away is not seen
 ON_SKIN_M = 0.05  # m; a node farther from the skin is not on the patient
-SPACING_M = 0.04  # spacing of the points between which distances along the skin are computed
+SPACING_M = 0.04  # m, spacing of the points between which distances along the skin are computed
 
 REGIONS = {
     "head": ("Head", "Neck"),
@@ -27,22 +27,18 @@ REGIONS = {
     "shank": ("Leg",),
     "foot": ("Foot", "Toe"),
 }
-"""First letters of the bones' names, after the side; the longest match counts."""
+"""First letters of the bones' names after the side, for each region; the longest match counts."""
 
-LAST_WITHOUT_SIDE = 1  # head and trunk have no left and right
+LAST_WITHOUT_SIDE = 1  # index of the last region without left and right; only head and trunk have no side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruePlaces:
-    """True correspondence of m nodes.
+    """True correspondence of m nodes."""
 
-    vertex (m,): nearest vertex of the skin; place_m (m, 3): position in the other frame, world, NaN where the node is
-    not on the patient; seen (m,) bool: the other frame has a node there.
-    """
-
-    vertex: np.ndarray
-    place_m: np.ndarray
-    seen: np.ndarray
+    vertex: np.ndarray  # (m,), vertex of the skin nearest to the node
+    place_m: np.ndarray  # (m, 3), position in the other frame, world; NaN if the node is not on the patient
+    seen: np.ndarray  # (m,) bool, whether the other frame has a node there
 
 
 class Skin:
@@ -73,9 +69,7 @@ class Skin:
         return vertex
 
     def along_skin_m(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Return (m,) distance along the skin between vertices; long distances may be too short by up to the spacing of
-        the sample.
-        """
+        """Return (m,) metres along the skin between vertices; if long, they may be too short by up to ``SPACING_M``."""
         rest, sample, between = self._sampled
         straight = np.linalg.norm(rest[one] - rest[other], axis=1)
         near_one, near_other = self._nearest[one], self._nearest[other]
@@ -86,7 +80,7 @@ class Skin:
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the skin at rest (v, 3), a sample of its vertices (s,), and their distances (s, s) along the mesh."""
+        """Return the skin at rest (v, 3), a sample (s,) of its vertices, and their distances (s, s) on the mesh."""
         body = self.clinic.patient.person.body
         rest, faces = body.vertices, body.asset.faces
         cell = np.unique(np.floor(rest / SPACING_M).astype(np.int64), axis=0, return_index=True)[1]

@@ -11,31 +11,27 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import Family, Method
 from anchorpose.research.experiment.plan import Kind, Task
 
-COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # therapists; three cameras
+COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # relative cost, for therapists, for three cameras
 USUAL_FORM_S: Final = 0.02  # time of a frame in one form of the framework, without the method
-USUAL_OWN_S: Final = 0.15
+USUAL_OWN_S: Final = 0.15  # time of a frame of this project's tracker
 MAKING: Final = 2.0  # time to simulate a frame and to track it for the reference, in multiples of ``own_s``
 
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """Costs in seconds of one core.
+    """Costs in seconds of one core, by the key of the method."""
 
-    frame_s: per frame and method, in all forms and sizes of hole of the paper's scene together, which share descriptors
-    and matches; alone_s: per frame and method in a single form and size; window_s: per method and pair of frames whose
-    matches are compared; own_s: per frame of this project's tracker, learning included.
-    """
-
+    # per frame in all forms and sizes of hole of the paper's scene together, which share descriptors and matches
     frame_s: Mapping[str, float]
-    alone_s: Mapping[str, float]
-    window_s: Mapping[str, float]
-    own_s: float
+    alone_s: Mapping[str, float]  # per frame in a single form and size of hole
+    window_s: Mapping[str, float]  # per pair of frames whose matches are compared
+    own_s: float  # per frame of this project's tracker, including learning the body
 
     def of(self, task: Task, config: ExperimentConfig) -> float:
         """Return the seconds of a task."""
         clip, method = task.clip, task.method
         factor = COST_FACTOR.get(clip.scene, 1.0)
-        frames = 40 if clip.simulation is None else clip.simulation.frames  # a real recording is not open yet
+        frames = 40 if clip.simulation is None else clip.simulation.frames  # a guess for an unopened real recording
         if task.kind is Kind.MATCHED:
             return factor * task.pairs * self.window_s[method.key]
         if method.family is Family.TRACKER:

@@ -1,7 +1,6 @@
-"""Provide the data that every method of the experiment is given: the body, the pose before tracking starts, and the
-patient's pixels.
+"""Provide what every method of the experiment is given: the body, the pose at the start, and the patient's pixels.
 
-The paper takes all three from the sensor's own tracker on unoccluded data. Here they come from this project's tracker,
+The paper takes all three from the sensor's own tracker on unoccluded data. Here they come from this project's tracker
 on the recording without holes. No method sees the truth.
 """
 
@@ -38,23 +37,18 @@ class NoReference(AnchorposeError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The common start of all methods.
+    """The data of t frames that all methods are given; poses are NaN in frames in which the patient was lost."""
 
-    T_world_camera (k, 4, 4): poses of the cameras, given or found, so that all methods share one world. Over t frames:
-    rotations (t, b, 3, 3) and root_m (t, 3) of the pose, joints_m (t, 21, 3) and centre_m (t, 3), the mean of the
-    visible body, world; NaN where the patient was lost. shape: the learnt body. labels: per camera (t, height, width)
-    uint8 of ``PixelLabel``, all ``NO_READING`` in a frame without a search; empty where not requested. clocks: of the
-    cameras, which determine the images of one time.
-    """
-
-    T_world_camera: np.ndarray
-    shape: FittedShape
-    rotations: np.ndarray
-    root_m: np.ndarray
-    joints_m: np.ndarray
-    centre_m: np.ndarray
+    T_world_camera: np.ndarray  # (k, 4, 4), poses of the cameras, given or found, so that all methods share one world
+    shape: FittedShape  # the learnt body
+    rotations: np.ndarray  # (t, b, 3, 3) of the pose
+    root_m: np.ndarray  # (t, 3) of the pose
+    joints_m: np.ndarray  # (t, 21, 3), world
+    centre_m: np.ndarray  # (t, 3), mean of the visible body, world
+    # one per camera, (t, height, width) uint8 of ``PixelLabel``; all ``NO_READING`` in a frame that was not searched;
+    # empty if not requested
     labels: tuple[np.ndarray, ...]
-    clocks: tuple[Clock, ...]
+    clocks: tuple[Clock, ...]  # clocks of the cameras, which determine the images that belong together
 
     @property
     def found(self) -> np.ndarray:
@@ -67,9 +61,9 @@ class Reference:
 
 
 def make_reference(recording: Recording, config: TrackConfig, labelled: bool = True) -> Reference:
-    """Track the original recording; labelled: pixels are wanted, too.
+    """Track the original recording. labelled: whether pixels are also wanted.
 
-    Raises NoReference where nobody is found, InputError without a world frame.
+    Raises NoReference if nobody is found, and InputError without a world frame.
     """
     room = prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
@@ -102,7 +96,7 @@ def make_reference(recording: Recording, config: TrackConfig, labelled: bool = T
 
 
 def in_its_world(recording: Recording, reference: Reference) -> Recording:
-    """Return the recording, or its copy with holes, with the reference's camera poses as given poses."""
+    """Return the recording (or its copy with holes) with the camera poses of the reference as its given poses."""
     cameras = tuple(
         replace(camera, T_world_camera=T) for camera, T in zip(recording.cameras, reference.T_world_camera, strict=True)
     )
@@ -136,17 +130,17 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
 
 
 class GivenFrames:
-    """The frames of a recording with the patient's pixels in them, and the surfaces that these show.
+    """The frames of a recording with the patient's pixels, and the surfaces that these pixels show.
 
-    All are made once for all methods and forms, which therefore see the same data; only a method that closes the mesh
-    with the expected body sees a different surface. uncut: the frames of the recording before holes were cut; frames
-    that lost nothing are the same.
+    Each is made once for all methods and forms, which therefore see the same data; only a method that closes the mesh
+    with the expected body sees a different surface. uncut: the frames of the recording before holes were cut, which are
+    used for frames that lost nothing.
     """
 
     def __init__(
         self, room: Room, reference: Reference, uncut: GivenFrames | None = None, cut: np.ndarray | None = None
     ):
-        """Store the frames; cut (t,) bool: the frames that lost readings, all where None."""
+        """Store the frames. cut (t,) bool: the frames that lost readings; None = all frames."""
         self.room, self.reference = room, reference
         self._starts: dict[tuple[int, Hashable], Start] = {}
         self._uncut = uncut
@@ -159,11 +153,11 @@ class GivenFrames:
         return len(self.room.recording.streams[0].files)
 
     def _same_as_uncut(self, position: int) -> GivenFrames | None:
-        """Return the frames before holes were cut, where the one at a position is the same."""
+        """Return the frames before holes were cut if the frame at this position is the same in them, else None."""
         return None if self._cut[position] else self._uncut
 
     def start(self, position: int, observing: Hashable, make: Callable[[], Start]) -> Start:
-        """Return the start at a position, for runs that observe the same in it; make it if it does not exist yet."""
+        """Return the start at a position; make it only if no run with the same ``observing`` has made it before."""
         same, key = self._same_as_uncut(position), (position, observing)
         if same is not None:
             return same.start(position, observing, make)
@@ -183,10 +177,10 @@ class GivenFrames:
     def observe(
         self, frame_set: FrameSet, expected: Expectation | None, height_m: float, run: Run, anchored: bool
     ) -> Observation:
-        """Return the observation of the patient in a frame: the given surface, and anchors by the method's own
+        """Return the observation of the patient in a frame: the given surface, with anchors by the method's
         expectation.
 
-        anchored: False where the method does not use anchors, which are then not searched.
+        anchored: False if the method does not use anchors, which are then not searched.
         """
         surface = self._surface(self._position[frame_set.frame], expected, run)
         anchors = see_anchors(surface, expected, height_m, run) if anchored else no_anchors()
@@ -204,7 +198,7 @@ class GivenFrames:
         return self._surfaces[key]
 
     def _views(self, position: int) -> tuple[View | None, ...]:
-        """Return the given label of each camera's pixels, without readings that a hole has removed since."""
+        """Return the given label of each camera's pixels; readings that a hole has removed have no label."""
         before = None if self._uncut is None else self._uncut.frame(position)
         views = list[View | None]()
         for number, depth_m in enumerate(self.frame(position).depths_m):

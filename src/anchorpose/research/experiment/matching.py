@@ -1,7 +1,6 @@
-"""Measure the distance of matches from the true correspondence, on windows: moments of a recording with their
-look-ahead.
+"""Measure the distance of matches from the true correspondence in windows.
 
-In a window every method matches the same meshes.
+A window is a frame of a recording with its look-ahead. In a window, every method matches the same meshes.
 """
 
 from __future__ import annotations
@@ -31,39 +30,32 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """A window. frame: position of the first observation; stride: number of frames between observations; poses: the
-    predicted poses of all observations but the first.
-    """
+    """A frame of a recording with its look-ahead, as the tracker sees it."""
 
-    frame: int
-    stride: int
+    frame: int  # position of the first observation
+    stride: int  # step in frames from one observation to the next
     tracker: PatientTracker
     observations: tuple[Observation, ...]
-    poses: tuple[Pose, ...]
+    poses: tuple[Pose, ...]  # predicted poses of all observations except the first
     config: TrackConfig
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """A method's matches of the m nodes of a window's first frame: nodes of the second, -1 = no match.
+    """A method's matches of the m nodes of a window's first frame with nodes of the second; -1 = no match."""
 
-    direct (m,): the only hypothesis of each node, -1 where the method has several; links: the hypotheses of each pair
-    of frames; tree: the choice of the track tree, only for nodes on the body; every: the choice of a tree that assigns
-    a match to every node; describe_s: seconds on one core for the first two frames' descriptors and the matches between
-    them.
-    """
-
-    direct: np.ndarray
-    links: tuple[Matcher, ...]
-    tree: GlobalHypothesis
-    every: GlobalHypothesis
-    describe_s: float
+    direct: np.ndarray  # (m,), the only hypothesis of each node; -1 if the method has several
+    links: tuple[Matcher, ...]  # hypotheses of each pair of frames
+    tree: GlobalHypothesis  # choice of the track tree, only for nodes on the body
+    every: GlobalHypothesis  # choice of a tree that assigns a match to every node
+    describe_s: float  # seconds on one core for the first two frames' descriptors and the matches between them
 
 
 def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Window | None:
-    """Return the window from a frame on; None where the patient was not found in it or is not seen in the next frame.
+    """Return the window that begins with a frame.
 
-    stride: frames from one observation to the next, as for ``run_in``.
+    None if the patient was not found in this frame or is not seen in the next. stride: step in frames from one
+    observation to the next, as in ``run_in``.
     """
     if not given.reference.found[frame] or frame + stride >= len(given):
         return None
@@ -102,19 +94,19 @@ def match_window(method: Method, setting: object, window: Window) -> Matches:
 
 
 def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
-    """Draw ``wanted`` of the frames at random, in order; the same for each method and size of hole."""
+    """Draw ``wanted`` of the frames at random, in order; they are the same for each method and size of hole."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(11,)))
     count = min(wanted, len(frames))
     return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))
 
 
-# nodes of a window, drawn at random; enough for the mean of a window, and few enough to store with every result
+# number of nodes of a window that are compared, drawn at random: enough for a window's mean, and few enough to store
 COMPARED = 400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchErrors:
-    """The errors of m compared nodes, as in ``results.Matched``."""
+    """The errors of the m compared nodes, with the fields of ``results.Matched``."""
 
     region: np.ndarray
     moved_mm: np.ndarray
@@ -130,16 +122,19 @@ class MatchErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The compared nodes of a window: node (m,) of the first frame, how far it moves, its true place in the second."""
+    """The truth of the m compared nodes of a window."""
 
     skin: Skin
-    node: np.ndarray
-    moved_mm: np.ndarray
-    places: TruePlaces
+    node: np.ndarray  # (m,), node of the first frame
+    moved_mm: np.ndarray  # (m,), how far it moves
+    places: TruePlaces  # its place in the second frame
 
 
 def truth_of(window: Window, skin: Skin) -> Truth:
-    """Return at most ``COMPARED`` nodes whose place is also seen in the next frame; the same for every method."""
+    """Return the truth of at most ``COMPARED`` nodes whose place is also seen in the next frame.
+
+    These nodes are the same for every method.
+    """
     now, after = (seen.surface.points_m.astype(np.float64) for seen in window.observations[:2])
     places = skin.follow(now, window.frame, window.frame + window.stride, after)
     seen = np.flatnonzero(places.seen)
@@ -171,15 +166,16 @@ def score(method: Method, setting: object, window: Window, truth: Truth) -> Matc
 
 
 def warm_up(method: Method, setting: object, window: Window) -> None:
-    """Match two frames once: kernels are loaded or compiled at their first call, which must not be timed."""
+    """Match two frames once, since the first call loads or compiles kernels, which must not be timed."""
     if method.associate is not None:
         now, after = window.observations[:2]
         method.associate(setting)(now, after, method.configure(window.config, setting)).all()
 
 
 def _anchors_s(method: Method, setting: object, window: Window) -> float:
-    """Return the seconds on one core for the anchors and distances of two frames, if the method uses the anchors of the
-    observation.
+    """Return the seconds on one core for the anchors and distances of two frames.
+
+    It is 0 if the method does not use the anchors of the observation.
     """
     if method.family is not Family.PROPOSED:
         return 0.0
@@ -192,14 +188,14 @@ def _anchors_s(method: Method, setting: object, window: Window) -> float:
 
 
 def _chosen(tree: GlobalHypothesis, window: Window, truth: Truth) -> np.ndarray:
-    """Return (m, 3) positions that a tree chose for the compared nodes, NaN without a match."""
+    """Return the positions (m, 3) that a tree chose for the compared nodes; NaN without a match."""
     place = np.full((len(window.observations[0].surface), 3), np.nan)
     place[tree.node] = tree.matched_m
     return place[truth.node]
 
 
 def _matched(matches: Matches, window: Window, truth: Truth) -> np.ndarray:
-    """Return (m, 3) the position of each compared node's only hypothesis, NaN without a hypothesis."""
+    """Return the positions (m, 3) of the compared nodes' only hypotheses; NaN without a hypothesis."""
     found = np.full((len(truth.node), 3), np.nan)
     node = matches.direct[truth.node]
     found[node >= 0] = window.observations[1].surface.points_m[node[node >= 0]]
@@ -212,8 +208,9 @@ def _straight_mm(matched_m: np.ndarray, truth: Truth) -> np.ndarray:
 
 
 def _skin_mm(matched_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
-    """Return (m,) the distance along the skin in millimetres. It is at least the straight distance, since both ends are
-    known only to the nearest vertex.
+    """Return the distances (m,) along the skin in millimetres.
+
+    Each is at least the straight distance, since both ends are known only up to the nearest vertex.
     """
     known = np.isfinite(matched_m).all(axis=1)
     distance = np.full(len(matched_m), np.nan, np.float32)

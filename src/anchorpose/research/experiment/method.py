@@ -27,43 +27,39 @@ PROPOSED: Final = "anchors"
 """Key of the paper's method with the repairs that docs/experiment.md lists."""
 
 LITERAL: Final = "paper"
-"""Key of the paper's method as its text has it."""
+"""Key of the paper's method exactly as its text describes it."""
 
 OWN: Final = "own"
-"""Key of this project's tracker; the other methods of its family are its ablation."""
+"""Key of this project's tracker; the other methods of its family are ablated variants of it."""
 
 NEXT: Final = "next"
-"""Key of its next generation, the paper's future work."""
+"""Key of the next generation of the paper's method, its future work."""
 
-CACHED_BYTES: Final = 400_000_000  # bytes of stored descriptors: the largest of twelve frames, most of a whole segment
-# pairs of frames whose matches are stored: all pairs of a segment for two sizes of hole in all forms
+# bytes of stored descriptors, enough for twelve frames of the largest descriptor or a whole segment of most others
+CACHED_BYTES: Final = 400_000_000
+# pairs of frames whose matches are stored, enough for all pairs of a segment for two sizes of hole in all forms
 CACHED_PAIRS: Final = 48
 
 
 class Family(StrEnum):
-    """The kind of a method, by the paper's related work."""
+    """The family of a method, as in the paper's related work."""
 
     PROPOSED = "proposed"  # distances to anchors
     LOCAL = "local"  # local appearance
-    SPECTRAL = "spectral"  # local, from the surface's spectrum
-    MESH = "mesh"  # local, on the mesh
+    SPECTRAL = "spectral"  # local descriptors from the surface's spectrum
+    MESH = "mesh"  # local descriptors on the mesh
     GLOBAL = "global"  # matches by all distances at once
-    LEARNT = "learnt"  # places on the body by a network
-    NONE = "none"  # no association: only the framework
-    TRACKER = "tracker"  # not in the framework: this project's own tracker
+    LEARNT = "learnt"  # places on the body, found by a network
+    NONE = "none"  # no association, only the framework
+    TRACKER = "tracker"  # this project's own tracker, outside the framework
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """A method and its settings, of which the training recordings choose one.
+    """A method and its settings. The setting that is used is chosen on the training recordings.
 
-    associate: function that makes, from a setting, the association of two frames, of which it may use surface and
-    anchors; None for a complete tracker. configure: function that makes other changes to the framework's configuration
-    (for a tracker: to the defaults). frame_ms: approximate time of a frame of 3,000 nodes on one core, to estimate the
-    duration of an experiment. several: whether it makes several hypotheses per node, among which only the tree can
-    choose. anchored, update, own_surface: see ``paper_tracker.Way``. A method that is not anchored is called only once
-    for frames that differ only in their anchors. content: digest of the file that defines it; empty for methods of the
-    package.
+    For ``anchored``, ``update`` and ``own_surface`` see ``paper_tracker.Way``. A method that is not anchored is called
+    only once for frames that differ only in their anchors.
     """
 
     key: str
@@ -71,14 +67,16 @@ class Method:
     family: Family
     source: str
     settings: tuple[Any, ...] = (None,)
+    # makes, from a setting, the association of two frames by their surface and anchors; None for a complete tracker
     associate: Callable[[Any], Associate] | None = None
+    # makes other changes to the framework's configuration, or to the default configuration of a complete tracker
     configure: Callable[[TrackConfig, Any], TrackConfig] = lambda config, setting: config
-    several: bool = False
+    several: bool = False  # whether it makes several hypotheses per node, so that the tree must choose
     anchored: bool = True
     update: Update = Update.PARTS
     own_surface: bool = False
-    content: str = ""
-    frame_ms: float = 100.0
+    content: str = ""  # digest of the file that defines the method; empty for methods of the package
+    frame_ms: float = 100.0  # approximate time of a frame of 3,000 nodes on one core, to estimate durations
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +90,7 @@ class DescriptorSetting:
 def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callable[[Any], Associate]:
     """Match each node with the node of the next frame whose descriptor is nearest (paper, Section V-A).
 
-    describe: (n, d) descriptors of a frame's seen nodes under a configuration, NaN rows where undefined.
+    describe: function that returns the descriptors (n, d) of a frame's seen nodes; the row of a node without is NaN.
     """
 
     def associate(setting: DescriptorSetting) -> Associate:
@@ -114,12 +112,13 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
 
 
 Content = Callable[[Observation], bytes]
-"""A digest of what is looked at in a frame."""
+"""Function that returns a digest of the part of a frame that a computation uses."""
 
 
 def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[..., np.ndarray]:
-    """Return the same function of frames with a cache: its value is computed once for frames of the same content, as
-    long as there is room to store it.
+    """Return a function of frames with a cache.
+
+    Its value is computed only once for frames of the same content, unless the cache had to drop it.
     """
     recent: dict[bytes, np.ndarray] = {}
 
@@ -134,8 +133,9 @@ def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[...
 
 
 def associate_once(method: Method, setting: Any) -> Associate:
-    """Return the method's association with a cache: it is made once for two frames with the same content, whatever the
-    form of the framework.
+    """Return the method's association with a cache.
+
+    The association of two frames with the same content is made only once for all forms of the framework.
     """
     if method.associate is None:
         raise ValueError(f"{method.key} has no association that the framework could use")
@@ -173,15 +173,14 @@ def _digest(*arrays: np.ndarray) -> bytes:
 
 
 NO_SUBSET: Final = np.empty((1, 0), np.int64)
-"""The subsets of a method without anchors: one, empty."""
+"""The subsets of a method without anchors: a single empty subset."""
 
 
 def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
-    """Return the methods with these keys or from these files, in this order; all methods of the package where none is
-    named.
+    """Return the methods with these keys or from these files, in this order.
 
-    A file is a Python module with ``METHODS``, a tuple of methods. Raises InputError for an unknown key and for a file
-    without a method.
+    If ``wanted`` is empty, all methods of the package are returned. A file is a Python module with ``METHODS``, a tuple
+    of methods. Raises InputError for an unknown key, and for a file without a method.
     """
     shipped = shipped_methods()
     if not wanted:

@@ -1,9 +1,9 @@
 """Match nodes of a frame to the body's own skin by geodesic distances, without a prediction or the last frame.
 
-The paper matches nodes of one frame to those of the next (Section IV-D). Distances to the anchors are nearly the same
-in every pose, but they are also the same on the front and on the back of the body. The turns between the directions of
-the anchors (``turns``) distinguish both: seen from outside, the left hand is to the right of the head in front, and to
-its left behind.
+The paper matches nodes of one frame with nodes of the next (Section IV-D). Distances to the anchors are nearly the same
+in every pose, but they are also the same on the front and on the back of the body. The turns between the directions to
+the anchors (``turns``) distinguish front and back: seen from outside, the left hand is to the right of the head on the
+front, and to the left of the head on the back.
 """
 
 from __future__ import annotations
@@ -25,22 +25,23 @@ from anchorpose.geodesics.paths import unfolded
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.surface.surface import Surface
 
-NODES: Final = 400  # nodes of the frame that are used, 5 cm apart; 250 do almost as well
-TRIED: Final = 1200  # skin points, 4 cm apart
-LEAST_DISTANCES: Final = 3  # distances that distinguish places (paper, Section IV-D)
-SIGMA_M: Final = 0.02  # error of a distance: the front's own error and the anchors' jitter
-SIGMA_PER_M: Final = 0.02  # error per metre of distance: arms and legs bend, the body may be of another size
+NODES: Final = 400  # number of nodes of the frame that are used, 5 cm apart; 250 are almost as good
+TRIED: Final = 1200  # number of skin points that nodes are compared with, 4 cm apart
+LEAST_DISTANCES: Final = 3  # least number of distances that distinguishes places (paper, Section IV-D)
+SIGMA_M: Final = 0.02  # m, error of a distance, from fast marching and from the anchors' jitter
+SIGMA_PER_M: Final = 0.02  # error per metre of distance, since arms and legs bend and the body may have another size
 # sigma of a turn; ten turns follow from four directions, so each counts less than by its own error of 0.4
 TURN_SIGMA: Final = 0.6
-LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])  # distances of a frame than the body's: medians of
-# simulated people. Anchors lie inside head and feet; paths to a hand go over the seen side of the arm only
+LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])  # m, by how much a frame's distances to each anchor are
+# longer than the body's: medians of simulated people. Distances to head and feet are shorter, since anchors lie inside
+# them; distances to a hand are longer, since paths lead only over the seen side of the arm
 ROUNDS: Final = 2  # rounds of matching; after the first, the frame's own medians replace ``LONGER_M``
-ALMOST: Final = 2.0  # squared deviations; skin that is worse than the best by less is also a candidate
-CLEAR_M: Final = 0.10  # m, largest spread of the candidate places: the distance between both sides of a thigh
-LEAST_NODES: Final = 40  # least matches, a tenth of the nodes; fewer determine neither a pose nor a median
-# change of a distance on the body at which it has settled; the remaining error is a hundredth of the sigma
+ALMOST: Final = 2.0  # a skin point is also a candidate if its squared deviations exceed the smallest by less than this
+CLEAR_M: Final = 0.10  # m, largest spread of the candidate places, the distance between both sides of a thigh
+LEAST_NODES: Final = 40  # least number of matches, a tenth of the nodes; fewer determine neither a pose nor a median
+# m, change of a distance on the body below which it has settled; the remaining error is a hundredth of the sigma
 SETTLED_M: Final = 1e-4
-MOST_SWEEPS: Final = 30
+MOST_SWEEPS: Final = 30  # largest number of sweeps until distances settle
 
 MIRRORED: Final = np.array(
     [ANCHOR_NAMES.index(name) for name in ("Head", "HandRight", "HandLeft", "FootRight", "FootLeft")]
@@ -51,39 +52,35 @@ _FIRST, _SECOND = (np.array(column) for column in zip(*PAIRS, strict=True))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnSurface:
-    """distance_m (p, 5): along the skin at rest from each skin point to the tips (``anchor_points``); turns (p, 10)."""
+    """Distances and turns of the p skin points of a body."""
 
-    distance_m: np.ndarray
-    turns: np.ndarray
+    distance_m: np.ndarray  # (p, 5), along the skin at rest from each skin point to each tip (``anchor_points``)
+    turns: np.ndarray  # (p, 10), see ``turns``
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenGeodesics:
-    """The patient's surface in one frame with its anchors and distances.
+    """The patient's surface in one frame with its anchors and distances."""
 
-    whole: with the hidden skin, which is inferred and comes last. descriptor (n, 5) metres: the distance of each seen
-    node to each anchor, inf where not reached, NaN where the anchor is missed or the distance is not trusted.
-    """
-
-    whole: Surface
+    whole: Surface  # includes the hidden skin, which is inferred and comes last
     anchors: Anchors
+    # (n, 5) metres from each seen node to each anchor; inf if no path leads there, NaN if the anchor is missed or the
+    # distance is not trusted
     descriptor: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinMatches:
-    """node (m,) of the seen surface and the skin point (m,) that each shows; spread_m (m,): standard deviation of the
-    skin points that fit almost as well.
-    """
+    """The m matches of nodes with skin points."""
 
-    node: np.ndarray
-    point: np.ndarray
-    spread_m: np.ndarray
+    node: np.ndarray  # (m,), node of the seen surface
+    point: np.ndarray  # (m,), skin point that this node shows
+    spread_m: np.ndarray  # (m,), standard deviation of the skin points that fit almost as well
 
 
 @lru_cache(maxsize=4)
 def own_surface(body: Body) -> OwnSurface:
-    """Return distances and turns of a body's skin points; kept for the last bodies."""
+    """Return distances and turns of a body's skin points; results for the last bodies are cached."""
     vertices, points = body.mesh.vertices, body.points
     distance = skin_distance(vertices, points.asset.faces, points.vertex[anchor_points(points)])
     around = points.asset.faces[points.faces_of].reshape(len(points.vertex), -1)
@@ -92,10 +89,10 @@ def own_surface(body: Body) -> OwnSurface:
 
 
 def skin_distance(vertices: np.ndarray, faces: np.ndarray, sources: np.ndarray) -> np.ndarray:
-    """Return (s, v) metres along a triangle mesh from each source to each vertex; inf where nothing leads there.
+    """Return (s, v) metres along a triangle mesh from each source to each vertex; inf if no path leads there.
 
-    Along the edges first, then across the triangles, as fast marching does (``geodesics.paths.unfolded``), until
-    nothing changes.
+    Distances are first computed along the edges, then shortened across the triangles, as fast marching does
+    (``geodesics.paths.unfolded``), until nothing changes.
     """
     sides = np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1).astype(np.int64)
     edges = np.stack(np.divmod(np.unique(sides @ [len(vertices), 1]), len(vertices)), axis=1)
@@ -131,11 +128,11 @@ def _relax(points: np.ndarray, start: np.ndarray, opposite: np.ndarray, order: n
 def turns(
     places_m: np.ndarray, normals: np.ndarray, nodes: np.ndarray, around: np.ndarray, distance_m: np.ndarray
 ) -> np.ndarray:
-    """Return (k, 10): sine of the angle between the directions away from each two anchors, counter-clockwise from
-    outside.
+    """Return (k, 10): for each pair of anchors, the sine of the angle between the directions away from them.
 
-    places_m (n, 3), distance_m (n, 5) of all nodes; nodes (k,) the chosen ones and normals (k, 3) theirs; around (k,
-    f): nodes near each, -1 for none. NaN where an anchor's distances around a node are unknown.
+    Angles are counter-clockwise as seen from outside. places_m (n, 3), distance_m (n, 5): for all nodes. nodes (k,):
+    the chosen nodes. normals (k, 3): their normals. around (k, f): nodes near each chosen node, -1 = none. NaN if an
+    anchor's distances around a node are unknown.
     """
     offset = places_m[around] - places_m[nodes][:, None]
     side = _sideways(normals)
@@ -162,10 +159,10 @@ def _sideways(normals: np.ndarray) -> np.ndarray:
 
 
 def match_skin(body: Body, seen: SeenGeodesics, mirrored: bool = False) -> SkinMatches:
-    """Return the skin point that each of some seen nodes shows, by its distances and turns.
+    """Return the skin points that some of the seen nodes show, by the distances and turns of these nodes.
 
-    mirrored: with the anchors of left and right exchanged. Nodes with fewer than three distances have no match, and
-    neither have nodes that fit several places of the skin.
+    mirrored: exchange the anchors of left and right. A node with fewer than three distances has no match, and neither
+    has a node that fits several places of the skin.
     """
     chosen = thin(len(seen.descriptor), NODES)
     distance = _finite_or_nan(seen.descriptor[:, MIRRORED] if mirrored else seen.descriptor)
@@ -194,14 +191,15 @@ def _finite_or_nan(values: np.ndarray) -> np.ndarray:
 
 
 def _table(own: np.ndarray) -> np.ndarray:
-    """Return (2 c, p) float32 of the features (p, c) of the body, for ``_off2``."""
+    """Return the body's features (p, c) as a table (2 c, p) float32 for ``_off2``."""
     known = np.nan_to_num(own)
     return np.ascontiguousarray(np.hstack([known**2, known]).T, dtype=np.float32)
 
 
 def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """Return (k, p) float32: sums of ((seen - own) / sigma)^2 over the columns of seen and sigma (k, c) that are not
-    NaN, up to a number that is the same for all p.
+    """Return (k, p) float32: sums of ((seen - own) / sigma)^2, up to a number that is the same for all p.
+
+    The sum is over the columns of seen and sigma (k, c) that are not NaN.
     """
     known = np.isfinite(seen)
     weight, value = np.where(known, 1.0 / sigma**2, 0.0), np.where(known, seen, 0.0)
@@ -209,7 +207,7 @@ def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
 
 
 def _longer(off_m: np.ndarray) -> np.ndarray:
-    """Return (5,) by how much the distances (k, 5) to each anchor exceed the body's: the median over the nodes."""
+    """Return (5,): by how much distances to each anchor exceed the body's: the median of off_m (k, 5)."""
     known = np.isfinite(off_m).sum(axis=0)
     longer = LONGER_M.copy()
     for anchor in np.flatnonzero(known >= LEAST_NODES):
@@ -218,7 +216,10 @@ def _longer(off_m: np.ndarray) -> np.ndarray:
 
 
 def _spread(off2: np.ndarray, least: np.ndarray, places_m: np.ndarray) -> np.ndarray:
-    """Return (k,) metres: one standard deviation of the places (p, 3) almost as near as the nearest, ``least`` (k,)."""
+    """Return (k,) metres: the standard deviation of the places (p, 3) that fit almost as well as the best.
+
+    off2 (k, p): squared deviations. least (k,): their minimum.
+    """
     near = (off2 < least[:, None] + np.float32(ALMOST)).astype(np.float32)
     sums = near @ np.column_stack([places_m, (places_m**2).sum(axis=1), np.ones(len(places_m))]).astype(np.float32)
     mean = sums[:, :4] / sums[:, 4:]

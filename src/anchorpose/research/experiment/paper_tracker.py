@@ -1,4 +1,4 @@
-"""Track the patient in the paper's framework: compute the pose from the matches (Section IV)."""
+"""Track the patient in the paper's framework, which computes the pose from the matches (Section IV)."""
 
 from __future__ import annotations
 
@@ -34,15 +34,12 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """The properties of a method besides its association, and the form of the framework.
-
-    anchored: whether it uses anchors, which are found only then. update: how the pose follows from the matches.
-    own_surface: whether limbs whose ends are seen elsewhere are brought back by matching the body's own surface.
-    """
+    """The form of the framework, and all properties of a method except its association."""
 
     form: Form = Form.REFINED
-    anchored: bool = True
-    update: Update = Update.PARTS
+    anchored: bool = True  # whether the method uses anchors, which are found only if it does
+    update: Update = Update.PARTS  # how the pose follows from the matches
+    # whether a limb whose end is seen elsewhere is brought back by matching the body's own surface
     own_surface: bool = False
 
 
@@ -54,13 +51,14 @@ class PaperTracker(PatientTracker):
         super().__init__(run, start)
 
     def use_shape(self, shape: FittedShape) -> None:
-        """Set the shape as in ``PatientTracker``; a tracker starts again every second, always with the same body."""
+        """Set the shape as in ``PatientTracker``, with a cached body, since trackers often start again."""
         self.shape = shape
         self.body, self.map = _body_of(shape)
 
     def follow(self, frame_set: FrameSet | None) -> bool:
-        """Follow as in ``step``, without states and uncertainty, which are not compared; return whether a frame was
-        registered.
+        """Follow as in ``step``, but without states and uncertainty, which are not compared.
+
+        Return whether a frame was registered.
         """
         ready = self._look(frame_set)
         if ready:
@@ -87,12 +85,12 @@ class PaperTracker(PatientTracker):
         joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, window, steps, robust)
         pose = self._with_limbs(pose_from_joints(self.body, pose, joints))
         found = posterior(self.body, pose, predicted, self.window[1].evidence, config)
-        if not robust and not found.found:  # a pose that explains too little is rejected too, for the predicted one
+        if not robust and not found.found:  # keeps a pose that explains too little
             return Registration(replace(predicted, pose=pose), found.explained, True)
         return found
 
     def _with_limbs(self, pose: Pose) -> Pose:
-        """Return the pose with lost limbs brought back, where the method does that."""
+        """Return the pose; if the method brings lost limbs back, they are brought back in it."""
         if not self.way.own_surface:
             return pose
         seen = self.window[1]
@@ -106,14 +104,14 @@ def _body_of(shape: FittedShape) -> tuple[Body, BodyMap]:
 
 
 HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
-BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # scale of the robust kernel in each step: a limb comes from far at first
+BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # scale of the robust kernel in each step; large while a limb is far away
 BACK_SIGMA_M: Final = 0.05  # m, error of a match to the body's own surface
-HELD_SIGMA_M: Final = 0.01  # error of the skin of all other parts, which stays in place
-HELD_EVERY: Final = 4  # step between the skin points of these parts that are held
+HELD_SIGMA_M: Final = 0.01  # m, error of the skin of all other parts, which stays in place
+HELD_EVERY: Final = 4  # only every fourth skin point of these other parts is held in place
 
 
 def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
-    """Return the pose after moving each arm whose hand the frame shows elsewhere (``own_surface.match_skin``).
+    """Return the pose after moving each arm whose hand the frame shows at another place (``own_surface.match_skin``).
 
     The rest of the body does not move.
     """

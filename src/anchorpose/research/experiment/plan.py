@@ -39,11 +39,11 @@ PRESENTING: Final = (
     "research/experiment/run.py",
     "viewer/",
 )
-"""Code that no stored result depends on."""
+"""Modules that no stored result depends on."""
 
 
 class ResultStore:
-    """A folder of results, each a complete .npz file or absent."""
+    """A folder of results, each of which is either a complete .npz file or absent."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -54,7 +54,7 @@ class ResultStore:
         return self.folder / kind / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
 
     def write(self, path: Path, arrays: Mapping[str, object]) -> None:
-        """Write a result at once: an interruption leaves no partial file."""
+        """Write a result as a whole, so that an interruption leaves no partial file."""
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.stem}.partial-{os.getpid()}")
         try:
@@ -77,8 +77,9 @@ def experiment_code() -> str:
     return code_digest(PRESENTING)
 
 
-ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)  # holes alone are too easy for an ablation
-TUNING_HOLE_M: Final = 0.12  # in half of the training windows: a setting must work with and without a hole
+ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)  # scenes with holes alone are too easy
+# m, radius of the hole in half of the training windows, since a setting must work with and without a hole
+TUNING_HOLE_M: Final = 0.12
 
 
 class Kind(StrEnum):
@@ -90,20 +91,16 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """A task: a method on a clip with a size of hole.
-
-    path: file of its result. forms: forms of the framework in which joints are tracked; pairs: pairs of frames whose
-    matches are compared.
-    """
+    """A task: a method on a clip with a size of hole."""
 
     kind: Kind
     clip: Clip
     hole_m: float
     method: Method
     setting: object
-    path: Path
-    forms: tuple[Form, ...]
-    pairs: int
+    path: Path  # file of its result
+    forms: tuple[Form, ...]  # forms of the framework in which joints are tracked
+    pairs: int  # number of pairs of frames whose matches are compared
 
     @property
     def done(self) -> bool:
@@ -113,19 +110,15 @@ class Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The plan of what to run on each clip.
-
-    settings: settings of each method, by key; movements: the file, and the digest of its content; training: whether the
-    clips serve to choose settings, so that every setting of every method is tried.
-    """
+    """The plan of what to run on each clip."""
 
     config: ExperimentConfig
     methods: tuple[Method, ...]
-    settings: Mapping[str, object]
-    movements: Path
-    movements_digest: str
+    settings: Mapping[str, object]  # setting of each method, by its key
+    movements: Path  # file of the reference movements
+    movements_digest: str  # digest of this file's content
     store: ResultStore
-    training: bool = False
+    training: bool = False  # whether settings are chosen on the clips, so that every setting of every method is tried
 
     def tasks(self, clip: Clip) -> Iterator[Task]:
         """Yield all tasks of a clip."""
@@ -152,11 +145,11 @@ class Plan:
 
     @property
     def gaps_s(self) -> tuple[float, ...]:
-        """Return the times between the two frames whose matches are compared; settings are chosen on the shortest."""
+        """Return the times between the two frames whose matches are compared; in training only the first time."""
         return self.config.gaps_s[:1] if self.training else self.config.gaps_s
 
     def holes(self, clip: Clip) -> tuple[float, ...]:
-        """Return sizes of hole of the clip; for loose clothes only the smallest and the largest."""
+        """Return the clip's sizes of hole; for loose clothes, only no hole and the largest hole."""
         if self.training:
             return (0.0, TUNING_HOLE_M)
         if clip.scene is Scene.LOOSE:
@@ -164,8 +157,10 @@ class Plan:
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 
     def forms(self, clip: Clip, hole_m: float, method: Method) -> tuple[Form, ...]:
-        """Return the forms of the framework. In the paper's scene these are all forms without a hole and with the
-        largest hole, and the forms with the surface for sizes between; in other scenes only the first form.
+        """Return the forms of the framework.
+
+        In the paper's scene, these are all forms for no hole and for the largest hole, and the forms with the surface
+        for sizes between. In other scenes, it is only the first form.
         """
         every = self.config.forms
         if clip.scene is not Scene.PAPER or method.family is Family.TRACKER:
@@ -198,15 +193,15 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanSpec:
-    """A plan to be sent to another process: methods by key or file, settings by number; code: its digest."""
+    """A plan in a form that can be sent to another process."""
 
     config: ExperimentConfig
-    wanted: tuple[str, ...]
-    chosen: tuple[tuple[str, int], ...]
+    wanted: tuple[str, ...]  # keys or files of the methods
+    chosen: tuple[tuple[str, int], ...]  # key of each method, and the number of its setting
     movements: Path
     movements_digest: str
     cache: Path
-    code: str
+    code: str  # digest of the code
     training: bool = False
 
     def plan(self) -> Plan:
@@ -228,7 +223,7 @@ class PlanSpec:
 
 
 def identity(clip: Clip) -> str:
-    """Return the data on which a clip's content depends: its simulation, or its files."""
+    """Return a text on which a clip's content depends: its simulation, or a digest of its files."""
     if clip.simulation is not None or clip.folder is None:
         return repr(clip.simulation)
     return _content(clip.folder)

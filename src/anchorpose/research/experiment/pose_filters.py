@@ -21,12 +21,12 @@ from anchorpose.research.experiment.config import Update
 from anchorpose.track_tree.global_hypothesis import PAIR_SIGMA_M, GlobalHypothesis, part_motion, skin_places
 from anchorpose.tracker.observation import Observation
 
-PAIR_SCALE_M: Final = 3.0 * PAIR_SIGMA_M  # distance at which a match has a quarter of its weight
-FAR_M: Final = 1000.0  # a scale at which no row loses weight
-KALMAN_STEPS: Final = 4  # steps of Gauss and Newton: an iterated extended Kalman filter; it settles in three
-PARTICLES: Final = 200  # three for each parameter of the pose, so that their covariance has full rank
-COMPARED: Final = 120  # matches that a particle is compared with, in place of all: a particle then costs 0.1 ms
-EFFECTIVE: Final = 0.5  # least effective share of the particles after a step of tempering
+PAIR_SCALE_M: Final = 3.0 * PAIR_SIGMA_M  # m, distance at which a match has a quarter of its weight
+FAR_M: Final = 1000.0  # m, a scale so large that no row loses weight
+KALMAN_STEPS: Final = 4  # Gauss-Newton steps of the iterated extended Kalman filter, which settles in three
+PARTICLES: Final = 200  # number of particles, three per parameter of the pose, so that their covariance has full rank
+COMPARED: Final = 120  # number of matches that particles are compared with, not all, so that a particle costs 0.1 ms
+EFFECTIVE: Final = 0.5  # smallest effective share of the particles after a step of tempering
 SPREAD: Final = 0.3  # width of the kernel from which particles are drawn again, in their own standard deviations
 
 
@@ -38,8 +38,9 @@ def match_rows(
     predicted: PoseBelief,
     robust: bool,
 ) -> Constraints:
-    """Return rows that pull each skin point to the place of its node's match. robust: whether distant matches count
-    less.
+    """Return rows that pull each skin point to the place of its node's match.
+
+    robust: whether distant matches have less weight.
     """
     T_next_now = part_motion(now.transforms, body.transforms(predicted.pose))
     places = skin_places(now, hypothesis, window, T_next_now)
@@ -51,7 +52,7 @@ def match_rows(
 def update_by_rows(
     update: Update, body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
 ) -> PoseBelief:
-    """Return the belief after the measurement; without matches, the prediction. seed: random seed of the particles."""
+    """Return the belief after the measurement, or the prediction if there are no matches. seed: of the particles."""
     if not len(rows):
         return predicted
     if update is Update.KALMAN:
@@ -76,9 +77,9 @@ def particle_update(
 ) -> PoseBelief:
     """Return the belief as the mean and covariance of particles, drawn from the prediction and weighed by the matches.
 
-    Sixty-six parameters leave one particle with all the weight, so the likelihood is tempered (Neal 2001,
-    doi:10.1023/A:1008923215028): in each step as much of it as leaves half of the particles effective, which are then
-    drawn again with a kernel that keeps their mean and covariance (Liu and West 2001).
+    With sixty-six parameters, one particle would have all the weight, so the likelihood is tempered (Neal 2001,
+    doi:10.1023/A:1008923215028): each step uses only as much of it as leaves half of the particles effective. Then the
+    particles are drawn again with a kernel that keeps their mean and covariance (Liu and West 2001).
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(19,)))
     states = rng.standard_normal((PARTICLES, POSE_SIZE)) @ np.linalg.cholesky(predicted.covariance).T
@@ -94,7 +95,7 @@ def particle_update(
 
 
 def _some_matches(rows: Constraints) -> Constraints:
-    """Return the rows of ``COMPARED`` matches, three each."""
+    """Return the rows of ``COMPARED`` matches, three rows each."""
     match = 3 * thin(len(rows) // 3, COMPARED)[:, None] + np.arange(3)
     chosen = np.zeros(len(rows), bool)
     chosen[match.ravel()] = True
@@ -102,7 +103,7 @@ def _some_matches(rows: Constraints) -> Constraints:
 
 
 def _cost(body: Body, predicted: PoseBelief, change: np.ndarray, rows: Constraints) -> float:
-    """Return squared deviations of the rows under Geman and McClure's kernel, after a change of the predicted pose."""
+    """Return the rows' squared deviations after a change of the predicted pose, summed by Geman-McClure's kernel."""
     points, of = body.points, rows.point[::3]
     transforms = body.transforms(predicted.pose.moved(change, points.moving))
     placed = skin(points.bones[of], points.influence[of], transforms, body.rest_m[of], body.rest_normals[of])[0]
@@ -116,7 +117,7 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
 
 
 def _tempered(log_weight: np.ndarray, left: float) -> float:
-    """Return the largest share of the likelihood, ``left`` at most, that keeps ``EFFECTIVE`` of the particles."""
+    """Return the largest share of the likelihood, at most ``left``, that keeps ``EFFECTIVE`` of the particles."""
 
     def effective(share: float) -> float:
         return 1.0 / float((_weights(share * log_weight) ** 2).sum())
@@ -131,7 +132,7 @@ def _tempered(log_weight: np.ndarray, left: float) -> float:
 
 
 def _drawn_again(states: np.ndarray, weight: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Draw equally weighted particles with the mean and covariance of the weighted ones."""
+    """Draw particles with equal weights; they have the mean and covariance of the given weighted particles."""
     mean, covariance = weight @ states, np.cov(states.T, aweights=weight)
     place = (rng.random() + np.arange(len(states))) / len(states)
     kept = states[np.minimum(np.searchsorted(np.cumsum(weight), place), len(states) - 1)]

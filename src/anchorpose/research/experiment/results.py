@@ -1,4 +1,4 @@
-"""Hold the results of an experiment before averaging; tables, figures and the page are made from these alone.
+"""Hold the results of an experiment before averaging; tables, figures and the page use nothing else.
 
 The module also chooses each method's setting on the training recordings, by the same measure for all methods.
 """
@@ -19,19 +19,15 @@ from anchorpose.research.experiment.method import Method
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """One method on one recording with one size of hole (0: none), in one form of the framework.
-
-    frame (f,) int64: positions in the recording, without the frames whose pose was given. occluded (f,) bool: the frame
-    has a hole. error_mm (f, 21): distance from the truth, or from the reference skeleton of a real recording; NaN where
-    either has no joint.
-    """
+    """The joints of one method on one recording with one size of hole, in one form of the framework."""
 
     scene: Scene
     recording: str
-    hole_m: float
+    hole_m: float  # radius; 0 = no hole
     method: str
-    frame: np.ndarray
-    occluded: np.ndarray
+    frame: np.ndarray  # (f,) int64, positions in the recording, without the frames whose pose was given
+    occluded: np.ndarray  # (f,) bool, whether the frame has a hole
+    # (f, 21), distance from the truth, or from the reference skeleton of a real recording; NaN if either has no joint
     error_mm: np.ndarray
     form: Form = Form.REFINED
 
@@ -42,16 +38,11 @@ class Tracked:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matched:
-    """One method's matches between two frames of a simulated recording, ``gap_s`` apart.
+    """One method's matches between two frames of a simulated recording.
 
-    Over m nodes of the first frame whose place is seen in the other: region (m,) int8 index into ``REGIONS``; moved_mm
-    (m,): how far that place is from the node; direct_mm, tree_mm, every_mm (m,): straight distance of the match from
-    that place, without the track tree, with it, and with a tree that gives no node up, NaN without a match (all of
-    direct_mm where a method has several hypotheses); direct_skin_mm, tree_skin_mm: the same along the skin;
-    mirrored (m,) bool: the direct match, or without one the tree's, lies on the same part of the other side, such as
-    the other hand. occluded: either frame has a hole. nodes: of the first frame. describe_s: seconds on one core for
-    two frames' descriptors, anchors included, and the matches between them. body_m: standing height, to express
-    distances along the skin relative to it.
+    Arrays are over the m nodes of the first frame whose true place is seen in the second. Errors are distances of the
+    match from this place, NaN without a match. Direct matches are made without the track tree; if a method has several
+    hypotheses, it has no direct match.
     """
 
     scene: Scene
@@ -59,41 +50,36 @@ class Matched:
     hole_m: float
     method: str
     frame: int
-    occluded: bool
-    region: np.ndarray
-    direct_mm: np.ndarray
-    tree_mm: np.ndarray
-    direct_skin_mm: np.ndarray
+    occluded: bool  # whether either frame has a hole
+    region: np.ndarray  # (m,) int8, index into ``REGIONS``
+    direct_mm: np.ndarray  # (m,), straight distance of the direct match
+    tree_mm: np.ndarray  # (m,), straight distance of the track tree's match
+    direct_skin_mm: np.ndarray  # (m,), the same distances along the skin
     tree_skin_mm: np.ndarray
+    # (m,) bool, whether the direct match, or else the tree's, is on the same part of the other side (the other hand)
     mirrored: np.ndarray
-    nodes: int
-    describe_s: float
-    body_m: float
-    gap_s: float
-    moved_mm: np.ndarray
-    every_mm: np.ndarray
+    nodes: int  # number of all nodes of the first frame
+    describe_s: float  # seconds on one core for the descriptors and anchors of two frames, and the matches between them
+    body_m: float  # standing height, to which distances along the skin are compared
+    gap_s: float  # time between the frames
+    moved_mm: np.ndarray  # (m,), distance of the true place from the node
+    every_mm: np.ndarray  # (m,), straight distance of the match of a tree that gives no node up
 
 
 @dataclass(frozen=True, slots=True)
 class TriedSetting:
-    """One setting of a method on the training recordings: mean distance of its matches from the truth, millimetres.
-
-    A node without a match counts as ``MISSED_MM``.
-    """
+    """One setting of a method that was tried on the training recordings."""
 
     setting: str
-    score_mm: float
+    score_mm: float  # mean distance of its matches from the truth; a node without a match counts as ``MISSED_MM``
     chosen: bool
 
 
 @dataclass(frozen=True, slots=True)
 class PaperTimes:
-    """Seconds on one core for a mesh at every pixel and for its five geodesic fields, as measured in the paper.
+    """Seconds on one core for a mesh at every pixel and for its five geodesic fields, to compare with the paper."""
 
-    image: the size of the depth image, and how near the person is, so that the mesh is as large as the paper's.
-    """
-
-    image: str
+    image: str  # size of the depth image, and distance of the person, at which the mesh is as large as the paper's
     nodes: int
     edges: int
     mesh_s: float
@@ -103,40 +89,36 @@ class PaperTimes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExperimentResults:
-    """All results of an experiment.
-
-    methods: in the order of the tables; tried: the settings of each method; times: None where none were measured;
-    failed: a sentence for each recording that could not be used; real: the folder of real recordings.
-    """
+    """All results of an experiment."""
 
     config: ExperimentConfig
-    methods: tuple[Method, ...]
-    tried: tuple[tuple[str, tuple[TriedSetting, ...]], ...]
+    methods: tuple[Method, ...]  # in the order of the tables
+    tried: tuple[tuple[str, tuple[TriedSetting, ...]], ...]  # the settings tried for each method
     tracked: tuple[Tracked, ...]
     matched: tuple[Matched, ...]
-    times: PaperTimes | None
-    failed: tuple[str, ...]
-    real: Path | None
+    times: PaperTimes | None  # None = not measured
+    failed: tuple[str, ...]  # a sentence for each recording that could not be used
+    real: Path | None  # folder of real recordings
 
 
 MISSED_MM: Final = 100.0
-"""The error of a node without a match: the track tree's ``missed_cost_m``."""
+"""The error that counts for a node without a match; it equals the track tree's ``missed_cost_m``."""
 
 
 def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
-    """Return the mean distance from the truth after the track tree, over all nodes of all windows, each at most
-    ``MISSED_MM``.
+    """Return the mean distance from the truth after the track tree, over all nodes of all windows.
 
-    The cap is there because the framework's registration is robust to outliers. tree_mm: of each window (m,), NaN
-    without a match. NaN without nodes.
+    A node counts at most ``MISSED_MM``, since the framework's registration is robust to outliers. tree_mm: one array
+    (m,) for each window, NaN without a match. The result is NaN without nodes.
     """
     every = np.concatenate([np.zeros(0), *(np.where(np.isfinite(e), e, MISSED_MM) for e in tree_mm)])
     return float(np.minimum(every, MISSED_MM).mean()) if len(every) else np.nan
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """Return the settings with their scores; the best setting is chosen, of equals the first; without scores the first
-    setting is chosen.
+    """Return the settings with their scores.
+
+    The best setting is chosen, and the first of equally good settings. Without scores, the first setting is chosen.
     """
     known = np.where(np.isfinite(scores_mm), scores_mm, np.inf)
     best = int(np.argmin(known))

@@ -1,6 +1,6 @@
-"""Run an experiment in its order: movements, settings, every recording, then tables, figures and the page.
+"""Run all steps of an experiment: movements, settings, every recording, then tables, figures and the page.
 
-Movements for the motion dynamics and settings come from training recordings, on which nothing is tested.
+Settings, and movements for the motion dynamics, come from training recordings, which are not used for testing.
 """
 
 from __future__ import annotations
@@ -49,12 +49,13 @@ KINDS: Final[tuple[tuple[str, tuple[str, ...], Speed], ...]] = (
     ("upper body, fast", ("reach", "arm-raise", "head"), "fast"),
     ("lower body, fast", ("squat", "weight-shift", "trunk", "steps"), "fast"),
 )
-"""The paper's samples: "upper and lower body movements", "slow, normal to fast"; normal lies between."""
+"""Movements as in the paper's samples: "upper and lower body movements", "slow, normal to fast"."""
 
 
 def training_clips(config: ExperimentConfig) -> list[Clip]:
-    """Return the training recordings, each of one kind and another body; together ``training_samples`` frames or
-    more.
+    """Return the training recordings, each with one kind of movement and another body.
+
+    Together they have at least ``training_samples`` frames.
     """
     seconds = max(config.training_samples / config.training_recordings, config.segment_frames + 1) / config.fps
     clips = []
@@ -69,7 +70,7 @@ def training_clips(config: ExperimentConfig) -> list[Clip]:
 def write_movements(path: Path, clips: list[Clip], samples: int) -> None:
     """Write the joints of the training recordings as reference movements, ``samples`` frames in total.
 
-    The paper takes them from the sensor's skeleton on unoccluded data; here they are the simulator's.
+    The paper takes these joints from the sensor's skeleton on unoccluded data; here they are the simulator's joints.
     """
     joints, names, rates, left = list[np.ndarray](), list[str](), list[float](), samples
     for clip in clips:
@@ -89,7 +90,7 @@ CACHE: Final = "cache"
 MARK_FILE: Final = "experiment.json"
 FORMAT: Final = "anchorpose-experiment"
 AllTried = tuple[tuple[str, tuple[TriedSetting, ...]], ...]
-"""By the key of each method with several settings."""
+"""The settings tried, by the key of each method with several settings."""
 
 
 def run_experiment(
@@ -100,10 +101,10 @@ def run_experiment(
     progress: Progress,
     report: Callable[[str], None],
 ) -> ExperimentResults:
-    """Run the whole experiment into a folder; stored results of an earlier run there are used again.
+    """Run the whole experiment into a folder; stored results of an earlier run in this folder are used again.
 
     real: a folder of recordings with reference skeletons, or None. report: called with the state of the work. Raises
-    InputError where the folder is not an experiment's, a method is unknown or ``real`` contains no recording, and
+    InputError if the folder is not an experiment's, a method is unknown or ``real`` contains no recording, and
     MissingPackage without matplotlib.
     """
     _require_matplotlib()
@@ -135,12 +136,12 @@ def run_experiment(
     return results
 
 
-# s besides the tasks: kernels that every process compiles or loads, the figures of anchors, and the page
+# s for work besides the tasks: kernels that every process compiles or loads, pictures, and the page
 AROUND_S: Final = 240.0
 
 
 def _require_matplotlib() -> None:
-    """Raise MissingPackage without matplotlib, before hours of work and not after."""
+    """Raise MissingPackage without matplotlib, before the hours of work instead of after them."""
     with default_style():
         pass
 
@@ -190,7 +191,7 @@ def _untuned_plan(cache: Path, trainers: Sequence[Clip], config: ExperimentConfi
 
 
 def _tried(training: Part, methods: Sequence[Method]) -> AllTried:
-    """Return the settings of every method with several, and their scores on the training recordings."""
+    """Return the settings of every method that has several, with their scores on the training recordings."""
     windows: dict[tuple[str, object], list[np.ndarray]] = {}
     for task in training.tasks():
         if task.done:

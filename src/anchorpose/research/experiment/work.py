@@ -1,6 +1,6 @@
 """Do the work on one recording: simulate it, find its reference, cut its holes, and run every open task.
 
-A method runs on segments in the paper's framework; this project's tracker runs on the whole recording.
+A method runs on segments of it in the paper's framework; this project's tracker runs on the whole recording.
 """
 
 from __future__ import annotations
@@ -52,31 +52,29 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedJoints:
-    """frame (f,) positions in the recording; joints_m (forms, f, 21, 3) world, NaN where lost."""
+    """Tracked joints in some frames of a recording, in one or several forms of the framework."""
 
-    frame: np.ndarray
-    joints_m: np.ndarray
+    frame: np.ndarray  # (f,), positions in the recording
+    joints_m: np.ndarray  # (forms, f, 21, 3), world, NaN = lost
 
 
 def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
-    """Return the first frame of each complete segment in which the patient's pose is known; in other segments no pixels
-    are given.
+    """Return the first frame of each complete segment in which the patient's pose is known throughout.
+
+    In other segments, the patient's pixels are not given in every frame.
     """
     return [start for start in range(0, frames - length + 1, length) if found[start : start + length].all()]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A recording with one size of hole, and the forms of the framework that methods run in on it.
+    """A recording with one size of hole, and the forms of the framework in which methods run on it."""
 
-    recording: the recording, with its clocks unchanged; cut (t,) bool: the frames that lost readings. windows: windows
-    taken so far, by kind of mesh.
-    """
-
-    recording: Recording
+    recording: Recording  # with its clocks unchanged
     given: GivenFrames
-    cut: np.ndarray
+    cut: np.ndarray  # (t,) bool, frames that lost readings
     runs: Mapping[Form, Run]
+    # windows taken so far, by kind of mesh
     windows: dict[SurfaceConfig, list[tuple[Window, Truth]]] = field(default_factory=dict)
 
     def within(self, forms: Sequence[Form]) -> Trial:
@@ -87,9 +85,9 @@ class Trial:
 def track_segments(
     method: Method, setting: object, trials: Sequence[Trial], starts: Sequence[int], length: int
 ) -> list[TrackedJoints]:
-    """Track with the method in every trial, started again at each start; the first frames are left out.
+    """Track with the method in every trial, restarting at each of the starts; frames of the starts are left out.
 
-    All trials use the same descriptors and matches where they see the same.
+    Trials share descriptors and matches of frames that are the same in them.
     """
     associate = associate_once(method, setting)
     joints = [{form: [np.zeros((0, JOINT_COUNT, 3))] for form in trial.runs} for trial in trials]
@@ -108,7 +106,7 @@ def track_segments(
 def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
     """Track the whole recording with this project's tracker, which finds the patient and learns the body itself.
 
-    It is the same in every form. The joints come from its pose, even where it reports them as lost.
+    It is the same in every form. The joints come from its pose, even if it reports them as lost.
     """
     frames = np.arange(len(recording.streams[0].files))
     try:
@@ -120,19 +118,15 @@ def track_whole(method: Method, setting: object, recording: Recording) -> Tracke
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedClip:
-    """An opened recording with its reference.
-
-    truth_m (t, 21, 3) world, NaN where unknown; in_hole (t,) bool: frames that lose data; starts: the frames whose pose
-    is given; skin: the true surface, None for a real recording.
-    """
+    """An opened recording with its reference."""
 
     clip: Clip
     recording: Recording
     reference: Reference
-    truth_m: np.ndarray
-    in_hole: np.ndarray
-    starts: tuple[int, ...]
-    skin: Skin | None
+    truth_m: np.ndarray  # (t, 21, 3), true joints, world, NaN = unknown
+    in_hole: np.ndarray  # (t,) bool, frames that lose data
+    starts: tuple[int, ...]  # frames whose pose is given
+    skin: Skin | None  # true surface; None for a real recording
 
     @property
     def seed(self) -> int:
@@ -143,7 +137,7 @@ class PreparedClip:
 def work_on(clip: Clip, plan: Plan) -> None:
     """Do all open tasks of a clip, one result file per task.
 
-    Raises AnchorposeError where the patient or a world is not found in it.
+    Raises AnchorposeError if the patient or a world frame is not found in it.
     """
     open_tasks = [task for task in plan.tasks(clip) if not task.done]
     if not open_tasks:
@@ -190,7 +184,7 @@ def _prepare(clip: Clip, folder: Path, truth: Path, plan: Plan) -> PreparedClip:
 
 @contextmanager
 def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recording, np.ndarray]]:
-    """Yield the recording with holes of a radius (0: itself), and (t,) bool: the frames that lost readings."""
+    """Yield the recording with holes of a radius, and the frames (t,) bool that lost readings; 0 = no holes."""
     if hole_m == 0:
         yield prepared.recording, np.zeros(len(prepared.in_hole), bool)
         return
@@ -203,7 +197,7 @@ def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recordin
 
 @contextmanager
 def open_trials(prepared: PreparedClip, plan: Plan, holes_m: Sequence[float]) -> Iterator[dict[float, Trial]]:
-    """Yield the recording with holes of every one of these sizes. Raises InputError as ``cut_holes``."""
+    """Yield a trial of the recording for each of these sizes of hole. Raises InputError as ``cut_holes``."""
     with ExitStack() as stack:
         room = paper_room(prepared.recording, prepared.reference, plan.movements)
         uncut, trials = GivenFrames(room, prepared.reference), {}
@@ -257,9 +251,9 @@ def _segments(prepared: PreparedClip, plan: Plan) -> list[int]:
 def windows_of(
     method: Method, setting: object, prepared: PreparedClip, trial: Trial, plan: Plan
 ) -> list[tuple[Window, Truth]]:
-    """Return the windows on the meshes of a method, gap by gap, with the true correspondence; none of a real recording.
+    """Return the windows on the meshes of a method, gap by gap, with the true correspondence.
 
-    Methods with the same kind of mesh share them.
+    A real recording has no windows. Methods with the same kind of mesh share windows.
     """
     skin, taken = prepared.skin, trial.windows
     surface = method.configure(paper_config(plan.movements), setting).surface
@@ -282,8 +276,9 @@ def _windows_over(
 
 
 def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[int]:
-    """Return the first frames of the windows, the same for every size of hole; a hole, if cut, is in one of the two
-    frames.
+    """Return the first frames of the windows, which are the same for every size of hole.
+
+    If holes are cut, at least one of a window's two frames has a hole.
     """
     found, hole = prepared.reference.found, prepared.in_hole
     here = np.arange(max(len(found) - stride, 0))
@@ -292,9 +287,7 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Return only the frames that the other methods track: all frames of the segments except those whose pose is
-    given.
-    """
+    """Return only the frames that other methods track: frames of the segments, without frames whose pose is given."""
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
         kept[start + 1 : start + length] = True
@@ -309,7 +302,7 @@ def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarra
 def _matched_arrays(
     windows: Sequence[Window], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray, plan: Plan
 ) -> dict[str, object]:
-    """Return the nodes of all windows one after another; window (m,): the window of each."""
+    """Return the arrays of all windows, joined one after another; window (m,) is the window of each node."""
     height_m = np.nan if prepared.skin is None else prepared.skin.clinic.patient.person.height_m
     gap_of = {plan.config.stride(gap_s): gap_s for gap_s in plan.gaps_s}
     return {
@@ -325,4 +318,4 @@ def _matched_arrays(
 
 
 PER_NODE = ("region", "moved_mm", "direct_mm", "tree_mm", "every_mm", "direct_skin_mm", "tree_skin_mm", "mirrored")
-"""Arrays of a stored task of matches with an entry per compared node."""
+"""Arrays with an entry per compared node in the stored result of a task about matches."""

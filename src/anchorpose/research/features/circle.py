@@ -1,4 +1,4 @@
-"""Handle angles in kernels: fast arctangents, and histograms around a circle with the angle of their peak."""
+"""Compute with angles in kernels: fast arctangents, and the peaks of histograms around a circle."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ ARC = (
 
 @njit(cache=True, error_model="numpy")
 def turn_fraction(x: float, y: float, begin: float) -> float:
-    """Return the direction of (x, y) from begin, both shares of a turn, in [0, 1); faster than a library's
-    arctangent.
+    """Return the direction of (x, y), counted from the direction ``begin``; both are shares of a turn in [0, 1).
+
+    This is faster than a library's arctangent.
     """
     wide, high = abs(x), abs(y)
     ratio = min(wide, high) / max(wide, high, SMALLEST)
@@ -61,7 +62,10 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
 
 @njit(cache=True)
 def peak_fraction(bins: np.ndarray) -> float:
-    """Return the share of a turn at the top of the parabola through the first fullest bin and its two neighbours."""
+    """Return the direction of the peak, as a share of a turn.
+
+    The peak is the top of the parabola through the first of the fullest bins and its two neighbours.
+    """
     peak = 0
     for b in range(len(bins)):
         if bins[b] > bins[peak]:
@@ -74,7 +78,10 @@ def peak_fraction(bins: np.ndarray) -> float:
 
 @njit(cache=True)
 def smooth(bins: np.ndarray, rounds: int) -> None:
-    """Average every bin with its neighbours, 1 : 2 : 1, ``rounds`` times; each adds half a bin squared of variance."""
+    """Average every bin with its neighbours, weighted 1 : 2 : 1, ``rounds`` times.
+
+    Each round increases the variance by half a bin squared.
+    """
     for _ in range(rounds):
         first, before = bins[0], bins[-1]
         for b in range(len(bins)):

@@ -12,20 +12,21 @@ from numba import njit
 
 from anchorpose.research.features.circle import FULL_TURN, turn_fraction
 
-SMALLEST_M2 = 1e-12  # twice the area of a triangle that still has a slope
-HALF_SPREAD = 0.5  # sigma of the weights for the angle, as a share of the window's half width
+SMALLEST_M2 = 1e-12  # m², twice the area of the smallest triangle whose slope is computed
+HALF_SPREAD = 0.5  # sigma of the weights for the angle, as a share of half the window's width
 CELLS: Final = 4  # cells per side
 ORIENTATIONS: Final = 8
 WIDTH: Final = CELLS * CELLS * ORIENTATIONS
-CLIP: Final = 0.2  # share of the unit length: no single edge may outweigh the rest
+CLIP: Final = 0.2  # largest value of a descriptor of unit length, so that no single edge outweighs the rest
 
 
 @njit(cache=True, error_model="numpy")
 def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: float, slopes: np.ndarray) -> None:
-    """Fill slopes (>= count, 5): weight, centre x and y, gradient of the height of each triangle.
+    """Fill slopes (>= count, 5) with each triangle's weight, centre (x, y) and gradient of the height.
 
-    local (m, 3): tangential x, y and height of vertices; triangles (>= count, 3) of them; half: the window's half
-    width. The weight is the projected area times a Gaussian of the distance, 0 where seen from below or edge on.
+    local (m, 3): tangential x, y and height of the vertices. triangles (>= count, 3): their vertices. half: half of the
+    window's width. The weight is the projected area times a Gaussian of the distance; it is 0 for a triangle seen from
+    below or edge on.
     """
     narrow = -0.5 / (HALF_SPREAD * half) ** 2
     for t in range(count):
@@ -44,7 +45,7 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 def outline_angle(slopes: np.ndarray, count: int) -> float:
     """Return the direction, as a share of a turn, of the longer principal axis of the triangles' centres.
 
-    Of the axis' two ends, it is the one towards which the surface rises; NaN without a surface.
+    It points to the end of the axis towards which the surface rises. It is NaN without a surface.
     """
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(count):
@@ -62,11 +63,12 @@ def outline_angle(slopes: np.ndarray, count: int) -> float:
 def draw_depth_map(
     local: np.ndarray, triangles: np.ndarray, count: int, angle: float, pixel: float, floor: float, image: np.ndarray
 ) -> None:
-    """Fill image (side, side) with heights, linear on each triangle, the highest where several overlap, else the floor.
+    """Fill image (side, side) with the heights of the surface, and with the floor at pixels without surface.
 
-    The columns' direction is at the angle (radians), pixels are ``pixel`` metres apart, and the node is in the middle.
-    Surface below the floor is not drawn; with a floor of NaN all surface is drawn. Overwrites local (m, 3) with
-    columns, rows and heights.
+    Heights are linear on each triangle; where several triangles overlap, the highest counts. Columns run in the
+    direction ``angle`` (radians), pixels are ``pixel`` metres apart, and the node is in the middle. Surface below the
+    floor is not drawn; if the floor is NaN, all surface is drawn. Overwrites local (m, 3) with columns, rows and
+    heights.
     """
     image[:] = floor
     middle, cosine, sine = 0.5 * (len(image) - 1), np.cos(angle) / pixel, np.sin(angle) / pixel
@@ -79,7 +81,10 @@ def draw_depth_map(
 
 @njit(cache=True, error_model="numpy")
 def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, image: np.ndarray) -> None:
-    """Draw one triangle, its corners as column, row and height; a pixel on a side belongs to both triangles."""
+    """Draw one triangle, whose corners are given as column, row and height.
+
+    A pixel on a side shared by two triangles belongs to both.
+    """
     last, slack = len(image) - 1, 1e-9
     ax, ay, az = corner[a, 0], corner[a, 1], corner[a, 2]
     bx, by, cx, cy = corner[b, 0] - ax, corner[b, 1] - ay, corner[c, 0] - ax, corner[c, 1] - ay
@@ -113,17 +118,17 @@ def _lowest(one: float, other: float) -> float:
 
 
 def image_side(samples: int) -> int:
-    """Return the pixels on a side of an image with ``samples`` per cell: cells, margins, and one more all around for
-    gradients.
+    """Return the number of pixels on a side of an image with ``samples`` pixels per cell.
+
+    The image holds the cells, their margins, and one more pixel all around for the gradients.
     """
     return (CELLS + 1) * samples + 2
 
 
 def cell_shares(samples: int) -> np.ndarray:
-    """Return (side, 3) float64: for each column (or row) its Gaussian weight, the first of its two cells, the second's
-    share.
+    """Return (side, 3) float64: for each column or row its Gaussian weight, and how its two cells share it.
 
-    Cell 0 is the margin.
+    The second value is the number of the first cell (cell 0 is the margin); the third is the second cell's share.
     """
     away = (np.arange(image_side(samples)) - 0.5 * (image_side(samples) - 1)) / samples  # cells from the middle
     cell = away + 0.5 * CELLS + 0.5
@@ -132,12 +137,13 @@ def cell_shares(samples: int) -> np.ndarray:
 
 @njit(cache=True)
 def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray) -> bool:
-    """Fill descriptor (WIDTH,) float32, cells row after row; False where the image has no known gradient.
+    """Fill descriptor (WIDTH,) float32, cells row after row; return False if the image has no known gradient.
 
-    image (side, side) of ``image_side``, rows downwards, NaN unknown; shares of ``cell_shares``. Gradients are central
-    differences, one-sided beside unknown pixels, their orientations counted from the columns' direction towards the
-    rows'. Gaussian weight with a sigma of two cells; linear interpolation between cells and orientations; unit length,
-    clipped, unit length again. Source: Lowe 2004 (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
+    image (side, side): side of ``image_side``, rows downwards, NaN = unknown. shares: the result of ``cell_shares``.
+    Gradients are central differences, and one-sided differences beside unknown pixels. Their orientation is counted
+    from the direction of the columns towards the direction of the rows. They are weighted by a Gaussian with a sigma of
+    two cells, and distributed linearly between cells and orientations. The result is scaled to unit length, clipped,
+    and scaled again. Source: Lowe 2004 (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
     """
     side = len(image)
     bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # the outer cells are discarded
@@ -173,7 +179,7 @@ def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray
 
 @njit(cache=True, error_model="numpy")
 def _row_gradients(above: np.ndarray, row: np.ndarray, below: np.ndarray, length: np.ndarray, turn: np.ndarray) -> None:
-    """Fill length (NaN: unknown) and orientation in [0, ORIENTATIONS) of a row's gradients except the outermost."""
+    """Fill the lengths (NaN = unknown) and the orientations, ``turn`` in [0, ORIENTATIONS), of a row's inner pixels."""
     for j in range(1, len(row) - 1):
         dx, dy = _difference(row[j - 1], row[j], row[j + 1]), _difference(above[j], row[j], below[j])
         length[j] = np.sqrt(dx * dx + dy * dy)
@@ -182,8 +188,9 @@ def _row_gradients(above: np.ndarray, row: np.ndarray, below: np.ndarray, length
 
 @njit(cache=True)
 def _difference(before: float, here: float, after: float) -> float:
-    """Return the difference over two pixels, or from one side where the other is unknown; NaN where the pixel is
-    unknown.
+    """Return the difference over two pixels.
+
+    It is taken on one side only if the other neighbour is unknown, and is NaN if the pixel itself is unknown.
     """
     first = here if np.isnan(before) else before
     last = here if np.isnan(after) else after

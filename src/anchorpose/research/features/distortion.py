@@ -1,9 +1,8 @@
-"""Measure how far two surfaces are from isometric: the least distortion of a map between them, d_PE (paper, Eq.
-gmds).
+"""Measure how far two surfaces are from isometric: d_PE, from the least distortion of a map (paper, Eq. gmds).
 
 The distortion of a map is the greatest change of a distance (paper, Eq. distortion; Bronstein, Bronstein and Kimmel
-2006, doi:10.1073/pnas.0508601103). Branch and bound finds the map of least distortion exactly, for few samples. GMDS as
-rival methods use it (``gmds``) counts all changes instead of the worst one, and so distinguishes maps better.
+2006, doi:10.1073/pnas.0508601103). Branch and bound finds the map of least distortion exactly, for few samples. The
+GMDS of the rival methods (``gmds``) counts all changes instead of only the greatest, and so distinguishes maps better.
 """
 
 from __future__ import annotations
@@ -20,12 +19,11 @@ from anchorpose.surface.surface import Surface
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeastDistortion:
-    """A map of least distortion. match (n_a,) int32: the second set's point for each of the first, several may share
-    one; distortion_m: of this map; proven: whether no other map has less."""
+    """A map of least distortion between two sets of points."""
 
-    match: np.ndarray
-    distortion_m: float
-    proven: bool
+    match: np.ndarray  # (n_a,) int32, point of the second set for each point of the first; several may share a point
+    distortion_m: float  # distortion of this map
+    proven: bool  # whether no other map has less distortion
 
     @property
     def d_pe_m(self) -> float:
@@ -34,8 +32,9 @@ class LeastDistortion:
 
 
 def distortion_m(distances_a: np.ndarray, distances_b: np.ndarray, match: np.ndarray) -> float:
-    """Return the distortion of a map, metres; distances_a (n_a, n_a) and distances_b (n_b, n_b) metres, match (n_a,)
-    int.
+    """Return the distortion of a map in metres.
+
+    distances_a (n_a, n_a), distances_b (n_b, n_b): metres. match (n_a,) int.
     """
     return float(np.abs(distances_a.astype(np.float64) - distances_b[np.ix_(match, match)]).max(initial=0.0))
 
@@ -43,10 +42,10 @@ def distortion_m(distances_a: np.ndarray, distances_b: np.ndarray, match: np.nda
 def least_distortion(
     distances_a: np.ndarray, distances_b: np.ndarray, max_branches: int = 1_000_000
 ) -> LeastDistortion:
-    """Return the map from the first set of points to the second that changes the worst distance least.
+    """Return the map from the first set of points to the second whose greatest change of a distance is least.
 
     distances_a (n_a, n_a), distances_b (n_b, n_b): metres, symmetric, zero from a point to itself, finite. Raises
-    ValueError on others, and where the second set is empty and the first is not.
+    ValueError for other distances, and if only the second set is empty.
     """
     a, b = _require_distances(distances_a), _require_distances(distances_b)
     if len(a) and not len(b):
@@ -56,7 +55,7 @@ def least_distortion(
 
 
 def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates: int = 60) -> LeastDistortion:
-    """Compute d_PE between samples of a surface and candidates on another, each as far apart as possible.
+    """Compute d_PE between samples of one surface and candidates on another, both as far apart as possible.
 
     Distances are by fast marching, links are paths; between pieces of a surface they are ``APART_M``.
     """
@@ -81,8 +80,10 @@ def _require_distances(distances: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _search(a: np.ndarray, b: np.ndarray, max_branches: int) -> tuple[np.ndarray, int]:
-    """Search depth first, the best place first. worst[level, i, v]: the greatest change if point i goes to v, against
-    the points placed before; a branch is cut once some point has no place with less than the best map's distortion.
+    """Search depth first, trying the best place first; return the best map and the number of branches visited.
+
+    worst[level, i, v] is the greatest change of a distance to the points placed so far if point i is mapped to v. A
+    branch is cut as soon as some point has no place with less distortion than the best map.
     """
     depth, count = len(a), len(b)
     best, least = np.zeros(depth, np.int32), np.inf

@@ -15,26 +15,27 @@ from anchorpose.settings import Positive, settings
 
 BINS = 11
 SIZE = 3 * BINS
-_PADDED = 40  # columns of a row that fills whole vector registers
+_PADDED = 40  # columns of a row, more than 33 so that it fills whole vector registers
 _TWO_PI, _HALF, _BINS = np.float32(2 * np.pi), np.float32(0.5), np.float32(BINS)
 _FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
 
 
 @settings
 class FpfhConfig:
-    """Histograms of 3 times 11 bins."""
+    """Settings of FPFH, which has 3 histograms of 11 bins."""
 
-    # radius of a simplified histogram, so a node sees 30 cm; errors at 10 cm are twice as large
+    # radius of a simplified histogram; so a node's descriptor depends on 30 cm around it; with 10 cm, errors are twice
+    # as large
     radius_m: Positive = 0.15
-    own_histogram: bool = False  # True adds the node's own, as the paper and Open3D do; PCL leaves it out
+    own_histogram: bool = False  # True adds the node's own histogram, as the paper and Open3D do; PCL leaves it out
 
 
 def fpfh(points_m: np.ndarray, normals: np.ndarray, config: FpfhConfig | None = None) -> np.ndarray:
     """Return (n, 33) float32: the histograms of three angles, 11 bins each.
 
-    points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown: such a node is left out of all
-    histograms. Each histogram sums to 100, or to 200 with the node's own. NaN row: a node without position, normal or
-    neighbour.
+    points_m, normals (n, 3) are in one frame, and normals have unit length. A node with NaN in either is left out of
+    all histograms. Each histogram sums to 100, or to 200 with the node's own. The row of a node without position,
+    normal or neighbour is NaN.
     """
     config = config or FpfhConfig()
     points, unit = as_oriented(points_m, normals)
@@ -46,10 +47,10 @@ def fpfh(points_m: np.ndarray, normals: np.ndarray, config: FpfhConfig | None = 
 
 @njit(cache=True)
 def _simplified(oriented: np.ndarray, start: np.ndarray, node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n, 40) float32 histograms that sum to 100 each, the last columns empty; (n,) int32 number of pairs in
-    each.
+    """Return the simplified histograms (n, 40) float32, and the number of pairs (n,) int32 in each.
 
-    Each pair is computed once for both of its nodes: the angles are the same for either of them.
+    Each of the three histograms sums to 100; the last columns are empty. Each pair is computed once for both of its
+    nodes, since both have the same angles.
     """
     simple, pairs = np.zeros((len(oriented), _PADDED), np.float32), np.zeros(len(oriented), np.int32)
     longest = 0
@@ -81,10 +82,11 @@ def _simplified(oriented: np.ndarray, start: np.ndarray, node: np.ndarray) -> tu
 
 @njit(cache=True, error_model="numpy")
 def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bins: np.ndarray) -> None:
-    """Fill the bin of each pair in each histogram: the paper's angles, in Darboux's frame at the more tilted of the
-    two.
+    """Fill the bin of each pair in each histogram.
 
-    With unit normals, v = d x n / |d x n| and w = n x v, everything is products of d, n and the other normal.
+    The angles are the paper's, in Darboux's frame at the node whose normal has the smaller angle with the line between
+    the two nodes. With unit normals, v = d x n / |d x n| and w = n x v, all angles follow from products of d, n and the
+    other normal.
     """
     x, y, z = oriented[p, 0], oriented[p, 1], oriented[p, 2]
     nx, ny, nz = oriented[p, 3], oriented[p, 4], oriented[p, 5]
@@ -116,8 +118,9 @@ def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bin
 
 @njit(cache=True, error_model="numpy")
 def _weighted(simple: np.ndarray, pairs: np.ndarray, near: Neighbours, own: bool) -> np.ndarray:
-    """Return the descriptors (n, 33): the neighbours' histograms, weighted by inverse squared distance, each of the
-    three summing to 100.
+    """Return the descriptors (n, 33): the neighbours' histograms, weighted by inverse squared distance.
+
+    Each of the three histograms sums to 100.
     """
     start, node, distance2 = near.start, near.node, near.distance2_m2
     result, mixed = np.empty((len(simple), SIZE), np.float32), np.empty(_PADDED, np.float32)

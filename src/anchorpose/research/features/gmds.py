@@ -1,8 +1,9 @@
 """Match two surfaces by generalised multi-dimensional scaling, GMDS (paper, Section III-A).
 
-Samples far apart are mapped so that the distances between them change least, from coarse to fine: first the few
-farthest onto few candidates, by branch and bound, which keeps the best of all maps that differ; then all samples onto
-more candidates; then, for the best maps, onto every node. All other nodes follow from their distances to the samples.
+Samples far apart are mapped so that the distances between them change least, from coarse to fine. First, branch and
+bound maps the few farthest samples onto few candidates and keeps the best maps that differ. Then all samples are mapped
+onto more candidates. Then, for the best maps, samples may move to any node. All other nodes follow from their distances
+to the samples.
 Source: Bronstein, Bronstein and Kimmel 2006 (doi:10.1073/pnas.0508601103): their least squares, with branch and bound
 for the initial map.
 """
@@ -21,17 +22,17 @@ from anchorpose.surface.links import pieces
 from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
-APART_M: Final = 1e3  # distance assumed between separate pieces of surface; far larger than any distance on a body
-FIRST_LIMIT_M: Final = 0.02  # mean change of a distance at which the search begins; doubled until it finds enough maps
+APART_M: Final = 1e3  # m, distance assumed between separate pieces of surface, far larger than any on a body
+FIRST_LIMIT_M: Final = 0.02  # m, largest mean change of a distance in the first search; doubled until maps are found
 
 
 def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return nodes, each as far as possible from the nodes before it, and their distances to all nodes.
+    """Return nodes (k,) int32, each as far as possible from the nodes before it, and their distance fields.
 
-    Returns nodes (k,) int32, k = ``count`` unless there are fewer, and fields (k, n) float32 metres, ``APART_M`` on
-    other pieces. The first is the node farthest from the middle of its piece, the middle being the node nearest the
-    mean; a piece without samples is farther than any node on one with some. Raises ValueError for nodes that are not
-    finite. Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): at most twice as coarse as the best choice.
+    k is ``count`` unless there are fewer nodes. The fields (k, n) float32 are in metres, ``APART_M`` on other pieces.
+    The first node is the farthest from the middle of its piece; the middle is the node nearest to the mean. A piece
+    without samples counts as farther away than any node of a piece with samples. Raises ValueError for nodes that are
+    not finite. Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): at most twice as coarse as the best choice.
     """
     wanted = min(count, len(surface))
     nodes, fields = np.empty(wanted, np.int32), np.empty((wanted, len(surface)), np.float32)
@@ -59,17 +60,19 @@ def field_from(surface: Surface, node: int) -> np.ndarray:
 class GmdsConfig:
     """Resolution and effort of the search."""
 
-    samples: Count = 100  # 7 cm apart on a body; with 50 the mirror image is as good as the truth more often
-    first_samples: Count = 6  # usually head, hands, feet and one more
-    first_candidates: Count = 60  # 10 cm apart on a body
-    candidates: Count = 200  # 5 cm apart
-    starts: Count = 24  # maps of the first samples to continue with: mirrored, limbs swapped, coarse
-    finalists: Count = 3  # number of candidates that are refined to nodes
-    # cap on the change of a distance: if a hand starts or stops touching the body, all distances to it change
+    # number of samples, 7 cm apart on a body; with 50, the mirror image fits as well as the truth more often
+    samples: Count = 100
+    first_samples: Count = 6  # number of samples mapped first: usually head, hands, feet and one more
+    first_candidates: Count = 60  # number of candidates for them, 10 cm apart on a body
+    candidates: Count = 200  # number of candidates for all samples, 5 cm apart on a body
+    starts: Count = 24  # number of maps of the first samples to continue with; many are mirrored or swap limbs
+    finalists: Count = 3  # number of maps that are refined to nodes
+    # largest change of a distance that counts: if a hand starts or stops touching the body, all distances to it change
     cap_m: Positive = 0.15
-    sweeps: Count = 10  # over all samples, at most; usually they settle after four
-    min_piece: Share = 0.03  # share of the nodes: a forearm; smaller pieces have no shape that could be recognised
-    max_branches: Count = 300_000  # a tenth of a second
+    sweeps: Count = 10  # largest number of sweeps over all samples; usually they settle after four
+    # smallest share of the nodes on a piece that is matched, about a forearm; smaller pieces have no recognisable shape
+    min_piece: Share = 0.03
+    max_branches: Count = 300_000  # largest number of branches visited, in a tenth of a second
 
     def __post_init__(self) -> None:
         if not 2 <= self.first_samples <= self.samples:
@@ -82,33 +85,27 @@ class GmdsConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GmdsMaps:
-    """The best maps of the samples, the best first; the others are alternatives, such as the mirror image.
+    """The best maps of the samples, the best first; the others are alternatives, such as the mirror image."""
 
-    samples (k,) int32 nodes of the source, places (m, k) int32 nodes of the target; stress_m (m,) float64: root mean
-    square of the capped changes of distance. proven: whether the best map of the first samples onto the first
-    candidates is known to be the best.
-    """
-
-    samples: np.ndarray
-    places: np.ndarray
-    stress_m: np.ndarray
-    proven: bool
+    samples: np.ndarray  # (k,) int32, nodes of the source
+    places: np.ndarray  # (m, k) int32, nodes of the target, one row per map
+    stress_m: np.ndarray  # (m,) float64, root mean square of the capped changes of distance
+    proven: bool  # whether the first samples' map onto the first candidates is known to be the best of all
 
 
 def match_by_gmds(source: Surface, target: Surface, config: GmdsConfig | None = None) -> np.ndarray:
-    """Return (n_source,) int32: the target's node for each of the source's, by the best map of ``gmds_maps``; -1 =
-    undefined.
+    """Return (n_source,) int32: the target's node for each node of the source, by the best map of ``gmds_maps``.
 
-    A node is undefined if it is not finite or on a piece smaller than ``min_piece`` of the finite nodes; all are if
-    either surface has only such nodes. Distances are by fast marching, links are paths. Positions do not count, so a
-    body may be matched with its mirror image. Several nodes may share a match.
+    -1 = undefined: the node is not finite, or on a piece with less than the share ``min_piece`` of the finite nodes. If
+    either surface has only such nodes, all nodes are undefined. Distances are by fast marching, links are paths.
+    Positions do not count, so a body may be matched with its mirror image. Several nodes may share a match.
     """
     match: np.ndarray = _solve(source, target, config or GmdsConfig())[1]
     return match
 
 
 def gmds_maps(source: Surface, target: Surface, config: GmdsConfig | None = None) -> GmdsMaps:
-    """Return the maps of the samples among which ``match_by_gmds`` chooses; none where all nodes are undefined."""
+    """Return the maps of the samples from which ``match_by_gmds`` chooses; no map if all nodes are undefined."""
     return _solve(source, target, config or GmdsConfig())[0]
 
 
@@ -169,7 +166,7 @@ def _settled(
 
 
 def _alternatives(found: list[tuple[np.ndarray, float]], among_b: np.ndarray, count: int) -> list[np.ndarray]:
-    """Return the maps of least stress, no two of which send the samples to nearly the same places."""
+    """Return the maps of least stress without maps that put the samples at nearly the same places as a better map."""
     kept: list[np.ndarray] = []
     for places, _ in sorted(found, key=lambda one: one[1]):
         if len(kept) < count and all(among_b[places, other].mean() > _spacing_m(among_b) for other in kept):
@@ -178,14 +175,14 @@ def _alternatives(found: list[tuple[np.ndarray, float]], among_b: np.ndarray, co
 
 
 def _spacing_m(distances: np.ndarray) -> float:
-    """Return the median distance of a point to its nearest neighbour; 0 of a point alone."""
+    """Return the median distance of a point to its nearest neighbour; 0 for a single point."""
     return float(np.median(np.sort(distances, axis=1)[:, min(1, len(distances) - 1)]))
 
 
 def _refined(
     target: Surface, among_a: np.ndarray, places: np.ndarray, fields: np.ndarray, config: GmdsConfig
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Move samples to the nodes of least stress, one after another, until none moves; return places, fields, stress."""
+    """Move one sample after another to its node of least stress until none moves; return places, fields and stress."""
     places, fields, unmoved = places.copy(), fields.copy(), 0
     for step in range(config.sweeps * len(places)):
         at = step % len(places)

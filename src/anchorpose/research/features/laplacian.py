@@ -1,10 +1,10 @@
 """The Laplace-Beltrami operator of a surface's triangles, on their intrinsic Delaunay triangulation.
 
-Depth meshes have slivers along their outline with hugely negative cotangents, for which heat would flow from cold to
-warm. Flipping edges within the surface, on lengths alone, changes no distance on it and leaves no negative weight. An
-outline has triangles on one side only; so each triangle exists twice, front and back, and the two sheets are glued
-along the outline, where the mirror image satisfies Neumann's condition. Edges of three or more triangles are glued the
-same way, each to the next.
+Depth meshes have slivers along their outline. The cotangents of slivers are hugely negative, so that heat would flow
+from cold to warm. Flipping edges within the surface, by their lengths alone, changes no distance on it and leaves no
+negative weight. An outline has triangles on one side only. Therefore each triangle exists twice, as front and as back,
+and the two sheets are glued along the outline, where the mirror image satisfies Neumann's condition. If an edge has
+three or more triangles, each is glued to the next in the same way.
 Sources: Bobenko and Springborn 2007 (doi:10.1007/s00454-007-9006-1), the flips; Sharp and Crane 2020
 (doi:10.1111/cgf.14069), both sides of each triangle and the slight lengthening of edges.
 """
@@ -24,29 +24,24 @@ from anchorpose.surface.surface import Surface
 
 MIN_SLACK: Final = 1e-5  # share of the mean edge: two sides of every triangle exceed the third by at least this
 FLIPS_PER_EDGE: Final = 50  # far more than any mesh needs: flips end by themselves, except for rounding
-TOLERANCE: Final = 1e-9  # tolerance of a cotangent
+TOLERANCE: Final = 1e-9  # rounding error of a cotangent below which an edge is not flipped
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Laplacian:
-    """The operator on the nodes that belong to a triangle.
+    """The operator on the nodes that belong to a triangle."""
 
-    node (v,) int32: these nodes of the surface, in whose order everything else is; stiffness (v, v) float64 sparse,
-    symmetric, positive semidefinite, without positive entries off its diagonal: cotangent weights; mass_m2 (v,)
-    float64: the area nearer to the node than to any other (Voronoi), which unlike thirds of triangles does not depend
-    on the diagonal that cuts a square; piece (v,) int32: the number of the node's connected component (triangles with
-    a common corner are connected).
-    """
-
-    node: np.ndarray
+    node: np.ndarray  # (v,) int32, these nodes of the surface; all other arrays are in their order
+    # (v, v) float64, sparse, cotangent weights: symmetric, positive semidefinite, no positive entry off the diagonal
     stiffness: csc_array
+    # (v,) float64, the area nearer to the node than to any other (Voronoi); unlike a third of each triangle's area, it
+    # does not depend on the diagonal that cuts a square
     mass_m2: np.ndarray
-    piece: np.ndarray
+    piece: np.ndarray  # (v,) int32, number of the node's connected component; triangles with a common corner connect
 
 
 def surface_laplacian(surface: Surface) -> Laplacian:
-    """Return the cotangent weights with lumped mass on the intrinsic Delaunay triangulation, Neumann boundary
-    conditions.
+    """Return cotangent weights and lumped mass on the intrinsic Delaunay triangulation, with Neumann's condition.
 
     Links have no triangles and conduct no heat. Triangles with a node whose position is not finite are left out.
     """
@@ -55,8 +50,9 @@ def surface_laplacian(surface: Surface) -> Laplacian:
 
 
 def mesh_laplacian(points_m: np.ndarray, triangles: np.ndarray) -> Laplacian:
-    """Return the operator of ``surface_laplacian`` for any triangles (f, 3) int of points (n, 3) metres, even where
-    three share an edge.
+    """Return the operator of ``surface_laplacian`` for any triangles (f, 3) int of points (n, 3) in metres.
+
+    Even three triangles may share an edge.
     """
     node, own = np.unique(triangles, return_inverse=True)
     count = len(node)
@@ -74,11 +70,11 @@ def mesh_laplacian(points_m: np.ndarray, triangles: np.ndarray) -> Laplacian:
 def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the weight of each half-edge and the area at either half of it, on the triangulation after all flips.
 
-    points_m (n, 3) float64 metres, triangles (f, 3) int of finite points, sides of any orientation. Returns
-    edges (6 f, 2) int32, tail and head node, which are the same where an edge was flipped across the outline;
-    values (6 f, 2) float64: half the cotangent of the opposite angle, and the part of the triangle's area in m² at this
-    edge that is nearest to its tail, which equals the part nearest to its head. Each triangle counts twice, as front
-    and as back.
+    points_m (n, 3) float64 metres; triangles (f, 3) int of finite points, with any orientation. Returns edges (6 f, 2)
+    int32 and values (6 f, 2) float64. An edge is its tail and head node, which are the same if the edge was flipped
+    across the outline. Its values are half the cotangent of the opposite angle, and the part of the triangle's area in
+    m² at this edge that is nearest to its tail, which equals the part nearest to its head. Each triangle counts twice,
+    as front and as back.
     """
     tail, after, twin = _both_sides(np.asarray(triangles, np.int64))
     apart = points_m[tail] - points_m[tail[after]]
@@ -92,8 +88,9 @@ def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.
 
 
 def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return, per half-edge, tail (h,) node, after (h,) the next half-edge of its triangle, twin (h,) the opposite
-    half-edge; h = 6 f.
+    """Return three arrays (h,), h = 6 f, with one value per half-edge.
+
+    tail: its first node. after: the next half-edge of its triangle. twin: the opposite half-edge.
     """
     corners = np.concatenate([triangles, triangles[:, [0, 2, 1]]])
     tail = corners.ravel()
@@ -152,7 +149,7 @@ def _other_diagonal(h: int, g: int, after: np.ndarray, length: np.ndarray) -> fl
 
 @njit(cache=True)
 def _area(h: int, after: np.ndarray, length: np.ndarray) -> float:
-    """Return the area of the half-edge's triangle by Heron's formula in Kahan's order, which is stable for slivers."""
+    """Return the area of the half-edge's triangle by Heron's formula in Kahan's order, stable for slivers."""
     a, b, c = length[h], length[after[h]], length[after[after[h]]]
     long, short = max(a, b, c), min(a, b, c)
     mid = max(min(a, b), min(max(a, b), c))

@@ -28,37 +28,37 @@ from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
 REACH: Final = np.sqrt(2.0) * (CELLS + 1) / CELLS
-"""Distance of the depth map's corners, relative to the half width of its cells."""
+"""Distance of the depth map's corners from its middle, relative to half the width of all cells."""
 
 
 class Beyond(StrEnum):
-    """The content of the depth map where there is no surface."""
+    """The content of the depth map at pixels without surface."""
 
-    UNKNOWN = "unknown"  # no gradient: the end of the camera's view is not part of the shape
-    FLOOR = "floor"  # a plane floor_m below the node, so that the outline is an edge
+    UNKNOWN = "unknown"  # no gradient, since the end of the camera's view is not part of the shape
+    FLOOR = "floor"  # a plane floor_m below the node, so that the surface's outline is an edge
 
 
 @settings
 class LdSiftConfig:
     """Settings of LD-SIFT."""
 
-    radius_m: Positive = 0.15  # half the width of the 4 x 4 cells; wider distinguishes more, and costs more
+    radius_m: Positive = 0.15  # half the width of all 4 x 4 cells; a larger radius distinguishes more, and costs more
     beyond: Beyond = Beyond.UNKNOWN
     floor_m: Positive = 0.05
-    samples: Count = 6  # pixels of the depth map on a cell's side; fewer miss an arm seen from the side
+    samples: Count = 6  # pixels of the depth map on a cell's side; with fewer, an arm seen from the side is missed
 
 
 def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
     """Return the descriptors (n, 128) float32, of unit length, with no value below 0.
 
-    A row is NaN where the node has no position, normal or triangle, and where no gradient of its depth map is known:
-    it is flat to the last bit, or covered nowhere two pixels wide.
+    A row is NaN if the node has no position, normal or triangle, or if no gradient of its depth map is known: the map
+    is flat to the last bit, or its surface is nowhere two pixels wide.
 
-    The triangles within reach along the edges are seen from above the node's tangent plane; the map is turned upright
-    by the longer principal axis of the area that the surface covers, as along a limb, and described by SIFT. By
-    default, pixels that no triangle covers are unknown and have no gradient, so that the end of the camera's view is
-    not an edge. The authors describe detected points of closed meshes at their scale, turned by their gradients; here
-    every node is described, at one scale.
+    The triangles within reach along the edges are seen from above the node's tangent plane. The map is turned upright
+    by the longer principal axis of the area that the surface covers, for example the direction of a limb, and described
+    by SIFT. By default, pixels that no triangle covers are unknown and have no gradient, so that the end of the
+    camera's view is not an edge. The authors describe only detected points of closed meshes, at the scale of each point
+    and turned by its gradients; here every node is described, at one scale.
     """
     config = config or LdSiftConfig()
     rings = rings_within(surface, config.radius_m * REACH)
@@ -70,14 +70,14 @@ def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
 
 
 def _fans(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return start (n + 1,) int64 and others (f, 2) int32: each triangle once, listed at its first node."""
+    """List each triangle once, at its first node; return start (n + 1,) int64 and the other nodes (f, 2) int32."""
     order = np.argsort(triangles[:, 0], kind="stable")
     start = np.searchsorted(triangles[order, 0], np.arange(count + 1))
     return start.astype(np.int64), np.ascontiguousarray(triangles[order, 1:])
 
 
 class _Mesh(NamedTuple):
-    """A surface; the triangles of ``_fans``."""
+    """The positions and normals of a surface, and its triangles as listed by ``_fans``."""
 
     points: np.ndarray
     normals: np.ndarray
@@ -86,13 +86,12 @@ class _Mesh(NamedTuple):
 
 
 class _View(NamedTuple):
-    """half: half the width of the cells, metres; floor: its height in metres, NaN for none; samples and shares of
-    ``cell_shares``."""
+    """The settings of the depth map as the kernels need them."""
 
-    half: float
-    floor: float
-    samples: int
-    shares: np.ndarray
+    half: float  # m, half the width of all cells
+    floor: float  # m, height of the floor; NaN without a floor
+    samples: int  # pixels on a cell's side
+    shares: np.ndarray  # result of ``cell_shares``
 
 
 @njit(cache=True)
@@ -135,7 +134,7 @@ def _to_local(points: np.ndarray, node: int, near: np.ndarray, frame: np.ndarray
 def _gather(near: np.ndarray, place: np.ndarray, mesh: _Mesh, triangles: np.ndarray) -> int:
     """Fill ``triangles`` with the triangles whose three nodes are all near, as indices into near; return their number.
 
-    place (n,): -1 everywhere, before and after.
+    place (n,) is working memory; it is -1 everywhere, before and after the call.
     """
     count = 0
     for c in range(len(near)):

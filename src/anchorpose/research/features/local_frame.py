@@ -1,5 +1,4 @@
-"""Compute the repeatable local reference frame of SHOT: principal axes of the neighbourhood, pointing to most
-neighbours.
+"""Compute the repeatable local frame of SHOT: the neighbourhood's principal axes, pointing to most neighbours.
 
 Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), Section 3, as PCL 1.13 implements it.
 """
@@ -11,17 +10,17 @@ from numba import njit
 
 from anchorpose.research.features.neighbours import Neighbours, as_points
 
-FEWEST = 5  # neighbours; axes of fewer are noise, and the authors' program gives up there, too
-SWEEPS = 12  # sweeps of Jacobi rotations, which converge quadratically: six reach the last digit
+FEWEST = 5  # least number of neighbours; with fewer, axes are noise, and the authors' program gives up, too
+SWEEPS = 12  # largest number of sweeps of Jacobi rotations; they converge quadratically, so six reach the last digit
 
 
 def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarray | None = None) -> np.ndarray:
     """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where undefined.
 
-    points_m (n, 3). x lies along the widest spread and z across the surface, each towards the side of more neighbours;
-    where that is a tie, the five in the middle of the order by distance decide. normals (n, 3): where given, z points
-    along the node's normal instead, which a nearly flat surface needs. Undefined: fewer than five neighbours
-    apart from the node, or no normal.
+    points_m (n, 3). x lies along the widest spread and z across the surface; each points to the side with more
+    neighbours. If both sides have the same number, the five neighbours in the middle of the order by distance decide.
+    normals (n, 3): if given, z points to the side of the node's normal instead, as a nearly flat surface needs. A frame
+    is undefined if the node has fewer than five neighbours at other positions, or no normal.
     """
     points = as_points(points_m, "points_m")
     unit = as_points(normals, "normals") if normals is not None else np.empty((0, 3), np.float32)
@@ -69,9 +68,10 @@ def _frames(points: np.ndarray, neighbours: Neighbours, by_normal: bool, normals
 def _spread(
     points: np.ndarray, own: int, near: np.ndarray, distance2: np.ndarray, radius: float, spread: np.ndarray
 ) -> int:
-    """Fill the covariance about the centre, each neighbour weighted by its distance to the sphere; return their number.
+    """Fill ``spread`` with the covariance about the node; return the number of neighbours used.
 
-    Only the axes are used, so it is not divided by the sum of the weights.
+    Each neighbour is weighted by its distance to the sphere. Since only the axes are used, the covariance is not
+    divided by the sum of the weights.
     """
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     count = 0
@@ -116,9 +116,9 @@ def _along(points: np.ndarray, own: int, other: int, axis: np.ndarray) -> float:
 
 @njit(cache=True, error_model="numpy")
 def principal_axes(matrix: np.ndarray, axes: np.ndarray) -> None:
-    """Fill axes (3, 3) float64, one per row: of the largest, the middle and the smallest eigenvalue.
+    """Fill axes (3, 3) float64, one per row, in the order of the largest, the middle and the smallest eigenvalue.
 
-    matrix (3, 3) float64, symmetric, is overwritten: its diagonal becomes the eigenvalues in that order. The axes have
+    matrix (3, 3) float64, symmetric, is overwritten: its diagonal becomes the eigenvalues in this order. The axes have
     unit length and arbitrary signs. Source: Jacobi's cyclic rotations (Golub, Van Loan, Section 8.5).
     """
     axes[:] = 0.0

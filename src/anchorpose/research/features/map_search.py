@@ -1,8 +1,7 @@
-"""Compute the stress of a map between two sets of points with known distances, and search for the map that minimises
-it.
+"""Search for the map between two sets of points that minimises the stress, given the distances within each set.
 
-Branch and bound finds the best maps of few samples; ``settle`` and ``best_places`` improve maps of many, one sample
-at a time. The stress is a sum of squared changes of distance, each change capped.
+Branch and bound finds the best maps of few samples; ``settle`` and ``best_places`` improve maps of many samples, one
+sample at a time. The stress comes from the squared changes of distance, each change capped.
 """
 
 from __future__ import annotations
@@ -15,11 +14,11 @@ from numba import njit
 def branch_and_bound(
     a: np.ndarray, b: np.ndarray, cap: float, limit: float, kept: int, same: float, steps: int
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the best map of few samples onto candidates, exactly, and others that differ from it.
+    """Return the exactly best map of few samples onto candidates, and the best maps that differ from it.
 
-    a (k, k), b (n, n) float32 distances; limit: stress, each pair counted once, that every map must stay below. Returns
-    maps (kept, k) int32 and costs (kept,) float64, inf = none, best first, and the number of branches visited, equal to
-    ``steps`` if it gave up. Of maps whose places are all within ``same`` metres only the better is kept.
+    a (k, k), b (n, n): float32 distances. limit: every map must cost less, each pair counted once. same: if all places
+    of two maps are within this distance in metres, only the better map is kept. Returns maps (kept, k) int32 and costs
+    (kept,) float64, best first, inf = no map, and the number of branches visited, which is ``steps`` if it gave up.
     """
     depth, count = len(a), len(b)
     maps, costs = np.full((kept, depth), -1, np.int32), np.full(kept, np.inf)
@@ -56,7 +55,7 @@ def branch_and_bound(
 
 @njit(cache=True, error_model="numpy")
 def _place_sample(a: np.ndarray, b: np.ndarray, level: int, place: int, cap: float, table: np.ndarray) -> float:
-    """Fill table[level + 1], the cost of each open sample at each candidate, after sample ``level`` went to a place.
+    """Place sample ``level``, and fill table[level + 1] with the cost of each open sample at each candidate.
 
     Return the smallest possible cost of the samples after the next sample.
     """
@@ -72,9 +71,7 @@ def _place_sample(a: np.ndarray, b: np.ndarray, level: int, place: int, cap: flo
 
 @njit(cache=True, error_model="numpy")
 def _keep(chosen: np.ndarray, cost: float, b: np.ndarray, same: float, maps: np.ndarray, costs: np.ndarray) -> None:
-    """Insert a map in the list of the best, unless the list has a similar map that is better; the map replaces similar
-    maps.
-    """
+    """Insert a map in the list of the best, in place of similar maps, unless a similar map in the list is better."""
     held = 0
     while held < len(costs) and costs[held] < np.inf:
         held += 1
@@ -104,7 +101,10 @@ def _alike(one: np.ndarray, other: np.ndarray, b: np.ndarray, same: float) -> bo
 
 
 def stress_m(a: np.ndarray, b: np.ndarray, cap: float) -> float:
-    """Return the root mean square over all pairs of samples of the capped change from a to b (k, k), both in metres."""
+    """Return the root mean square, over all pairs of samples, of the capped change of distance from a to b.
+
+    a, b (k, k): metres.
+    """
     change = np.minimum(np.abs(a - b, dtype=np.float64), cap)
     np.fill_diagonal(change, 0.0)
     return float(np.sqrt((change**2).sum() / max(len(a) * (len(a) - 1), 1)))
@@ -114,9 +114,9 @@ def stress_m(a: np.ndarray, b: np.ndarray, cap: float) -> float:
 def best_places(rows: np.ndarray, fields: np.ndarray, cap: float, own: np.ndarray) -> np.ndarray:
     """Return the place of least cost (m,) int32 of each point, by its distances to samples with known places.
 
-    rows (m, k) float32: distances on the source; fields (k, n) float32: those of the samples' places to every node of
-    the target; both metres. own (m,) int: the sample that a row belongs to and that does not count, -1 = none. The cost
-    is the sum of squared changes, each capped.
+    rows (m, k) float32: metres from each point to each sample, on the source. fields (k, n) float32: metres from each
+    sample's place to every node of the target. own (m,) int: the sample that is the point itself and does not count,
+    -1 = none. The cost is the sum of squared changes, each capped.
     """
     places = np.empty(len(rows), np.int32)
     cost, most = np.empty(fields.shape[1], np.float32), np.float32(cap)
@@ -134,10 +134,10 @@ def best_places(rows: np.ndarray, fields: np.ndarray, cap: float, own: np.ndarra
 
 @njit(cache=True, error_model="numpy")
 def settle(a: np.ndarray, b: np.ndarray, places: np.ndarray, known: int, cap: float, sweeps: int) -> None:
-    """Place the samples after the first ``known``, then move one after another while this reduces the cost.
+    """Place the samples after the first ``known``, then move one sample after another while this reduces the cost.
 
-    a (k, k) float32 distances of the samples, b (n, n) float32 of all candidates for places; places (k,) int32,
-    changed in place.
+    a (k, k) float32: distances between the samples. b (n, n) float32: distances between all candidates. places (k,)
+    int32 is changed in place.
     """
     costs, most, unmoved = np.empty(len(b), np.float32), np.float32(cap), 0
     for step in range(known, (sweeps + 1) * len(a)):

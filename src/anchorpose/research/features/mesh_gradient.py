@@ -1,8 +1,8 @@
 """Compute derivatives on the mesh: the gradient of a function known at the nodes, and the curvature of the surface.
 
-Curvature comes from how the normals turn. Second differences of depth are mostly noise; the normals are already fitted
-to many pixels, and one more fit over all neighbours within a few centimetres keeps the curvature of a limb or a nose.
-On planes, spheres and cylinders it is exact.
+Curvature comes from the change of the normals. Second differences of depth are mostly noise. The normals are already
+fitted to many pixels, and one more fit over all neighbours within a few centimetres keeps the curvature of a limb or a
+nose. On planes, spheres and cylinders it is exact.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
 
 
 FLAT_RATIO = 1e-3
-"""Ratio of width to length of the neighbours' spread, below which they lie on a line and determine no derivative."""
+"""Smallest ratio of width to length of the neighbours' spread; below it they lie on a line and give no derivative."""
 
 
 def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:
-    """Return (n, 2) float32, 1/m: the larger and the smaller curvature, positive where the skin bulges towards the
-    camera.
+    """Return (n, 2) float32, 1/m: the larger and the smaller curvature of each node.
 
-    radius_m: reach along the edges of the neighbours used, whose weights fall to zero there. NaN where they do not
-    determine it: isolated nodes, nodes on a line, normals or positions that are NaN.
-    The shape operator S is the symmetric map with dn = S dx in the tangent plane, by least squares over neighbours;
-    the estimate from differences of normals goes back to Taubin 1995 (doi:10.1109/ICCV.1995.466840).
+    Curvature is positive where the skin bulges towards the camera. radius_m: distance along the edges up to which
+    neighbours are used; their weights fall to zero there. NaN if neighbours do not determine the curvature: isolated
+    nodes, nodes on a line, normals or positions that are NaN.
+    The shape operator S is the symmetric map with dn = S dx in the tangent plane, by least squares over neighbours. The
+    estimate from differences of normals goes back to Taubin 1995 (doi:10.1109/ICCV.1995.466840).
     """
     rings = rings_within(surface, radius_m)
     return _curvatures(surface.points_m, surface.normals, rings.start, rings.node, rings.distance_m, radius_m)
@@ -72,8 +72,9 @@ def gaussian_curvature(surface: Surface, radius_m: float) -> np.ndarray:
 def _curvatures(
     points: np.ndarray, normals: np.ndarray, start: np.ndarray, ring: np.ndarray, distance: np.ndarray, radius: float
 ) -> np.ndarray:
-    """Return the normal equations of S = [[a, b], [b, c]]: each neighbour gives dn_u = a u + b v and dn_v = b u + c
-    v.
+    """Return the curvatures by the normal equations of S = [[a, b], [b, c]].
+
+    Each neighbour gives two equations: dn_u = a u + b v and dn_v = b u + c v.
     """
     curvatures = np.full((len(points), 2), np.nan, np.float32)
     frame, d = np.empty((3, 3)), np.empty(4)
@@ -108,9 +109,10 @@ def _curvatures(
 def mesh_gradient(surface: Surface, values: np.ndarray) -> np.ndarray:
     """Return (n, 3) float32, units of values per metre, world frame: the gradient in each node's tangent plane.
 
-    values (n,): the function. NaN where it or the normal is unknown, and where fewer than two neighbours in different
-    directions have a value. Least squares over the directional derivatives along the grid's edges: exact for
-    functions that are linear on a plane. Raises ValueError where values are not one per node.
+    values (n,): the function. The gradient is NaN if the function or the normal is unknown, or if fewer than two
+    neighbours in different directions have a value. It follows by least squares from the directional derivatives along
+    the grid's edges, so it is exact for functions that are linear on a plane. Raises ValueError if the number of values
+    is not the number of nodes.
     """
     values = np.asarray(values, np.float64)
     if values.shape != (len(surface),):

@@ -30,13 +30,14 @@ TwoOrMore = Annotated[int, Field(ge=2)]
 class MeshHogConfig:
     """Settings of MeshHOG; the numbers are the authors' except for both radii and the smoothing."""
 
-    radius_m: Positive = 0.20  # radius from 0.1 to 0.3 m that distinguishes most places of a body at 0.1 s per frame
-    curvature_radius_m: Positive = 0.07  # larger than the noise of a depth camera, resolves a forearm
+    radius_m: Positive = 0.20  # of the radii from 0.1 to 0.3 m, it distinguishes most places of a body in 0.1 s a frame
+    curvature_radius_m: Positive = 0.07  # so that a depth camera's noise averages out, but a forearm is resolved
     function: ScalarFunction = ScalarFunction.MEAN_CURVATURE
     directions: Annotated[int, Field(ge=4)] = 36  # bins of the histogram that gives the first axis
-    smoothing: Annotated[int, Field(ge=0)] = 16  # rounds of 1 : 2 : 1: neighbours on a grid lie in eight directions
-    slices: TwoOrMore = 4  # slices of each of the three planes, by position
-    orientations: TwoOrMore = 8  # orientations in each slice, by direction of the gradient
+    # rounds of 1 : 2 : 1 smoothing of this histogram, needed since a grid's neighbours lie in only eight directions
+    smoothing: Annotated[int, Field(ge=0)] = 16
+    slices: TwoOrMore = 4  # number of slices of each of the three planes, by position
+    orientations: TwoOrMore = 8  # number of orientations in each slice, by direction of the gradient
     spread: Positive = 0.3  # sigma of the Gaussian weight, as a share of radius_m
 
     @property
@@ -48,16 +49,16 @@ class MeshHogConfig:
 def mesh_hog(surface: Surface, config: MeshHogConfig | None = None) -> np.ndarray:
     """Return the descriptors (n, 3 * slices * orientations) float32, of unit length.
 
-    A row is NaN where the node has no position or normal, or where the function has no gradient anywhere around it.
+    A row is NaN if the node has no position or normal, or if the function has no gradient anywhere around it.
 
     The local frame is the normal and the direction in the tangent plane in which gradients are largest. Positions and
-    gradients of the nodes within radius_m along the surface are projected onto its three planes; in each plane a
-    node's weight, the projected gradient's length times a Gaussian of the distance, is divided between the slices
-    nearest to its position and the orientations nearest to its gradient. Three things differ from the authors' program,
-    so that no result depends on the grid or on where bins begin: the histogram for the first axis is smoothed, its peak
-    is interpolated between bins counted from a direction that turns with the body, and a gradient is weighted by the
-    length of its projection, not by its own.
-    Sources: Zaharescu et al. 2009 (doi:10.1109/CVPRW.2009.5206748) and 2012 (doi:10.1007/s11263-012-0528-5).
+    gradients of the nodes within radius_m along the surface are projected onto the three planes of this frame. In each
+    plane, a node's weight is the projected gradient's length times a Gaussian of the distance. It is divided between
+    the slices nearest to the node's position and the orientations nearest to its gradient. Three things differ from the
+    authors' program, so that no result depends on the grid or on where bins begin: the histogram for the first axis is
+    smoothed; its peak is interpolated between bins that are counted from a direction that turns with the body; and a
+    gradient is weighted by the length of its projection, not by its own length. Sources: Zaharescu et al. 2009
+    (doi:10.1109/CVPRW.2009.5206748) and 2012 (doi:10.1007/s11263-012-0528-5).
     """
     config = config or MeshHogConfig()
     gradient = mesh_gradient(surface, scalar_function(surface, config))
@@ -75,13 +76,13 @@ def scalar_function(surface: Surface, config: MeshHogConfig) -> np.ndarray:
 
 
 PLANES = ((0, 1, 1.0), (0, 2, -1.0), (2, 1, -1.0))
-"""For each plane: the axis from which angles are counted, the axis a quarter turn on, and its sign."""
+"""For each plane: the axis from which angles are counted, the axis a quarter of a turn further, and its sign."""
 
 
 class _Layout(NamedTuple):
-    """The histograms as the kernels need them; sigma_m: sigma of the Gaussian weight."""
+    """The settings of the histograms as the kernels need them."""
 
-    sigma_m: float
+    sigma_m: float  # sigma of the Gaussian weight
     directions: int
     smoothing: int
     slices: int
@@ -128,7 +129,7 @@ def _to_local(
     sigma: float,
     local: np.ndarray,
 ) -> int:
-    """Fill local with position (3), gradient (3) and weight of each neighbour with a gradient; return the number."""
+    """Fill local with position (3), gradient (3) and weight of each neighbour with a gradient; return their number."""
     count = 0
     for spot in range(len(near)):
         other = near[spot]

@@ -1,7 +1,7 @@
 """Find the row of one table of descriptors that is nearest to each row of another.
 
-All distances are computed in float32 first, which is fast; distances that rounding cannot distinguish from the smallest
-are computed again in float64.
+All distances are first computed in float32, which is fast. Distances that cannot be distinguished from the smallest
+because of rounding are then computed again in float64.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-ROWS: Final = 1000  # source rows whose distances to all target rows are held at once: 16 MB for 4,000 of them
-COLUMNS: Final = 256  # target rows that a source row meets at once, so that they stay in the processor's cache
+ROWS: Final = 1000  # source rows whose distances to all target rows are in memory at once: 16 MB for 4,000 target rows
+COLUMNS: Final = 256  # target rows compared with a source row at once, so that they stay in the processor's cache
 ULP: Final = 2.0**-23  # precision of float32: twice the relative error of one rounding
 
 
@@ -21,17 +21,17 @@ class Metric(StrEnum):
     """The distance measure between two descriptors."""
 
     EUCLIDEAN = "euclidean"
-    HELLINGER = "hellinger"  # Euclidean between the square roots, of rows as they are: none is normalised here
+    HELLINGER = "hellinger"  # Euclidean distance between the square roots of the rows, which are not normalised here
     MANHATTAN = "manhattan"
 
 
 def nearest_descriptor(source: np.ndarray, target: np.ndarray, metric: Metric | str = Metric.EUCLIDEAN) -> np.ndarray:
-    """Return (m,) int32: the row of target nearest to each row of source, but for the rounding of float64.
+    """Return (m,) int32: the row of target nearest to each row of source, up to the rounding of float64.
 
-    source (m, d), target (n, d), compared as float32 values. A row with a value that is not finite is undefined: -1 for
-    such a row of source, and such a row of target is never chosen; -1 too where target has no other rows. Of equal rows
-    the first is chosen. Raises ValueError where the widths differ, for an unknown metric, and for negative values under
-    HELLINGER.
+    source (m, d) and target (n, d) are compared as float32 values. A row with a value that is not finite is undefined:
+    if it is in source, its result is -1; if it is in target, it is never chosen. If target has no other rows, all
+    results are -1. Of equal rows the first is chosen. Raises ValueError if the widths differ, for an unknown metric,
+    and for negative values with HELLINGER.
     """
     metric = Metric(metric)
     source, target = (np.asarray(table, dtype=np.float32).astype(np.float64) for table in (source, target))
@@ -63,19 +63,19 @@ class _RoughDifferences:
         self._columns = np.ascontiguousarray(target.T, dtype=np.float32)
 
     def apart(self, source: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return rough distances (m, n) float32, and (m,) a bound on the sum of the errors of a row's smallest and one
-        other distance.
+        """Return rough distances (m, n) float32, and an error bound (m,) for each row.
 
-        A sum of d values that are not negative is off by d + 1 roundings of itself at most.
+        The bound is for the sum of the errors of the row's smallest distance and one other distance. The error of a sum
+        of d values that are not negative is at most d + 1 roundings of the sum.
         """
         apart = _sum_of_differences(source.astype(np.float32), self._columns)
         return apart, 2.0 * (len(self._columns) + 2) * ULP * apart.min(axis=1)
 
 
 class _RoughSquares:
-    """Rough squared distances to a table (n, d), less |s|^2, which is constant in a row.
+    """Rough squared distances to a table (n, d), without |s|^2, which is constant in a row.
 
-    The mean is subtracted, so that squares are not much larger than their differences.
+    The mean is subtracted from all rows, so that squares are not much larger than their differences.
     """
 
     def __init__(self, target: np.ndarray) -> None:
@@ -89,7 +89,7 @@ class _RoughSquares:
         self._size2, self._columns = size2.astype(np.float32), moved.astype(np.float32).T
 
     def apart(self, source: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (m, n) rough squared distances, and (m,) the bound of their error, for source (m, d)."""
+        """Return rough squared distances (m, n) of source (m, d), and an error bound (m,) for each row."""
         moved = (source - self._mean) / self._unit
         length = np.linalg.norm(moved, axis=1)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -116,8 +116,9 @@ def _sum_of_differences(source: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def _settle(
     rough: np.ndarray, slack: np.ndarray, source: np.ndarray, target: np.ndarray, manhattan: bool
 ) -> np.ndarray:
-    """Return the nearest (m,) int64 of the target rows whose rough distance is within the slack (m,) of the
-    smallest.
+    """Return (m,) int64: the nearest target row, out of the rows whose rough distance is close to the smallest.
+
+    slack (m,): largest rough distance above the smallest that is compared again.
     """
     nearest = np.zeros(len(source), np.int64)
     for row in range(len(source)):

@@ -8,20 +8,19 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-BLOCK: Final = 32  # number of successive nodes that are skipped together: a row of a mesh across a limb
+BLOCK: Final = 32  # number of successive nodes that are skipped together, about a mesh's row across a limb
 
 
 class Neighbours(NamedTuple):
     """The nodes around each node, in ascending order, without the node itself.
 
-    The nodes within ``radius_m`` of node c are ``node[start[c]:start[c + 1]]``, at the squared distances
-    ``distance2_m2``; start (n + 1,) int64, node (m,) int32, distance2_m2 (m,) float32. A node without a position has
-    no neighbours and is never a neighbour.
+    The nodes within ``radius_m`` of node c are ``node[start[c]:start[c + 1]]``. A node without a position has no
+    neighbours and is never a neighbour.
     """
 
-    start: np.ndarray
-    node: np.ndarray
-    distance2_m2: np.ndarray
+    start: np.ndarray  # (n + 1,) int64
+    node: np.ndarray  # (m,) int32
+    distance2_m2: np.ndarray  # (m,) float32, squared distance to each of these nodes
     radius_m: float
 
 
@@ -40,8 +39,8 @@ def find_neighbours(points_m: np.ndarray, radius_m: float) -> Neighbours:
 def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the arrays start, node and squared distance of ``Neighbours``.
 
-    Successive nodes of a mesh lie side by side: blocks of them are near or far as a whole, and the result is ordered,
-    unlike that of a tree.
+    Successive nodes of a mesh lie side by side, so whole blocks of them are near or far. The result is in ascending
+    order, unlike the result of a search tree.
     """
     low, high = _boxes(points)
     limit, count = radius * radius, len(points)
@@ -69,8 +68,9 @@ def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, 
 
 @njit(cache=True)
 def _boxes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest coordinates (b, 3) float64 of blocks of nodes; inf and -inf where none has a
-    position.
+    """Return the lowest and highest coordinates (b, 3) float64 of blocks of nodes.
+
+    They are inf and -inf if no node of the block has a position.
     """
     blocks = (len(points) + BLOCK - 1) // BLOCK
     low, high = np.full((blocks, 3), np.inf), np.full((blocks, 3), -np.inf)
@@ -86,15 +86,16 @@ def _boxes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True)
 def longer(array: np.ndarray, extra: int) -> np.ndarray:
-    """Return the array with space for as many entries again, and some more."""
+    """Return the array with space for twice its entries and ``extra`` more."""
     room = np.empty(2 * len(array) + extra, array.dtype)
     room[: len(array)] = array
     return room
 
 
 def count_within(points_m: np.ndarray, radius_m: float) -> np.ndarray:
-    """Return (n,) int32: number of nodes within a radius of each node (n, 3), itself included; 0 for an unknown
-    position.
+    """Return (n,) int32: number of nodes within a radius of each node (n, 3), including the node itself.
+
+    It is 0 for a node without position.
     """
     require_radius(radius_m)
     points = as_points(points_m, "points_m")

@@ -1,8 +1,8 @@
 """Find the paper's anchors as its text describes them (Section IV-B, Section V): extrema by r = 0.5 m about one centre.
 
 The anchor is the extremum itself. A separate piece has no distance from the centre, and so no anchor. The paper orders
-extrema "based on the corresponding body parts" and gives no rule; here the name is that of this project's anchor at the
-same end of a limb.
+extrema "based on the corresponding body parts" and gives no rule. Here an extremum has the name of this project's
+anchor at the same end of a limb.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.surface.surface import Surface
 
-RADIUS_M: Final = 0.5  # r, "empirically"
-SAME_END_M: Final = 0.12  # two depths of an anchor's cap: an extremum farther from a named end is another end
-by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)  # as the source that the paper cites for extrema
+RADIUS_M: Final = 0.5  # the paper's r, chosen "empirically"
+SAME_END_M: Final = 0.12  # m, twice the depth of an anchor's cap; an extremum farther from a named end is another end
+by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)  # as in the source that the paper cites for extrema
 
 
 def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
-    """Return the extrema of a surface with seen nodes, each by the name of the ``named`` anchor at the same end, if
-    any.
+    """Return the extrema of a surface with seen nodes.
+
+    Each has the name of the ``named`` anchor at the same end; an extremum without such an anchor is left out.
     """
     field = by_edges(surface, np.array([surface_center(surface)]))[0]
     extrema, anchors = geodesic_extrema(surface, field, RADIUS_M), no_anchors()
@@ -39,8 +40,9 @@ def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
 
 
 def paper_descriptor(surface: Surface, named: Anchors) -> np.ndarray:
-    """Return f of Definition 3, (n, 5) float32 metres: NaN in the column of a missed anchor, inf for nodes that no path
-    from the anchor reaches.
+    """Return f of Definition 3, (n, 5) float32 metres.
+
+    The column of a missed anchor is NaN. A node that no path from the anchor reaches has inf.
     """
     if surface.seen_count == 0:
         return np.full((len(surface), len(named.node)), np.nan, np.float32)

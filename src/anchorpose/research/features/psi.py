@@ -1,10 +1,10 @@
-"""Compute the paper's match of a node: the middle of psi, the nodes whose distances to some anchors are alike (Section
-IV).
+"""Compute the paper's match of a node: the middle of psi, the set of nodes with similar distances to some anchors.
 
-On a limb psi is a band that ends at the outline, where the sensor stops seeing the skin. Its average then lies too far
-inside: no node at the outline would ever be a match. The unclipped middle is where psi's distances are those of the
-node: position is regressed on distance over psi (least squares). Where nothing clips psi both are the same. This needs
-three anchors: two feet only determine how far along a leg a node is, and a regression on them would lead off the leg.
+See Section IV. On a limb, psi is a band that ends at the outline, where the sensor stops seeing the skin. Its average
+position then lies too far inside, and no node at the outline would ever be a match. The unclipped middle is the place
+at which psi's distances equal those of the node; it follows by regressing position on distance over psi (least
+squares). If nothing clips psi, both middles are the same. The regression needs three anchors: two feet determine only
+how far along a leg a node is, and a regression on them would lead off the leg.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from numba import njit
 
 from anchorpose.track_tree.hypotheses import GateConfig, anchor_subsets
 
-NONE: Final = -1  # fills up a subset of fewer anchors
-# m2, ridge of the regression; psi's middle stays in directions in which distances hardly vary
+NONE: Final = -1  # fills up a subset that has fewer anchors than others
+# m2, ridge of the regression; it keeps psi's middle from moving in directions in which distances hardly vary
 RIDGE_M2: Final = 0.002**2
-FEWEST: Final = 8  # nodes of psi from which a regression over three distances is determined
+FEWEST: Final = 8  # least number of nodes of psi that determine a regression over three distances
 
 
 def subsets_with_pieces(source: np.ndarray, target: np.ndarray, found: np.ndarray, size: int) -> np.ndarray:
-    """Return (s, size): the subsets of the found anchors (5,) bool, and the anchors of each piece that fewer than size
-    reach.
+    """Return (s, size): all subsets of the found anchors (5,) bool, and a filled-up subset for each piece cut off.
 
-    source (n, 5), target (m, 5): the distances of two frames, not finite where a piece is not reached from an anchor.
-    Behind a cut no subset of that size has a distance; the anchors that are left are then the only subset.
+    source (n, 5), target (m, 5): the distances of two frames, not finite if no path leads from an anchor to the node.
+    If fewer than ``size`` anchors reach a piece, no subset of this size has a distance there; the anchors that reach it
+    then form its only subset.
     """
     whole = anchor_subsets(found, size)
     reached = [row for table in (source, target) for row in np.unique(np.isfinite(table) & found, axis=0)]
@@ -47,9 +47,10 @@ def match_by_psi(
 ) -> np.ndarray:
     """Return (k, s) int32: the node of psi nearest to its middle under each subset, -1 where psi is empty.
 
-    source (k, 5), target (n, 5) metres; places_m (n, 3) of the target nodes; subsets of ``subsets_with_pieces``. A
-    filled-up subset applies only where the node or its match is reached from these anchors alone. squared: the paper's
-    inequality as printed, the squared norm in square metres below e_max in metres; else the norm is below it.
+    source (k, 5), target (n, 5): metres. places_m (n, 3): positions of the target nodes. subsets: the result of
+    ``subsets_with_pieces``; a filled-up subset applies only if its anchors alone reach the node or its match. squared:
+    True = the paper's inequality as printed, the squared norm in square metres is below e_max in metres; False = the
+    norm is below e_max.
     """
     known = subsets != NONE
     distance = np.where(known, source[:, np.where(known, subsets, 0)], 0.0)
@@ -82,8 +83,10 @@ def _match_all(
     only: np.ndarray,
     unclipped: bool,
 ) -> np.ndarray:
-    """Match as ``match_by_psi``; reached: a bit per anchor; only (s,): the bits of a filled-up subset, -1 for
-    others.
+    """Match as ``match_by_psi``.
+
+    reached, target_reached: one bit for each anchor that reaches the node. only (s,): the bits of a filled-up subset,
+    -1 for other subsets.
     """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     psi, offset = np.empty(len(target), np.int64), np.empty((len(target), subsets.shape[1]))
@@ -127,7 +130,7 @@ def _fewest_anchors(subsets: np.ndarray) -> int:
 def _possible(
     distance: np.ndarray, columns: np.ndarray, limit2: float, fewest: int, near: np.ndarray, possible: np.ndarray
 ) -> int:
-    """Fill possible with the nodes whose distance (5, n) to so many anchors is alike that they may be in a psi."""
+    """Fill ``possible`` with nodes that may be in a psi: enough of their distances (5, n) to anchors are similar."""
     near[:] = 0
     for anchor in range(len(columns)):
         column, own = columns[anchor], distance[anchor]
@@ -143,8 +146,9 @@ def _possible(
 
 @njit(cache=True)
 def _middle(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, unclipped: bool) -> int:
-    """Return the node of psi (m,) nearest to its middle; offset (m, a): distances of its nodes minus those of the
-    source node.
+    """Return the node of psi (m,) nearest to its middle.
+
+    offset (m, a): the distances of psi's nodes to the anchors minus those of the source node.
     """
     middle = np.zeros(3)
     for m in range(len(psi)):
@@ -164,8 +168,9 @@ def _middle(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, unclipped: 
 
 @njit(cache=True)
 def _shift(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Return the vector (3,), metres, from the place at which psi's distances equal those of the node to the average
-    position, by the regression.
+    """Return the vector (3,), metres, from the unclipped middle to psi's average position, by the regression.
+
+    The unclipped middle is the place at which psi's distances equal those of the source node.
     """
     anchors = offset.shape[1]
     mean = np.zeros(anchors)

@@ -12,24 +12,20 @@ from anchorpose.surface.surface import Surface
 
 
 class Rings(NamedTuple):
-    """The nodes around each node, one row per node.
+    """The nodes around each node, one row per node."""
 
-    start (n + 1,) int64: where the rows begin; node (m,) int32, a row's own node first; distance_m (m,) float32, along
-    the edges; reach_m (n,) float64: how far each row was searched.
-    """
-
-    start: np.ndarray
-    node: np.ndarray
-    distance_m: np.ndarray
-    reach_m: np.ndarray
+    start: np.ndarray  # (n + 1,) int64, beginnings of the rows
+    node: np.ndarray  # (m,) int32, each row begins with its own node
+    distance_m: np.ndarray  # (m,) float32, along the edges
+    reach_m: np.ndarray  # (n,) float64, distance up to which each row was searched
 
 
 def rings_within(surface: Surface, reach_m: float | np.ndarray) -> Rings:
-    """Return every node that edges and links lead to within reach_m of each node.
+    """Return, for each node, all nodes to which edges and links lead within reach_m.
 
-    reach_m: metres along the edges, one for all or (n,); a row is empty where it is NaN or the node has no position.
-    A node that is near without being connected (an arm in front of the trunk) is not a neighbour. Raises ValueError for
-    a reach that is not positive.
+    reach_m: metres along the edges, one value for all nodes or (n,). A node's row is empty if its reach is NaN or it
+    has no position. A node that is near but not connected (an arm in front of the trunk) is not a neighbour. Raises
+    ValueError for a reach that is not positive.
     """
     reach = np.broadcast_to(np.asarray(reach_m, np.float64), (len(surface),)).copy()
     if (reach <= 0).any():
@@ -43,7 +39,7 @@ def rings_within(surface: Surface, reach_m: float | np.ndarray) -> Rings:
 
 
 class _Edges(NamedTuple):
-    """The edges of a surface with their lengths in metres: of the grid (n, 8), and links."""
+    """The edges of a surface with their lengths in metres: edges of the grid (n, 8), and links."""
 
     ring: np.ndarray
     length_m: np.ndarray
@@ -54,7 +50,7 @@ class _Edges(NamedTuple):
 
 @njit(cache=True)
 def _search(edges: _Edges, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return start, node and distance of ``Rings``; a row stays empty where its reach is NaN."""
+    """Return start, node and distance of ``Rings``; a row stays empty if its reach is NaN."""
     count = len(edges.ring)
     best, waits = np.full(count, np.inf, np.float32), np.zeros(count, np.bool_)
     queue = np.empty(max(count, 1), np.int32)
@@ -79,9 +75,9 @@ def _search(edges: _Edges, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 def _spread(
     edges: _Edges, limit: np.float32, best: np.ndarray, queue: np.ndarray, waits: np.ndarray, node: np.ndarray, end: int
 ) -> int:
-    """Add the nodes within the limit of node[end - 1] to node, their distances to best; return the new end.
+    """Add the nodes within the limit of node[end - 1] to ``node``, their distances to ``best``; return the new end.
 
-    Nodes to visit stand in a circular queue, and again when they come nearer, so no heap is needed.
+    Nodes to visit wait in a circular queue. A node is queued again if a shorter path is found, so no heap is needed.
     """
     count, head, size = len(best), 0, 1
     queue[0] = node[end - 1]
@@ -109,7 +105,7 @@ def _spread(
 
 @njit(cache=True)
 def _edge_lengths(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
-    """Return the edge lengths (n, 8) float32, metres, NaN where either end has no position."""
+    """Return the edge lengths (n, 8) float32, metres; NaN if either end has no position."""
     length = np.zeros(ring.shape, np.float32)
     for here in range(len(ring)):
         for place in range(8):

@@ -1,4 +1,4 @@
-"""Rotational projection statistics (RoPS): moments of the neighbourhood in nine rotations, projected on three planes.
+"""Compute rotational projection statistics (RoPS): moments of the neighbourhood, turned nine times, on three planes.
 
 Source: Guo, Sohel, Bennamoun, Lu, Wan 2013 (doi:10.1007/s11263-013-0627-y), Section 4, as PCL 1.13 implements it.
 """
@@ -20,10 +20,10 @@ STATISTICS = 5  # central moments 11, 21, 12 and 22, and the entropy
 
 @settings
 class RopsConfig:
-    """Settings; with three turns about each axis there are 135 numbers, see ``columns``."""
+    """Settings of RoPS; with three turns about each axis it has 135 numbers, see ``columns``."""
 
-    radius_m: Positive = 0.20  # the authors' 15 mesh resolutions, here 13 mm
-    turns: Count = 3  # about each axis, within a right angle: the authors' choice
+    radius_m: Positive = 0.20  # the authors' 15 mesh resolutions; a resolution is 13 mm here
+    turns: Count = 3  # number of turns about each axis, within a right angle; the authors' choice
     bins: Count = 5  # bins along each side of a plane, the authors' choice
 
     @property
@@ -34,9 +34,9 @@ class RopsConfig:
 def rops(points_m: np.ndarray, triangles: np.ndarray, config: RopsConfig | None = None) -> np.ndarray:
     """Return the descriptors (n, 135) float32, whose absolute values sum to 1.
 
-    points_m (n, 3), NaN where unknown; triangles (f, 3) int, of ``surface.mesh.faces``. Columns: axis x, y, z; turn;
-    plane xy, xz, yz; moments 11, 21, 12, 22 and entropy. NaN row: a node without position, or without a neighbour or
-    triangle within the radius.
+    points_m (n, 3), NaN = unknown. triangles (f, 3) int: ``surface.mesh.faces``. The columns are ordered by axis (x, y,
+    z), then turn, then plane (xy, xz, yz), then moment (11, 21, 12, 22) and entropy. The row of a node without
+    position, or without a neighbour or triangle within the radius, is NaN.
     """
     config = config or RopsConfig()
     points = as_points(points_m, "points_m")
@@ -65,7 +65,7 @@ def _statistics(
         count = _to_local(points, c, node[start[c] : start[c + 1]], frames[c], local)
         column = 0
         for axis in range(3):
-            one, two = (axis + 1) % 3, (axis + 2) % 3  # the turn takes the first of them to the second
+            one, two = (axis + 1) % 3, (axis + 2) % 3  # the turn carries axis ``one`` to axis ``two``
             _into_bins(local[axis], count, bins, cell[axis])
             for turn in range(len(turns)):
                 cosine, sine = turns[turn, 0], turns[turn, 1]
@@ -97,7 +97,7 @@ def _to_local(points: np.ndarray, own: int, near: np.ndarray, frame: np.ndarray,
 
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})  # no NaN here; vectorises the extremes
 def _into_bins(values: np.ndarray, count: int, bins: int, cell: np.ndarray) -> None:
-    """Fill cell with each value's bin of the equal bins between the smallest and the largest; 0 if these are equal."""
+    """Fill cell with the bin of each value. Bins divide smallest to largest value evenly; if these are equal, 0."""
     low, high = values[0], values[0]
     for m in range(count):
         low = values[m] if values[m] < low else low
@@ -142,7 +142,7 @@ def _plane_statistics(share: np.ndarray, bins: int, statistics: np.ndarray) -> N
 
 @njit(cache=True)
 def _normalize(row: np.ndarray) -> None:
-    """Scale so that absolute values sum to 1; NaN for points that all coincide, which have no shape."""
+    """Scale the row so that its absolute values sum to 1; NaN if all points coincide and so have no shape."""
     total = 0.0
     for value in row:
         total += abs(value)
@@ -150,21 +150,18 @@ def _normalize(row: np.ndarray) -> None:
 
 
 class Triangles(NamedTuple):
-    """corners (f, 3) int32; the triangles at node i are ``corner_of[start[i]:start[i + 1]]``, int32.
+    """The triangles of a surface, listed at each of their corners."""
 
-    shape (f, 10) float64: centroid x y z, area, then the scatter xx xy xz yy yz zz of the corners about the centroid,
-    m^2.
-    """
-
-    start: np.ndarray
-    corner_of: np.ndarray
+    start: np.ndarray  # the triangles at node i are ``corner_of[start[i]:start[i + 1]]``
+    corner_of: np.ndarray  # int32
+    # (f, 10) float64: centroid x y z, area, then the corners' scatter xx xy xz yy yz zz about the centroid in m^2
     shape: np.ndarray
 
 
 def prepare_triangles(points: np.ndarray, faces: np.ndarray) -> Triangles:
     """Return triangles (f, 3) int of points (n, 3); triangles with a corner of unknown position are left out.
 
-    Raises ValueError where a corner is not a node.
+    Raises ValueError if a corner is not a node.
     """
     faces = np.asarray(faces)
     if faces.ndim != 2 or faces.shape[1] != 3 or (faces.size and not np.issubdtype(faces.dtype, np.integer)):
@@ -186,11 +183,11 @@ def prepare_triangles(points: np.ndarray, faces: np.ndarray) -> Triangles:
 
 
 def triangle_frames(points_m: np.ndarray, triangles: Triangles, neighbours: Neighbours) -> np.ndarray:
-    """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where it has no triangle.
+    """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN if it has no triangle.
 
-    points_m (n, 3) float32. The axes are those of the surface, every triangle with a corner within the radius weighted
-    by its area: x lies along its widest spread and z across it, each towards the side with more surface.
-    Source: Guo et al. 2013, Section 3.
+    points_m (n, 3) float32. The axes are principal axes of the surface, from all triangles with a corner within the
+    radius, weighted by their area: x lies along the surface's widest spread and z across it, each towards the side with
+    more surface. Source: Guo et al. 2013, Section 3.
     """
     return _frames(points_m, neighbours, triangles)
 
@@ -241,8 +238,8 @@ def _scatter(
 ) -> float:
     """Fill the surface's scatter about a point and its first moment, up to a factor; return the sum of the weights.
 
-    A triangle's integral of p p^T is its corners' scatter plus twelve times its centroid's; its weight is its area
-    times the squared distance of its centroid to the sphere.
+    A triangle's integral of p p^T is the scatter of its corners plus twelve times p p^T of its centroid, up to a
+    factor. Its weight is its area times the squared distance of its centroid to the sphere.
     """
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     lx, ly, lz, total = 0.0, 0.0, 0.0, 0.0

@@ -1,8 +1,8 @@
 """Compute 3D shape contexts: the density of points in the cells of a sphere, which are narrower towards its centre.
 
 Sources: Frome, Huber, Kolluri, Buelow, Malik 2004 (doi:10.1007/978-3-540-24672-5_18), cells and weights as in PCL 1.13.
-The paper leaves open where azimuth begins and compares every turn; one repeatable frame per node makes it unique:
-Tombari, Salti, Di Stefano 2010b (doi:10.1145/1877808.1877821).
+The paper leaves open where azimuth begins and compares every turn. One repeatable frame per node makes the descriptor
+unique: Tombari, Salti, Di Stefano 2010b (doi:10.1145/1877808.1877821).
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from anchorpose.research.features.neighbours import Neighbours, as_oriented, as_
 from anchorpose.settings import Count, Positive, settings
 
 _TWO_PI = np.float32(2 * np.pi)
-PARALLEL = 1e-3  # sine; an x axis this near to the normal has no direction in the tangent plane
+PARALLEL = 1e-3  # sine of the smallest angle between x axis and normal at which x has a direction in the tangent plane
 
 
 @settings
 class ShapeContextConfig:
-    """Settings; with these cells there are 1980 numbers, see ``cells``."""
+    """Settings of shape contexts; by default they have 1980 numbers, see ``cells``."""
 
-    radius_m: Positive = 0.20  # a limb with its edges: nearer, the body is a smooth sheet everywhere
-    # share of the radius at which the first shell ends; it begins at 0
+    radius_m: Positive = 0.20  # contains a limb with its edges; within a smaller sphere, the body looks flat everywhere
+    # share of the radius from which radii grow by one factor per shell; the first shell itself begins at 0
     innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1
-    density: Positive = 0.2  # share of the radius: within it a point's neighbours share its weight
-    azimuths: Count = 12  # these three as in PCL, and in the paper's own experiments
+    density: Positive = 0.2  # share of the radius within which points are counted for the density around a point
+    # numbers of cells, all three as in PCL and in the paper's own experiments
+    azimuths: Count = 12
     elevations: Count = 11
     shells: Count = 15
 
@@ -47,10 +48,10 @@ def shape_context(
 ) -> np.ndarray:
     """Return the shape contexts (n, 1980) float32: weighted points in each cell, 1 / m.
 
-    points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown. The weight of a point is one over
-    the number of points around it and over the cube root of its cell's volume. frames (n, 3, 3): rows x, y, z;
-    otherwise ``tangent_frames``. Columns: azimuth from x, then elevation from z down, then shell outwards, the last
-    index running fastest. NaN row: no frame.
+    points_m, normals (n, 3) are in one frame, and normals have unit length; NaN = unknown. The weight of a point is 1
+    divided by the number of points around it and by the cube root of its cell's volume. frames (n, 3, 3): rows x, y, z;
+    None = the result of ``tangent_frames``. Columns are ordered by azimuth from x, then elevation from z down, then
+    shell outwards, which changes fastest. The row of a node without frame is NaN.
     """
     config = config or ShapeContextConfig()
     points, unit = as_oriented(points_m, normals)
@@ -64,9 +65,10 @@ def shape_context(
 
 
 def tangent_frames(points_m: np.ndarray, normals: np.ndarray, neighbours: Neighbours) -> np.ndarray:
-    """Return (n, 3, 3) float32: z is the node's normal (n, 3), x the projection of the x axis of ``local_frames``.
+    """Return (n, 3, 3) float32: rows x, y, z of each node's frame, z along its normal (n, 3).
 
-    NaN where the node has no normal or the axis has no direction there.
+    x is the x axis of ``local_frames``, projected onto the tangent plane. NaN if the node has no normal, or x has no
+    direction in the tangent plane.
     """
     z = as_points(normals, "normals").astype(np.float64)
     z /= np.linalg.norm(z, axis=1, keepdims=True)
@@ -78,7 +80,7 @@ def tangent_frames(points_m: np.ndarray, normals: np.ndarray, neighbours: Neighb
 
 
 def _cell_weights(edges: np.ndarray, config: ShapeContextConfig) -> np.ndarray:
-    """Return (elevations, shells) float32: one over the cube root of a cell's volume, 1 / m."""
+    """Return (elevations, shells) float32: 1 divided by the cube root of a cell's volume, 1 / m."""
     sink = -np.diff(np.cos(np.linspace(0.0, np.pi, config.elevations + 1)))
     volume = 2 * np.pi / config.azimuths * sink[:, None] * (np.diff(edges**3) / 3.0)
     return (volume ** (-1.0 / 3.0)).astype(np.float32)
@@ -94,8 +96,10 @@ def _contexts(
     weights: np.ndarray,
     azimuths: int,
 ) -> np.ndarray:
-    """Return the contexts; density (n,): nodes around each node; inner (shells - 1,): radii between shells; weights as
-    ``_cell_weights``.
+    """Return the contexts.
+
+    density (n,): number of nodes around each node. inner (shells - 1,): radii between the shells. weights: the result
+    of ``_cell_weights``.
     """
     start, node, distance2 = neighbours.start, neighbours.node, neighbours.distance2_m2
     elevations, shells = weights.shape
@@ -141,7 +145,7 @@ def _direction_cells(
 
 @njit(cache=True, error_model="numpy")
 def _shells(away2: np.ndarray, inner: np.ndarray, shell: np.ndarray) -> None:
-    """Fill the first entries of shell with the shell of each neighbour."""
+    """Fill the first entries of ``shell`` with the number of each neighbour's shell."""
     shell[: len(away2)] = 0
     for edge in inner:
         edge2 = edge * edge

@@ -1,8 +1,7 @@
-"""Compute signatures of histograms of orientations (SHOT): a histogram of the normals' directions in 32 sectors of a
-sphere.
+"""Compute signatures of histograms of orientations (SHOT): the normals' directions in each of 32 sectors of a sphere.
 
 Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), in the version of PCL 1.13, which comes from
-the authors: unit length, and each of the four interpolations passes votes to one neighbouring bin.
+the authors: signatures have unit length, and each of the four interpolations passes votes to one neighbouring bin.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from anchorpose.research.features.local_frame import FEWEST, as_frames, local_fr
 from anchorpose.research.features.neighbours import Neighbours, as_oriented, find_neighbours
 from anchorpose.settings import Positive, settings
 
-SECTORS, LEANS = 32, 10  # 8 around, 2 outwards, 2 upwards; steps of the cosine between normal and z
+SECTORS, LEANS = 32, 10  # sectors: 8 around, 2 outwards, 2 upwards; steps of the cosine between normal and z
 COLUMNS = LEANS + 1
 SIZE = SECTORS * COLUMNS
 _HALF = np.float32(0.5)
@@ -28,9 +27,10 @@ _TWO = np.float32(2.0)
 class ShotConfig:
     """Settings of SHOT, which has 352 numbers."""
 
-    # radius of the sphere and its frame: a limb with its edges; at 15 cm errors are half as large again
+    # radius of the sphere and its frame, which contains a limb with its edges; with 15 cm, errors are 1.5 times as
+    # large
     radius_m: Positive = 0.20
-    z_by_normal: bool = False  # True turns the frame's z to the side of the normal; the authors count neighbours
+    z_by_normal: bool = False  # True turns the frame's z to the normal's side; the authors use the side of most points
 
 
 def shot(
@@ -38,10 +38,11 @@ def shot(
 ) -> np.ndarray:
     """Return the signatures (n, 352) float32, of unit length.
 
-    points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown: a node without position is left
-    out, and a node without normal casts no vote. frames (n, 3, 3): the axes x, y, z as rows; None = the result of
-    ``local_frames``. Sector s has 11 columns: upper half s & 1, outer half s >> 1 & 1, eighth of a turn s >> 2 from -x
-    on. NaN row: no frame, or no node with a normal within the radius.
+    points_m, normals (n, 3) are in one frame, and normals have unit length; NaN = unknown. A node without position is
+    left out, and a node without normal casts no vote. frames (n, 3, 3): the axes x, y, z as rows; None = the result of
+    ``local_frames``. Each sector s has 11 columns: s & 1 tells whether it is in the upper half, s >> 1 & 1 whether it
+    is in the outer half, and s >> 2 is its eighth of a turn, counted from -x. A row is NaN if the node has no frame, or
+    no node with a normal is within the radius.
     """
     config = config or ShotConfig()
     points, unit = as_oriented(points_m, normals)
@@ -87,7 +88,11 @@ def _locate(
     frame: np.ndarray,
     place: np.ndarray,
 ) -> None:
-    """Fill place (4, k): eighths of a turn from -x, radii (0 to 1), inclination from z, steps of the cosine to z."""
+    """Fill place (4, k) with the place of each neighbour's vote.
+
+    The rows are eighths of a turn from -x, share of the radius, inclination from z, and steps of the normal's cosine to
+    z.
+    """
     px, py, pz = oriented[own, 0], oriented[own, 1], oriented[own, 2]
     x0, x1, x2 = frame[0, 0], frame[0, 1], frame[0, 2]
     y0, y1, y2 = frame[1, 0], frame[1, 1], frame[1, 2]
@@ -117,8 +122,8 @@ def _vote(turn: np.float32, out: np.float32, inclination: np.float32, lean: np.f
     row[sector * COLUMNS + beside] += abs(off)
     weight = ONE - abs(off)
 
-    off = _TWO * out - _HALF - np.float32(outer)  # from the middle of the shell, in widths of a shell
-    inwards = off > ZERO if outer == 0 else off < ZERO  # towards the other shell; beyond there is none
+    off = _TWO * out - _HALF - np.float32(outer)  # distance from the middle of the shell, in widths of a shell
+    inwards = off > ZERO if outer == 0 else off < ZERO  # whether it lies towards the other shell; there are only two
     row[column + (2 * COLUMNS if outer == 0 else -2 * COLUMNS)] += abs(off) if inwards else ZERO
     weight += ONE - abs(off)
 

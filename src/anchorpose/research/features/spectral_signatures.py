@@ -15,10 +15,12 @@ from anchorpose.research.features.laplacian import Laplacian, surface_laplacian
 from anchorpose.settings import Count, Positive, settings
 from anchorpose.surface.surface import Surface
 
-PAIRS: Final = 150  # waves down to 10 cm on a body's 0.45 m²; Sun et al. and Aubry et al. took 300 of closed meshes
-LANCZOS_VECTORS: Final = 1.6  # per pair: on body meshes of 2,300 nodes faster than 1.3 and 2.5
-START: Final = 20110413  # seed of Lanczos' first vector: with ARPACK's own, two runs would differ in the last digits
-DECAY: Final = 4.0 * np.log(10.0)  # exponent of a decayed wave, e^-DECAY = 1e-4: first and last time of Sun et al.
+# number of eigenpairs; their waves are as short as 10 cm on a body's 0.45 m²; Sun et al. and Aubry et al. used 300 on
+# closed meshes
+PAIRS: Final = 150
+LANCZOS_VECTORS: Final = 1.6  # vectors per pair; on body meshes of 2,300 nodes this is faster than 1.3 or 2.5
+START: Final = 20110413  # seed of Lanczos' first vector; with ARPACK's own, two runs would differ in the last digits
+DECAY: Final = 4.0 * np.log(10.0)  # exponent at which a wave has decayed, to 1e-4; it gives the times of Sun et al.
 
 
 def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
@@ -33,17 +35,16 @@ Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectrum:
-    """eigenvalues (k,) float64 in 1/m², ascending, exactly 0 once for each connected piece of surface.
+    """The lowest eigenpairs of a surface's Laplace-Beltrami operator.
 
-    eigenfunctions (n, k) float64 in 1/m, orthonormal with respect to mass_m2 (n,), the area of each node: NaN and 0 at
-    nodes without triangles. piece (n,) int32: the node's connected piece, -1 without a triangle. The sign of an
-    eigenfunction is arbitrary, and so is the basis where eigenvalues coincide.
+    The sign of an eigenfunction is arbitrary; so is the choice of eigenfunctions for eigenvalues that coincide.
     """
 
-    eigenvalues: np.ndarray
+    eigenvalues: np.ndarray  # (k,) float64 in 1/m², ascending, exactly 0 once for each connected piece of surface
+    # (n, k) float64 in 1/m, orthonormal with respect to ``mass_m2``; NaN at nodes without triangles
     eigenfunctions: np.ndarray
-    mass_m2: np.ndarray
-    piece: np.ndarray
+    mass_m2: np.ndarray  # (n,), area of each node; 0 without triangles
+    piece: np.ndarray  # (n,) int32, number of the node's connected piece; -1 without a triangle
 
     def __len__(self) -> int:
         return len(self.piece)
@@ -59,16 +60,18 @@ class Spectrum:
 
 
 def spectrum(surface: Surface, pairs: int = PAIRS) -> Spectrum:
-    """Return the lowest ``pairs`` eigenpairs of all pieces together, fewer where there are fewer nodes with triangles.
+    """Return the lowest ``pairs`` eigenpairs of all pieces together, with Neumann's condition at the outline.
 
-    Pieces share the spectrum, each with its own waves down to the same length. Neumann's condition at the outline.
+    There are fewer if there are fewer nodes with triangles. Pieces share the spectrum; the waves of all pieces end at
+    the same wavelength.
     """
     return spectrum_of(surface_laplacian(surface), len(surface), pairs)
 
 
 def spectrum_of(laplacian: Laplacian, count: int, pairs: int = PAIRS) -> Spectrum:
-    """Return the spectrum of an operator that is defined on some of ``count`` nodes. Raises ValueError without
-    pairs.
+    """Return the spectrum of an operator that is defined on some of ``count`` nodes.
+
+    Raises ValueError if ``pairs`` is less than 1.
     """
     if pairs < 1:
         raise ValueError(f"pairs must be at least 1, got {pairs}")
@@ -81,8 +84,9 @@ def spectrum_of(laplacian: Laplacian, count: int, pairs: int = PAIRS) -> Spectru
 
 
 def _eigenpairs(laplacian: Laplacian, pairs: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return eigenvalues (k,) and eigenfunctions (v, k). The lowest are set exactly, to 0 and a constant on each piece;
-    rounding leaves them near 0.
+    """Return eigenvalues (k,) and eigenfunctions (v, k).
+
+    The lowest pair of each piece is set to exactly 0 and a constant, since rounding would leave it only near them.
     """
     if pairs == 0:
         return np.empty(0), np.empty((0, 0))
@@ -98,8 +102,9 @@ def _eigenpairs(laplacian: Laplacian, pairs: int) -> tuple[np.ndarray, np.ndarra
 
 
 def _lowest(matrix: csc_array, pairs: int, shift: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return eigenpairs of a symmetric matrix by shift and invert, around a shift just below its lowest eigenvalue of
-    0.
+    """Return the lowest eigenpairs of a symmetric matrix by shift and invert.
+
+    The shift is just below the lowest eigenvalue, which is 0.
     """
     count = matrix.shape[0]
     if LANCZOS_VECTORS * pairs >= count - 1:
@@ -135,8 +140,9 @@ def weighted_squares(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
 def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
     """Return (d,) float64: the integral of ``weighted_squares`` over the piece of surface with the largest area.
 
-    Over all pieces, small components would count as much as the body at low eigenvalues; over each node's own piece, a
-    severed arm would change at high ones. NaN without triangles.
+    With the integral over all pieces, small pieces would count as much as the body at low eigenvalues. With the
+    integral over each node's own piece, the values on a severed arm would change at high eigenvalues. NaN without
+    triangles.
     """
     if spectrum.piece_count == 0:
         return np.full(weights.shape[1], np.nan)
@@ -151,20 +157,19 @@ def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
 class HksConfig:
     """Settings of the heat kernel signature."""
 
-    times: Count = 100  # as Sun et al.
-    range_m2: Range | None = None  # first and last time; None: from the spectrum, as Sun et al.
-    scaled: bool = True  # by the heat trace, as Sun et al.: otherwise short times outweigh all others
+    times: Count = 100  # number of times, as in Sun et al.
+    range_m2: Range | None = None  # first and last time; None: from the spectrum, as in Sun et al.
+    scaled: bool = True  # divide by the heat trace, as in Sun et al.; otherwise short times outweigh all others
 
 
 def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
-    """Return the heat kernel signature: the heat left at a node at time t after it was put there, sum_i exp(-lambda_i
-    t) phi_i^2.
+    """Return the heat kernel signature, (n, times) float32 in 1/m².
 
-    Times t are evenly spaced in their logarithm and in m²: heat diffuses over one square metre in a time of one.
-    Returns (n, times) float32 in 1/m²; NaN at nodes without
-    triangles, and everywhere if the times are to come from a spectrum without positive eigenvalues. Scaled: each time
-    divided by its integral over the largest piece of surface, the heat trace.
-    Source: Sun, Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
+    It is the heat left at a node a time t after it was put there: sum_i exp(-lambda_i t) phi_i^2. Times are in m²,
+    since heat diffuses over one square metre in a time of one, and their logarithms are evenly spaced. If scaled, each
+    time's column is divided by its integral over the largest piece of surface, the heat trace. NaN at nodes without
+    triangles, and everywhere if the times should come from a spectrum that has no positive eigenvalues. Source: Sun,
+    Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
     """
     config = config or HksConfig()
     times_m2 = heat_times(spectrum, config)
@@ -176,7 +181,10 @@ def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
 
 
 def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
-    """Return (times,) m²: from the decay of the shortest wave to that of the longest, unless the range is given."""
+    """Return (times,) m², from the time when the shortest wave has decayed to the time when the longest has.
+
+    If the configuration has a range, it gives the first and the last time instead.
+    """
     positive = spectrum.eigenvalues[spectrum.positive]
     if config.range_m2 is not None:
         first, last = config.range_m2
@@ -191,11 +199,11 @@ def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
 class SiHksConfig:
     """Settings of the scale-invariant heat kernel signature."""
 
-    # relative to 1 m²: at 0.5 mm², no wave has decayed much
+    # first time, in octaves relative to 1 m²; no wave has decayed much by then
     first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0
-    octaves: Positive = 24.0  # value of Bronstein and Kokkinos; up to 4 m², when a body's longest wave has decayed
-    steps_per_octave: Count = 16  # as Bronstein and Kokkinos
-    frequencies: Count = 6  # the lowest, as Bronstein and Kokkinos
+    octaves: Positive = 24.0  # as in Bronstein and Kokkinos; up to 4 m², when a body's longest wave has decayed
+    steps_per_octave: Count = 16  # as in Bronstein and Kokkinos
+    frequencies: Count = 6  # number of frequencies, the lowest, as in Bronstein and Kokkinos
 
     def __post_init__(self) -> None:
         if self.frequencies > int(self.octaves * self.steps_per_octave) // 2:
@@ -205,10 +213,10 @@ class SiHksConfig:
 def si_hks(spectrum: Spectrum, config: SiHksConfig | None = None) -> np.ndarray:
     """Compute the scale-invariant HKS: |Fourier transform| of d log h / d tau, where h is the HKS at times 2^tau m².
 
-    A surface scaled by s has its HKS divided by s² and shifted by 2 log2 s octaves: the derivative of the logarithm
-    removes the one, the modulus the other, as long as the derivative is zero at both ends of the times; this is why
-    there are many octaves. Returns (n, frequencies) float32 from frequency 0 on; NaN at nodes without triangles.
-    Source: Bronstein and Kokkinos 2010 (doi:10.1109/CVPR.2010.5539838), Section 3.
+    If a surface is scaled by s, its HKS is divided by s² and shifted by 2 log2 s octaves. The derivative of the
+    logarithm removes the division, and the modulus removes the shift, as long as the derivative is zero at both ends of
+    the times; this needs many octaves. Returns (n, frequencies) float32 from frequency 0 on; NaN at nodes without
+    triangles. Source: Bronstein and Kokkinos 2010 (doi:10.1109/CVPR.2010.5539838), Section 3.
     """
     config = config or SiHksConfig()
     octave = config.first_octave + np.arange(0, config.octaves, 1.0 / config.steps_per_octave)
@@ -225,8 +233,8 @@ def si_hks(spectrum: Spectrum, config: SiHksConfig | None = None) -> np.ndarray:
 class WksConfig:
     """Settings of the wave kernel signature: energies, and how sharply they are resolved."""
 
-    energies: Count = 100  # as Aubry et al.
-    # standard deviation of an energy's logarithm, in steps between energies, as Aubry et al.
+    energies: Count = 100  # number of energies, as in Aubry et al.
+    # standard deviation of an energy's logarithm, in steps between energies, as in Aubry et al.
     width_steps: Positive = 7.0
     range_per_m2: Range | None = None  # eigenvalues between which energies lie; None: the spectrum's own
 
@@ -236,15 +244,13 @@ class WksConfig:
 
 
 def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
-    """Compute the wave kernel signature: the probability of a quantum particle of energy e at a node, sum_i w_i(e)
-    phi_i(x)^2.
+    """Return the wave kernel signature, (n, energies) float32 in 1/m².
 
-    w_i is a Gaussian of log lambda_i around e; the integral over the largest piece is 1.
-
-    Returns (n, energies) float32 in 1/m²; NaN at nodes without
-    triangles or on a piece without positive eigenvalues, whose particles have no energy.
-    Source: Aubry, Schlickewei and Cremers 2011 (doi:10.1109/ICCVW.2011.6130444), Sections 3 and 4; energies keep two
-    standard deviations from either end of the range.
+    It is the probability that a quantum particle of energy e is at a node: sum_i w_i(e) phi_i(x)^2. w_i is a Gaussian
+    of log lambda_i around e, and the integral over the largest piece is 1. NaN at nodes without triangles, and on a
+    piece without positive eigenvalues, whose particles have no energy. Source: Aubry, Schlickewei and Cremers 2011
+    (doi:10.1109/ICCVW.2011.6130444), Sections 3 and 4. Energies keep two standard deviations away from either end of
+    the range.
     """
     config = config or WksConfig()
     moving = spectrum.positive
@@ -259,19 +265,18 @@ def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
 
 
 def _without_wave(spectrum: Spectrum) -> np.ndarray:
-    """Return (n,) bool: nodes on pieces without a wave, such as those smaller than the shortest wave of the
-    spectrum.
-    """
+    """Return (n,) bool: nodes on pieces without a wave, such as pieces smaller than the spectrum's shortest wave."""
     at = spectrum.piece >= 0
     inside = spectrum.mass_m2[at] * (spectrum.eigenfunctions[np.ix_(at, spectrum.positive)] ** 2).sum(axis=1)
-    waves = np.append(np.bincount(spectrum.piece[at], inside, spectrum.piece_count), 0.0)  # how many each piece has
+    waves = np.append(np.bincount(spectrum.piece[at], inside, spectrum.piece_count), 0.0)  # number of waves per piece
     without: np.ndarray = waves[spectrum.piece] < 0.5
     return without
 
 
 def wave_energies(spectrum: Spectrum, config: WksConfig) -> tuple[np.ndarray, float]:
-    """Return (energies,) logarithms of eigenvalues in 1/m², evenly spaced, and the Gaussian's deviation; NaN without
-    any.
+    """Return evenly spaced logarithms (energies,) of eigenvalues in 1/m², and the Gaussian's standard deviation.
+
+    Both are NaN if no eigenvalue is positive.
     """
     positive = spectrum.eigenvalues[spectrum.positive]
     if config.range_per_m2 is not None:

@@ -1,3 +1,3 @@
-"""Simulate real rooms seen by one camera on a shelf, a tripod or under the ceiling: clutter, mirrors, people, filtered
-depth.
+"""Simulate real rooms with clutter, mirrors, people and filtered depth, seen by one camera on a shelf, on a tripod or
+under the ceiling.
 """

@@ -14,7 +14,9 @@ def grid_triangles(points_m: np.ndarray) -> np.ndarray:
 
 
 def folded_curtain(rng: np.random.Generator, wide_m: float, high_m: float) -> np.ndarray:
-    """Return (n, 3, 3) a curtain along Z that hangs to the floor in folds of 3 to 8 cm, deeper towards the hem."""
+    """Return triangles (n, 3, 3) of a curtain along Z that hangs to the floor in folds of 3 to 8 cm, deeper towards the
+    hem.
+    """
     across, down = np.linspace(-0.5, 0.5, max(24, int(40 * wide_m))), np.linspace(0.0, 1.0, 8)
     folds, phase = wide_m / rng.uniform(0.12, 0.3), rng.uniform(0.0, 6.0)
     depth_m = rng.uniform(0.03, 0.08) * (0.5 + 0.5 * down[:, None])
@@ -25,8 +27,8 @@ def folded_curtain(rng: np.random.Generator, wide_m: float, high_m: float) -> np
 
 
 def hanging_coat(rng: np.random.Generator, top_m: float, way: float) -> np.ndarray:
-    """Return (n, 3, 3) a coat on a hook: a tube that widens downwards in folds, beside a pole in the direction
-    ``way``.
+    """Return triangles (n, 3, 3) of a coat on a hook: a tube that widens downwards in folds, beside a pole in the
+    direction ``way``.
     """
     around, down = np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, 1.0, 9)[:, None]
     long_m, folds = rng.uniform(0.7, 1.1), int(rng.integers(4, 8))
@@ -38,7 +40,7 @@ def hanging_coat(rng: np.random.Generator, top_m: float, way: float) -> np.ndarr
 
 
 def crumpled_sheet(rng: np.random.Generator, wide_m: float, long_m: float) -> np.ndarray:
-    """Return (n, 3, 3) a quilt in the plane of X and Z with lumps of up to 8 cm, its sides hanging down."""
+    """Return triangles (n, 3, 3) of a quilt in the plane of X and Z, with lumps of up to 8 cm and hanging sides."""
     x, z = np.meshgrid(np.linspace(-0.55, 0.55, 16), np.linspace(-0.5, 0.5, 20))
     y = np.zeros_like(x)
     for _ in range(6):
@@ -57,7 +59,9 @@ def pillow(rng: np.random.Generator) -> np.ndarray:
 
 
 def leaves(rng: np.random.Generator, low_m: float, high_m: float) -> np.ndarray:
-    """Return (n, 3, 3) narrow leaves that grow outwards and upwards from a stem on the Y axis and bend down."""
+    """Return triangles (n, 3, 3) of narrow leaves that grow outwards and upwards from a stem on the Y axis and bend
+    down.
+    """
     count = int(rng.integers(25, 60))
     found = []
     for way, start_m, long_m, rise in zip(

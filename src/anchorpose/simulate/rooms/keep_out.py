@@ -9,21 +9,21 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """All places within radius_m of the line from one place (x, z) to another; a disc if the two are the same."""
+    """All places within radius_m of the line from one place (x, z) to another; a disc if both places are the same."""
 
     start_m: tuple[float, float]
     end_m: tuple[float, float]
     radius_m: float
 
     def clear_m(self, place_m: np.ndarray) -> float:
-        """Return how far outside the lane a place (x, z) is, negative inside."""
+        """Return the distance of a place (x, z) from the lane, negative inside."""
         start, along = np.array(self.start_m), np.subtract(self.end_m, self.start_m)
         length2 = float(along @ along)
         share = float(np.clip((place_m - start) @ along / length2, 0.0, 1.0)) if length2 > 0.0 else 0.0
         return float(np.linalg.norm(place_m - start - share * along)) - self.radius_m
 
     def crossings_m(self, z_m: float) -> tuple[float, ...]:
-        """Return the x coordinates at which the lane's line crosses z = z_m, if it does."""
+        """Return the x coordinate at which the lane's line crosses z = z_m; empty if it does not."""
         (x0, z0), (x1, z1) = self.start_m, self.end_m
         if (z0 - z_m) * (z1 - z_m) >= 0.0:
             return ()
@@ -31,7 +31,7 @@ class Lane:
 
 
 def disc(place_m: np.ndarray, radius_m: float) -> Lane:
-    """Return a lane that is a disc."""
+    """Return a disc around a place (x, z), as a lane."""
     at = (float(place_m[0]), float(place_m[1]))
     return Lane(at, at, radius_m)
 

@@ -11,11 +11,11 @@ from anchorpose.simulate.rooms.pieces import AT_WALLS, PIECES, Piece
 from anchorpose.simulate.rooms.plan import MIDDLE_SHARE, Clutter, RoomConfig
 from anchorpose.simulate.rooms.walls import Outline
 
-TRIES: Final = 120
-CAMERA_CLEAR_M: Final = 0.7  # m around the camera
-PATIENT_CLEAR_M: Final = 0.75  # m around the patient, who moves
-SIGHT_CLEAR_M: Final = 0.35  # clearance beside the line from the camera to the patient
-LEGS_CLEAR_M: Final = 0.5  # m between the patient and the furniture in front of the legs
+TRIES: Final = 120  # most places drawn for a piece
+CAMERA_CLEAR_M: Final = 0.7  # m around the camera that stay free
+PATIENT_CLEAR_M: Final = 0.75  # m around the patient that stay free for movements
+SIGHT_CLEAR_M: Final = 0.35  # m on both sides of the line from the camera to the patient that stay free
+LEGS_CLEAR_M: Final = 0.5  # m between the patient and furniture in front of the legs
 BELOW_SIGHT_M: Final = 0.04
 
 
@@ -26,9 +26,8 @@ def first_lanes(room: RoomConfig, camera_m: np.ndarray) -> list[Lane]:
 
 
 def lay_out(rng: np.random.Generator, room: RoomConfig, outline: Outline, taken: list[Lane]) -> list[Piece]:
-    """Place the room's clutter in the room frame, each piece clear of the taken lanes, to which it is added.
-
-    A piece without a free place is left out.
+    """Place the room's clutter in the room frame. Each piece is clear of the taken lanes and is then added to them; a
+    piece without a free place is left out.
     """
     found = []
     for kind in room.clutter:
@@ -66,7 +65,7 @@ def stand_before(
 
 
 def _draw_place(rng: np.random.Generator, kind: Clutter, piece: Piece, outline: Outline) -> tuple[np.ndarray, float]:
-    """Draw a place (x, z) and a yaw: at a wall with the back to it, or anywhere."""
+    """Draw a place (x, z) and a yaw: at a wall with the back to it, or anywhere, depending on the kind."""
     o = outline
     x, z = rng.uniform(o.front_m + 0.3, o.back_m - 0.3), rng.uniform(o.left_m + 0.3, o.right_m - 0.3)
     if kind not in AT_WALLS and rng.random() < 0.7:
@@ -78,7 +77,7 @@ def _draw_place(rng: np.random.Generator, kind: Clutter, piece: Piece, outline: 
 
 
 def _inside(place_m: np.ndarray, piece: Piece, outline: Outline, kind: Clutter) -> bool:
-    """Return whether a piece does not stick out of the walls; a piece at a wall may come near to it."""
+    """Return whether a piece lies inside the walls; a piece that stands at a wall may be nearer to it than others."""
     margin_m = 0.2 if kind in AT_WALLS else 0.7 * piece.radius_m
     o = outline
     x, z = float(place_m[0]), float(place_m[1])

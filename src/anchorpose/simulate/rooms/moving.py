@@ -16,19 +16,19 @@ from anchorpose.simulate.rooms.walls import Panel
 from anchorpose.simulate.timeline import body_course, ease
 
 STEP_S: Final = 0.05  # s between the known places of moved furniture
-AHEAD_M: Final = 0.35  # m between the body of a person who pushes and the nearest part of the furniture
-OPENING_S: Final = 1.6  # duration of a door's opening
-BEFORE_S: Final = 3.0  # margin of the known places before and after the recording
+AHEAD_M: Final = 0.35  # m between a person who pushes and the nearest part of the furniture
+OPENING_S: Final = 1.6  # s in which a door opens
+BEFORE_S: Final = 3.0  # s before and after the recording for which places are known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mover:
-    """A piece at known times (k,): its places (k, 2) as x, z, and its yaws (k,), left positive."""
+    """A piece that moves."""
 
     piece: Piece
-    times_s: np.ndarray
-    places_m: np.ndarray
-    yaws: np.ndarray
+    times_s: np.ndarray  # (k,)
+    places_m: np.ndarray  # (k, 2) x and z at these times
+    yaws: np.ndarray  # (k,) rad, positive to the left
 
     def figure(self, time_s: float) -> Figure:
         """Return the piece at a time, labelled as a part of the room."""
@@ -40,10 +40,9 @@ class Mover:
 
 
 def pushed(piece: Piece, pusher: Actor, lane: Lane, starts_m: float, seconds: float) -> Mover:
-    """Return a piece that stands at starts_m along a lane until a person walking along the lane reaches and pushes
-    it.
+    """Return a piece that stands at ``starts_m`` along a lane until a person who walks along the lane pushes it.
 
-    It faces the direction of the push, and stays where the pusher turns back.
+    It faces the direction of the push, and stays where the person turns back.
     """
     times_s = np.arange(-BEFORE_S, seconds + BEFORE_S, STEP_S)
     start, along = np.array(lane.start_m), np.subtract(lane.end_m, lane.start_m)
@@ -56,7 +55,7 @@ def pushed(piece: Piece, pusher: Actor, lane: Lane, starts_m: float, seconds: fl
 
 
 def opening_door(rng: np.random.Generator, panel: Panel, wall_m: float, at_s: float, seconds: float) -> Mover:
-    """Return the door of the wall at x = wall_m, which swings away from the room from at_s on and stays open."""
+    """Return the door of the wall at x = wall_m, which opens away from the room at ``at_s`` and stays open."""
     wide_m, high_m = panel.to_m - panel.from_m, panel.high_m - 0.01
     way = float(rng.choice([-1.0, 1.0]))
     hinge_z = panel.from_m if way > 0.0 else panel.to_m

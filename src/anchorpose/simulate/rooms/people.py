@@ -1,4 +1,4 @@
-"""Draw the patient of a room and other people: on seats, on their feet, walking through; and a mannequin."""
+"""Draw the patient of a room and other people, who sit, stand or walk through; and a mannequin."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 SEATED_MOTIONS: Final = ("reach", "arm-raise", "head")
 STANDING_MOTIONS: Final = ("standing", "weight-shift", "trunk", "head", "reach")
 BACK_REST_M: Final = 0.45
-RISING_S: Final = 2.0  # s in which a person rises, so that a seat is fitted to both postures
+RISING_S: Final = 2.0  # s in which a person rises; a seat is fitted to both postures
 
 
 def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Actor | CapturedActor:
@@ -57,7 +57,7 @@ def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person
 
 
 def draw_bystander(rng: np.random.Generator, config: SimulationConfig, seat: Seat | None) -> tuple[Actor, Piece | None]:
-    """Draw another person at the origin who faces +X and sits (with the seat) or stands."""
+    """Draw another person at the origin who faces +X and sits on a seat (also returned) or, with None, stands."""
     motions = STANDING_MOTIONS if seat is None else SEATED_MOTIONS
     alone = replace(
         config, room=None, motions=motions, movement_file=None, movement=None, away_s=(), stool=False, passers_by=0
@@ -70,7 +70,7 @@ def draw_bystander(rng: np.random.Generator, config: SimulationConfig, seat: Sea
 
 
 def seated(actor: Actor) -> Actor:
-    """Return the same person, but seated all the time."""
+    """Return the same person, seated all the time."""
     sits = Movement(seated_offsets(actor.person), LONG_AGO_S, 1.0, 1e4, 1.0)
     return replace(actor, movements=[sits, *actor.movements])
 
@@ -89,7 +89,7 @@ def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor
 
 
 def _rising(patient: Actor | CapturedActor) -> Actor | CapturedActor:
-    """Return a person who rises from the seat in the first second: a wheelchair is fitted to the standing legs, too."""
+    """Return the same person, rising from the seat at first: so a wheelchair is fitted to standing legs, too."""
     if isinstance(patient, CapturedActor):
         return patient
     rises = Movement(seated_offsets(patient.person), LONG_AGO_S, 1.0, -LONG_AGO_S - 0.7, 0.5)
@@ -114,7 +114,7 @@ def _back_rest(
 
 
 def moved_actor(actor: Actor, place_m: np.ndarray, yaw: float) -> Actor:
-    """Move a person from the origin, facing +X, to a place (x, z), and turn them to the left."""
+    """Move a person, who is at the origin and faces +X, to a place (x, z), and turn them to the left by ``yaw``."""
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     feet = actor.footwork
     steps = tuple(
@@ -125,8 +125,8 @@ def moved_actor(actor: Actor, place_m: np.ndarray, yaw: float) -> Actor:
 
 
 def over_origin(patient: Actor, seat: Piece | None, share: float) -> tuple[Actor, Piece | None]:
-    """Move a person and the seat ahead by a share of the offset of a seated pelvis; 1: the pelvis is over the
-    origin.
+    """Move a person and the seat forward by a share of the offset of a seated pelvis. With share 1, the pelvis is over
+    the origin.
     """
     ahead_m = -share * dict(seated_offsets(patient.person))["pelvis_forward"]
     place = np.array([ahead_m, 0.0])
@@ -134,7 +134,7 @@ def over_origin(patient: Actor, seat: Piece | None, share: float) -> tuple[Actor
 
 
 def walks_in(actor: Actor, from_m: np.ndarray, start_s: float) -> Actor:
-    """Let the patient come from a place (x, z) from start_s on, doing nothing else on the way."""
+    """Let the patient walk in from a place (x, z) at ``start_s``; other movements begin after the walk."""
     places, yaws = final_stance(actor.footwork)
     home, facing = places.mean(axis=0), float(yaws.mean())
     standing = stand(from_m, yaw_towards(from_m, home), STANCE_M)
@@ -154,8 +154,8 @@ def draw_walker(rng: np.random.Generator, config: SimulationConfig, lane: Lane, 
 
 
 def draw_pusher(rng: np.random.Generator, config: SimulationConfig, lane: Lane, arrive_s: float) -> Actor:
-    """Draw a person who walks along a lane with the hands in front of the body until arrive_s, then turns and leaves
-    the same way.
+    """Draw a person who walks along a lane with the hands in front of the body until ``arrive_s``, then turns and walks
+    back.
     """
     person = draw_person(rng, config.clothing_m)
     start, goal = np.array(lane.start_m), np.array(lane.end_m)

@@ -19,12 +19,10 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """A piece of furniture. Triangles (n, 3, 3), metres, y up, the floor at 0, front towards +X; shiny (n,) bool: bare
-    metal.
-    """
+    """A piece of furniture. Axes: y up, the floor at 0, the front towards +X."""
 
-    triangles: np.ndarray
-    shiny: np.ndarray
+    triangles: np.ndarray  # (n, 3, 3) m
+    shiny: np.ndarray  # (n,) bool, triangles of bare metal
 
     @property
     def radius_m(self) -> float:
@@ -45,7 +43,7 @@ class Piece:
 def piece_of(
     parts: Iterable[EquipmentPart], metal: Iterable[EquipmentPart] = (), sheets: np.ndarray | None = None
 ) -> Piece:
-    """Make a piece of dull and of bare metal parts, and triangles (n, 3, 3) of cloth, leaves and paper."""
+    """Make a piece from dull parts, parts of bare metal, and triangles (n, 3, 3) of cloth, leaves and paper."""
     dull, bare = triangles_of(parts), triangles_of(metal)
     cloth = np.zeros((0, 3, 3)) if sheets is None else sheets
     triangles = np.concatenate([dull, cloth, bare])

@@ -1,4 +1,4 @@
-"""Draw the plan of a room: where the camera is, which furniture and people there are, how the sensor errs."""
+"""Draw the plan of a room: the place of the camera, furniture and people, and the errors of the sensor."""
 
 from __future__ import annotations
 
@@ -31,52 +31,52 @@ Clutter = Literal[
     "wheelchair",
 ]
 
-NEAREST_M, FARTHEST_M = 1.2, 4.5  # camera to patient, along the floor
-# a patient who comes into view farther away would not be in place before the recording ends
+NEAREST_M, FARTHEST_M = 1.2, 4.5  # m, limits of the distance from camera to patient along the floor
+# m, the same for a late patient, who would otherwise not be in place before the recording ends
 FARTHEST_LATE_M: Final = 3.3
-RANGE_MARGIN_M: Final = 0.5  # m, by which a moving patient stays within the sensor's range
+RANGE_MARGIN_M: Final = 0.5  # m, margin to the sensor's range, for the patient's movements
 LOWEST_M, HIGHEST_M = 0.5, 2.5
 STEEPEST_RAD: Final = float(np.radians(35.0))
 UPWARD_RAD: Final = float(np.radians(8.0))  # largest upward tilt, of a camera on a low shelf
 LARGEST_ROLL_RAD: Final = float(np.radians(4.0))
-AIM_RAD: Final = float(np.radians(9.0))  # radians between the optical axis and the patient's middle, up or down
-CLEARLY_RAD: Final = float(np.radians(3.0))  # radians beyond the image border at which a part is clearly cut off
+AIM_RAD: Final = float(np.radians(9.0))  # largest angle between the optical axis and the patient's middle, up or down
+CLEARLY_RAD: Final = float(np.radians(3.0))  # least angle beyond the image border of a part that is cut off
 INSIDE_RAD: Final = float(np.radians(1.5))
-SEATED_SHARE: Final = 0.76  # share of the stature: height of the top of the head on a seat
-MIDDLE_SHARE: Final = 0.55  # share of the head's height: the patient's middle, always in view
+SEATED_SHARE: Final = 0.76  # height of the top of a seated person's head, as a share of the stature
+MIDDLE_SHARE: Final = 0.55  # height of the patient's middle, always in view, as a share of the head's height
 ROOM_SENSORS: Final = ("kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered")
 SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)
 FRAMINGS: Final = get_args(Framing)
 POSTURES: Final = get_args(Posture)
 LOW: Final[tuple[Clutter, ...]] = ("table", "chair", "stool", "boxes", "wheelchair")  # may stand before the legs
-ROOM_FOR_PASSER_M: Final = 2.2  # m between camera and patient, for a person to walk through
+ROOM_FOR_PASSER_M: Final = 2.2  # m, least distance between camera and patient for a person to walk through
 
 
 @settings
 class RoomConfig:
-    """One room drawn from a seed; world: the patient stands at the origin and faces +X."""
+    """One room drawn from a seed. In the world, the patient stands at the origin and faces +X."""
 
-    distance_m: Annotated[float, Field(ge=NEAREST_M, le=FARTHEST_M)]
+    distance_m: Annotated[float, Field(ge=NEAREST_M, le=FARTHEST_M)]  # from camera to patient along the floor
     camera_height_m: Annotated[float, Field(ge=LOWEST_M, le=HIGHEST_M)]
-    tilt_rad: Annotated[float, Field(ge=-UPWARD_RAD, le=STEEPEST_RAD)]  # tilt downwards
+    tilt_rad: Annotated[float, Field(ge=-UPWARD_RAD, le=STEEPEST_RAD)]  # positive = downwards
     roll_rad: Annotated[float, Field(ge=-LARGEST_ROLL_RAD, le=LARGEST_ROLL_RAD)] = 0.0
-    azimuth_rad: float = 0.0  # azimuth of the camera seen from the patient: 0 in front, left positive
+    azimuth_rad: float = 0.0  # direction from the patient to the camera: 0 = in front, positive = left
     framing: Framing = "whole"
     posture: Posture = "stands"
     seat: Seat = "stool"
     late: bool = False  # the patient walks in after the recording has begun
     clutter: tuple[Clutter, ...] = ()
     before: tuple[Clutter, ...] = ()  # furniture between the camera and the patient's legs
-    others: tuple[Other, ...] = ()  # people, of whom people who walk through come last
+    others: tuple[Other, ...] = ()  # other people; people who walk through come last
     # kind of moved furniture; a stool or wheelchair is pushed by the last person who walks through
     moved: Moved = "none"
     opening: Opening = "none"
     mirror: bool = False
     mannequin: bool = False
     poster: bool = False
-    dark_clothes: bool = False  # the patient's legs or trunk swallow the light
-    shiny: bool = False  # bare metal returns nothing
-    interference: bool = False  # another camera shines into some frames
+    dark_clothes: bool = False  # the patient's legs or trunk return little light
+    shiny: bool = False  # bare metal often has no reading
+    interference: bool = False  # another camera's light disturbs some frames
 
     @property
     def passers_by(self) -> int:
@@ -129,18 +129,18 @@ def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) ->
 
 
 def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float) -> float:
-    """Return the vertical position in the image of a height above the patient's place: its distance from the optical
-    axis, up positive, as a share of half the image.
+    """Return the vertical position in the image of a height above the patient's place: its angle from the optical axis,
+    positive upwards, divided by half of the image's angle. Values beyond -1 and 1 are outside the image.
 
-    place: the camera's distance_m, height_m, tilt_rad. Values beyond -1 and 1 are outside.
+    place: the camera's distance_m, height_m, tilt_rad.
     """
     distance_m, camera_m, tilt_rad = place
     return float((np.arctan2(height_m - camera_m, distance_m) + tilt_rad) / _half_view_rad(sensor))
 
 
 def framing_of(sensor: str, place: tuple[float, float, float], head_m: float) -> Framing | None:
-    """Return which parts of a person who stands at the patient's place the image border cuts off; None if too little is
-    seen, or if a cut is too narrow.
+    """Return which parts of a person at the patient's place the image border cuts off; None if too little of the person
+    is seen, or if it is not clear what is cut off.
     """
     half = _half_view_rad(sensor)
     cut, kept = 1.0 + CLEARLY_RAD / half, 1.0 - INSIDE_RAD / half
@@ -162,7 +162,7 @@ def _half_view_rad(sensor: str) -> float:
 def _draw_place(
     rng: np.random.Generator, sensor: str, framing: Framing, head_m: float, farthest_m: float
 ) -> tuple[float, float, float]:
-    """Draw the camera's distance_m, height_m and tilt_rad such that a person is framed as given."""
+    """Draw the camera's distance_m, height_m and tilt_rad so that the image has the given framing."""
     while True:
         distance_m, height_m = rng.uniform(NEAREST_M, farthest_m), rng.uniform(LOWEST_M, HIGHEST_M)
         down = np.arctan2(height_m - MIDDLE_SHARE * head_m, distance_m) + rng.uniform(-AIM_RAD, AIM_RAD)

@@ -1,4 +1,4 @@
-"""Render a room without its people: the still room, the room in the mirror, furniture that is moved."""
+"""Render a room without its people: the still room, the mirrored room, and moved furniture."""
 
 from __future__ import annotations
 
@@ -11,25 +11,23 @@ from anchorpose.camera import Camera
 from anchorpose.simulate.render import NOTHING, Figure, TrueImage, draw_figures, first_hits, ray_directions
 from anchorpose.simulate.rooms.walls import Mirror
 
-NEARER_THAN_ALL_M: Final = 1e-3  # a depth in front of which nothing is drawn
+NEARER_THAN_ALL_M: Final = 1e-3  # m, a depth nearer than everything that is drawn
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoomPicture:
-    """The still room of one camera.
-
-    image: the true image, which includes the still part of the mirrored room, as far beyond the mirror as the room is
-    in front; in_mirror, shiny (height, width) bool: pixels whose ray meets the mirror, or bare metal.
-    """
+    """The still room of one camera."""
 
     camera: Camera
-    image: TrueImage
+    image: TrueImage  # true image; the mirrored room lies as far beyond the mirror as the room lies in front of it
     mirror: Mirror | None
-    in_mirror: np.ndarray
-    shiny: np.ndarray
+    in_mirror: np.ndarray  # (height, width) bool, pixels whose ray meets the mirror
+    shiny: np.ndarray  # (height, width) bool, pixels whose ray meets bare metal
 
     def with_movers(self, movers: tuple[Figure, ...], people: tuple[Figure, ...]) -> TrueImage:
-        """Return the room with moved furniture, and with furniture and people in the mirror, all labelled as room."""
+        """Return the room with moved furniture, and with the mirror images of furniture and people; all are labelled as
+        room.
+        """
         image = self.image
         if self.mirror is not None and self.in_mirror.any():
             image = self._with_reflections(self.mirror, (*movers, *people))
@@ -47,7 +45,7 @@ class RoomPicture:
 
 
 def reflected(mirror: Mirror, figure: Figure) -> Figure:
-    """Return a figure as the mirror shows it, part of the room; faces behind the mirror's plane are left out."""
+    """Return the mirror image of a figure, labelled as room; faces behind the mirror's plane are left out."""
     before = mirror.before_m(figure.skin_m) > 0.0
     kept = before[figure.faces].all(axis=1) if len(figure.faces) else np.zeros(0, dtype=bool)
     faces = figure.faces[kept]
@@ -83,6 +81,6 @@ def take_picture(camera: Camera, triangles: np.ndarray, shiny: np.ndarray, mirro
 
 
 def _turned_back(mirror: Mirror, directions: np.ndarray) -> np.ndarray:
-    """Return directions (n, 3) float32 after the mirror, by the law of reflection."""
+    """Return ray directions (n, 3) float32 after reflection in the mirror."""
     along = directions @ mirror.normal
     return np.asarray(directions - 2.0 * along[:, None] * mirror.normal, dtype=np.float32)

@@ -46,37 +46,33 @@ from anchorpose.simulate.therapist import Therapist
 if TYPE_CHECKING:
     from anchorpose.simulate.config import SimulationConfig
 
-ROOM_KEY: Final = 1002  # separate random streams, beside those of ``clinic`` and ``config``
+ROOM_KEY: Final = 1002  # key of random streams in addition to those of ``clinic`` and ``config``
 STREAMS: Final = ("plan", "patient", "programme", "walls", "people", "furniture", "spoil", "beyond")
-ASKEW_RAD: Final = 0.35  # radians between the line of sight and the room's long axis
-PERSON_CLEAR_M: Final = 0.5  # m around a person who sits or stands
+ASKEW_RAD: Final = 0.35  # rad, largest angle between the line of sight and the room's long axis
+PERSON_CLEAR_M: Final = 0.5  # m around a person who sits or stands that stay free
 WALK_CLEAR_M: Final = 0.35
 TRIES: Final = 200
 SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "sits": 1.0}
-"""Share of a seated pelvis' backward offset by which the patient is moved ahead, to be where the camera looks."""
+"""Share of the backward offset of a seated pelvis by which the patient is moved forward, to where the camera aims."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoomScene:
-    """The content of a room in the world frame: the patient at the origin faces +X.
-
-    triangles (n, 3, 3): everything that never moves; shiny (n,) bool: bare metal; people: all people but the patient,
-    of whom people who walk through come last.
-    """
+    """The content of a room in the world frame; the patient is at the origin and faces +X."""
 
     camera: Camera
-    triangles: np.ndarray
-    shiny: np.ndarray
+    triangles: np.ndarray  # (n, 3, 3) everything that never moves
+    shiny: np.ndarray  # (n,) bool, triangles of bare metal
     mirror: Mirror | None
     patient: Actor | CapturedActor
-    people: tuple[Therapist, ...]
-    movers: tuple[Mover, ...]
-    spoil: Spoil
+    people: tuple[Therapist, ...]  # all other people; people who walk through come last
+    movers: tuple[Mover, ...]  # moved furniture
+    spoil: Spoil  # losses of readings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Draft:
-    """A room while it is furnished, in the room frame: X from the camera to the patient, the patient at the origin."""
+    """A room while it is being furnished, in the room frame: X from the camera to the patient, who is at the origin."""
 
     config: SimulationConfig
     room: RoomConfig
@@ -85,7 +81,7 @@ class _Draft:
     back: BackWall
     camera_m: np.ndarray  # (3,)
     taken: list[Lane]
-    half_view: float  # tangent
+    half_view: float  # tangent of half of the horizontal field of view
     doorways: list[Lane]
     pieces: list[Piece]
     people: list[Actor]
@@ -93,7 +89,7 @@ class _Draft:
 
 
 def room_stream(config: SimulationConfig, name: str) -> np.random.Generator:
-    """Return a generator for each purpose of a room."""
+    """Return the random generator for one purpose in a room, by its name in ``STREAMS``."""
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROOM_KEY, STREAMS.index(name))))
 
 
@@ -157,7 +153,7 @@ def _draw_empty_room(rng: np.random.Generator, config: SimulationConfig, room: R
 
 
 def _late(rng: np.random.Generator, draft: _Draft, patient: Actor) -> Actor:
-    """Let the patient walk in from where the camera's view ends, across the line of sight."""
+    """Let the patient walk in from the border of the camera's view, across the line of sight."""
     edge_m = 1.05 * draft.half_view * draft.room.distance_m + 0.5
     way = float(rng.choice([-1.0, 1.0]))
     across = np.array([-draft.camera_m[2], draft.camera_m[0]]) / draft.room.distance_m
@@ -170,7 +166,7 @@ def _late(rng: np.random.Generator, draft: _Draft, patient: Actor) -> Actor:
 
 
 def _add_person(rng: np.random.Generator, draft: _Draft, other: Other, pushes: bool) -> None:
-    """Add a person who sits, stands, walks through or pushes furniture; none where there is no free place."""
+    """Add a person who sits, stands, walks through or pushes furniture, if there is a free place."""
     config = draft.config
     if other in ("sits", "stands"):
         place = _free_place(rng, draft, PERSON_CLEAR_M)
@@ -225,7 +221,7 @@ def _add_mannequin(rng: np.random.Generator, draft: _Draft) -> None:
 
 
 def _free_place(rng: np.random.Generator, draft: _Draft, radius_m: float) -> np.ndarray | None:
-    """Return a place (2,) in the camera's view, which is then taken; None where there is none."""
+    """Return a free place (2,) in the camera's view, and mark it as taken; None if there is none."""
     o, camera = draft.outline, draft.camera_m[[0, 2]]
     axis = -camera / np.linalg.norm(camera)
     for _ in range(TRIES):
@@ -242,7 +238,7 @@ def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
     """Add low pieces before the patient, then clutter, then the door."""
     room = draft.room
     head_m = person.height_m * (SEATED_SHARE if room.posture != "stands" else 1.0)
-    free = draft.taken[3:]  # without the places of patient and camera and the line between them
+    free = draft.taken[3:]  # without the patient's place, the camera's place and the line between them
     draft.pieces.extend(stand_before(rng, room, draft.camera_m, head_m, free))
     draft.pieces.extend(lay_out(rng, room, draft.outline, [*draft.taken, *free]))
     if room.moved == "door" and draft.back.opening is not None:
@@ -251,7 +247,7 @@ def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
 
 
 def _finished(draft: _Draft, patient: Actor | CapturedActor, person: Person, seat: Piece | None) -> RoomScene:
-    """Return the draft in the world frame."""
+    """Return the finished draft in the world frame."""
     room, config = draft.room, draft.config
     walls = room_triangles(room_stream(config, "beyond"), draft.outline, draft.back, tuple(draft.doorways))
     still = [Piece(walls, np.zeros(len(walls), dtype=bool)), *draft.pieces]

@@ -1,4 +1,4 @@
-"""Spoil a depth image by effects of real rooms: black cloth, bare metal, another camera's light."""
+"""Disturb a depth image by effects of real rooms: black cloth, bare metal, another camera's light."""
 
 from __future__ import annotations
 
@@ -9,33 +9,29 @@ import numpy as np
 
 from anchorpose.simulate.render import PATIENT, TrueImage
 
-BLOB_PX: Final = 2.5  # size of the patches in which readings fail
-DARK_LOSS: Final = (0.15, 0.55)  # share of black cloth without a reading
-SHINY_LOSS: Final = (0.3, 0.8)  # share of bare metal without a reading
-BURST_CHANCE: Final = 0.15  # chance of a frame into which another camera shines
-BURST_SHARE: Final = (0.08, 0.35)  # share of the pixels of such a frame
-WRONG_SHARE: Final = 0.4  # share of the spoilt pixels that have a wrong reading instead of none
-WRONG_M: Final = 0.25  # standard deviation of a wrong reading
+BLOB_PX: Final = 2.5  # pixels, size of the patches in which readings fail
+DARK_LOSS: Final = (0.15, 0.55)  # range of the share of black cloth without a reading
+SHINY_LOSS: Final = (0.3, 0.8)  # range of the share of bare metal without a reading
+BURST_CHANCE: Final = 0.15  # probability that another camera's light disturbs a frame
+BURST_SHARE: Final = (0.08, 0.35)  # range of the share of disturbed pixels in such a frame
+WRONG_SHARE: Final = 0.4  # share of the disturbed pixels with a wrong reading; the others have no reading
+WRONG_M: Final = 0.25  # m, standard deviation of the error of a wrong reading
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spoil:
-    """The losses of one recording's readings.
+    """The losses of readings in one recording."""
 
-    dark (b + 1,) bool: body parts of the patient in black cloth, by part number; dark_loss, shiny_loss: share of black
-    cloth and of bare metal without a reading; interference: another camera shines into some frames.
-    """
-
-    dark: np.ndarray
-    dark_loss: float
-    shiny_loss: float
-    interference: bool
+    dark: np.ndarray  # (b + 1,) bool, body parts of the patient in black cloth, by part number
+    dark_loss: float  # share of black cloth without a reading
+    shiny_loss: float  # share of bare metal without a reading
+    interference: bool  # whether another camera's light disturbs some frames
 
 
 def draw_spoil(
     rng: np.random.Generator, bone_names: tuple[str, ...], dark: bool, shiny: bool, interference: bool
 ) -> Spoil:
-    """Draw black trousers, a black top or both."""
+    """Draw the losses; with ``dark``, the patient has black trousers, a black top or both."""
     wears = [("Leg", "HipJoint", "Hips"), ("Spine", "Back", "Shoulder", "Arm"), ("Leg", "Hips", "Spine", "Back", "Arm")]
     chosen = wears[int(rng.integers(3))]
     parts = np.array([False, *(dark and any(name in bone for name in chosen) for bone in bone_names)])
@@ -46,8 +42,8 @@ def draw_spoil(
 def spoilt_mm(
     rng: np.random.Generator, spoil: Spoil, image: TrueImage, shiny: np.ndarray, reading_mm: np.ndarray
 ) -> np.ndarray:
-    """Return a reading (height, width) uint16 millimetres without the losses by black cloth and metal, and with
-    bursts.
+    """Return a depth image (height, width) uint16 millimetres with losses on black cloth and bare metal, and with
+    another camera's disturbance.
 
     shiny (height, width) bool: pixels of bare metal that nobody hides.
     """
@@ -63,7 +59,7 @@ def spoilt_mm(
 
 
 def _burst(rng: np.random.Generator, reading_mm: np.ndarray) -> np.ndarray:
-    """Return one frame with speckle: patches without a reading, or with one that is off by decimetres."""
+    """Return one frame with disturbed patches: without a reading, or with an error of decimetres."""
     spoilt = _patches(rng, reading_mm.shape, rng.uniform(*BURST_SHARE))
     wrong = rng.random(reading_mm.shape) < WRONG_SHARE
     off_mm = 1000.0 * WRONG_M * rng.standard_normal(reading_mm.shape)

@@ -1,4 +1,4 @@
-"""Build the room: floor, walls with windows and doorways, the space beyond them, and the mirror on a wall."""
+"""Build the room: floor, walls with windows and doorways, the space beyond these, and the mirror on a wall."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from anchorpose.simulate.rooms.plan import RoomConfig
 WALL_M: Final = 2.7
 DOOR_HEIGHT_M: Final = 2.05
 DOOR_WIDTH_M: Final = 0.95
-CORRIDOR_M: Final = 1.3  # width of the corridors beside the room, from which people walk through
+CORRIDOR_M: Final = 1.3  # m, width of the corridors beside the room, from which people walk in
 TRIES: Final = 200
-BEHIND_MIRROR_M: Final = 0.004  # thickness of the glass; keeps the wall itself out of the image
+BEHIND_MIRROR_M: Final = 0.004  # m between mirror and wall (the glass), so that rays do not meet the wall first
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,43 +31,41 @@ class Outline:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A rectangle on the back wall: an opening, a mirror or a poster, from z to z and from height to height."""
+    """A rectangle on the back wall: an opening, a mirror or a poster."""
 
-    from_m: float
-    to_m: float
-    low_m: float
-    high_m: float
+    from_m: float  # z where it begins
+    to_m: float  # z where it ends
+    low_m: float  # height of the lower edge
+    high_m: float  # height of the upper edge
 
     def apart(self, other: Panel) -> bool:
-        """Return whether there is a hand's breadth between two panels along the wall."""
+        """Return whether there is at least a hand's breadth between two panels along the wall."""
         return self.to_m + 0.1 < other.from_m or other.to_m + 0.1 < self.from_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mirror:
-    """A plane mirror: a point of it and its unit normal towards the room (3,), and its two triangles (2, 3, 3)."""
+    """A plane mirror."""
 
-    point_m: np.ndarray
-    normal: np.ndarray
-    triangles: np.ndarray
+    point_m: np.ndarray  # (3,) a point of the plane
+    normal: np.ndarray  # (3,) unit normal towards the room
+    triangles: np.ndarray  # (2, 3, 3)
 
     def reflect(self, points_m: np.ndarray) -> np.ndarray:
         """Return the places (..., 3) where the mirror shows points (..., 3)."""
         return np.asarray(points_m - 2.0 * self.before_m(points_m)[..., None] * self.normal)
 
     def before_m(self, points_m: np.ndarray) -> np.ndarray:
-        """Return (...) how far points (..., 3) are in front of the mirror, negative behind it."""
+        """Return (...) the distance of points (..., 3) in front of the mirror, negative behind it."""
         return np.asarray((points_m - self.point_m) @ self.normal)
 
 
 @dataclass(frozen=True, slots=True)
 class BackWall:
-    """The openings and objects of the back wall; None where it has none. way_out: an open doorway, or a doorway whose
-    door opens; otherwise the opening is a window.
-    """
+    """The opening and objects of the back wall, each None if it has none."""
 
     opening: Panel | None
-    way_out: bool
+    way_out: bool  # True: the opening is a doorway, open or with a door that opens; False: it is a window
     mirror: Panel | None
     poster: Panel | None
 
@@ -75,8 +73,8 @@ class BackWall:
 def draw_outline(rng: np.random.Generator, room: RoomConfig, range_m: float) -> Outline:
     """Draw walls around the camera and the patient, with space for people who walk behind the patient.
 
-    A door that opens is within the sensor's range. A mirror is near enough that the mirrored patient is in range, where
-    there is space for it.
+    A door that opens is within the sensor's range. If there is enough space, a mirror is so near that the mirrored
+    patient is in range, too.
     """
     least_m = 1.5 if "passes-behind" in room.others else 0.9
     most_m = least_m + 1.8
@@ -92,7 +90,9 @@ def draw_outline(rng: np.random.Generator, room: RoomConfig, range_m: float) -> 
 
 
 def draw_back_wall(rng: np.random.Generator, room: RoomConfig, outline: Outline, half_view: float) -> BackWall:
-    """Draw openings, mirror and poster in the part of the back wall that the camera sees; half_view: tangent."""
+    """Draw opening, mirror and poster in the part of the back wall that the camera sees. half_view: tangent of half of
+    the field of view.
+    """
     reach_m = 0.75 * half_view * (room.distance_m + outline.back_m)
     seen = (max(outline.left_m + 0.1, -reach_m), min(outline.right_m - 0.1, reach_m))
     taken: list[Panel] = []
@@ -110,8 +110,8 @@ def draw_back_wall(rng: np.random.Generator, room: RoomConfig, outline: Outline,
 
 
 def room_triangles(rng: np.random.Generator, outline: Outline, back: BackWall, lanes: tuple[Lane, ...]) -> np.ndarray:
-    """Return triangles (n, 3, 3), room frame: floor, ceiling, walls with openings, corridors beside, the room
-    behind.
+    """Return triangles (n, 3, 3), room frame: floor, ceiling, walls with openings, the corridors on both sides, and the
+    room behind the opening.
     """
     o, beside_m = outline, CORRIDOR_M
     corners = {
@@ -139,7 +139,7 @@ def room_triangles(rng: np.random.Generator, outline: Outline, back: BackWall, l
 
 
 def farther_room(rng: np.random.Generator, opening: Panel, wall_m: float) -> np.ndarray:
-    """Return (n, 3, 3) a room behind an opening of the wall at x = wall_m."""
+    """Return triangles (n, 3, 3) of the room behind an opening of the wall at x = wall_m."""
     deep_m, left_m, right_m = (
         rng.uniform(1.2, 3.5),
         opening.from_m - rng.uniform(0.3, 1.5),
@@ -169,13 +169,13 @@ def panel_triangles(panel: Panel, x_m: float) -> np.ndarray:
 
 
 def floor_triangles(x0: float, x1: float, z0: float, z1: float) -> np.ndarray:
-    """Return (2, 3, 3) of the floor."""
+    """Return the two triangles (2, 3, 3) of a rectangle of the floor."""
     return _quad([(x0, 0.0, z0), (x1, 0.0, z0), (x1, 0.0, z1), (x0, 0.0, z1)])
 
 
 def wall_triangles(start: tuple[float, float], end: tuple[float, float], holes: list[Panel]) -> np.ndarray:
-    """Return triangles (n, 3, 3) of a wall from (x, z) to (x, z) with rectangular holes, placed along it from its
-    start.
+    """Return triangles (n, 3, 3) of a wall from start (x, z) to end (x, z) with rectangular holes; the places of the
+    holes are distances from the start.
     """
     a, b = np.array(start), np.array(end)
     long_m = float(np.linalg.norm(b - a))
@@ -195,7 +195,7 @@ def wall_triangles(start: tuple[float, float], end: tuple[float, float], holes: 
 
 
 def _doorways(lanes: tuple[Lane, ...], outline: Outline, side_m: float) -> list[Panel]:
-    """Return the doorways where lanes cross the wall at z = side_m, along it from the front."""
+    """Return the doorways where lanes cross the wall at z = side_m; their places are distances from its front end."""
     half_m = 0.5 * DOOR_WIDTH_M
     crossings = [x for lane in lanes for x in lane.crossings_m(side_m)]
     return [Panel(x - outline.front_m - half_m, x - outline.front_m + half_m, 0.0, DOOR_HEIGHT_M) for x in crossings]
@@ -212,7 +212,7 @@ def _draw_panel(
     width_m: tuple[float, float],
     height_m: tuple[float, float],
 ) -> Panel | None:
-    """Draw a panel apart from the taken ones, to which it is added; None where there is no space left."""
+    """Draw a panel that is apart from the ``taken`` panels, and add it to them; None if there is no space left."""
     for _ in range(TRIES):
         wide_m = rng.uniform(*width_m)
         if wide_m > seen[1] - seen[0]:

@@ -1,4 +1,4 @@
-"""Draw the movements of a session's patient: knees that hold, hands on the rails and off, and incidents."""
+"""Draw the movements of a session's patient: knees that extend and hold, hands on and off the rails, and incidents."""
 
 from __future__ import annotations
 
@@ -15,53 +15,51 @@ from anchorpose.simulate.person import Person
 from anchorpose.simulate.sessions.plan import EXTENDING_S, PAUSE_S, RESTING_DEG, STANDING_UP_S, PlannedTrial
 from anchorpose.simulate.timeline import Footwork, Movement, Step, ball_ahead_m, stand
 
-HANDS_S: Final = 0.5  # time in which a hand leaves a rail or comes back to it
-CARRY_S: Final = 0.6  # time in which the legs take over the pelvis after standing up
-ALWAYS_S: Final = 1e5  # longer than any session
+HANDS_S: Final = 0.5  # s in which a hand leaves a rail or comes back to it
+CARRY_S: Final = 0.6  # s after standing up in which the legs begin to determine the height of the pelvis
+ALWAYS_S: Final = 1e5  # s, longer than any session
 
-BUCKLE_DEG: Final = (25.0, 50.0)  # how far a knee gives way, from just beyond what counts as a buckle
-BUCKLE_S: Final = (0.2, 0.45)  # time in which the knee gives way, as in ``movements.buckle``
+BUCKLE_DEG: Final = (25.0, 50.0)  # degrees, range of the depth of a buckle, from the least depth that counts as one
+BUCKLE_S: Final = (0.2, 0.45)  # s, range of the time in which the knee gives way, as in ``movements.buckle``
 CAUGHT_S: Final = (0.2, 0.5)
-OTHER_KNEE: Final = 0.4  # share of the buckle's depth by which the other knee bends, since the pelvis comes down
+OTHER_KNEE: Final = 0.4  # bend of the other knee, as a share of the buckle's depth, since the pelvis sinks
 
-FAILS_AT_S: Final = 1.5  # time after the onset of the trial at which the failed stand begins
-# share of the way to standing; from about 0.7 on the patient is upright for a moment
+FAILS_AT_S: Final = 1.5  # s after the onset of the trial at which the failed stand begins
+# range of the share of the way to standing in a failed stand; from about 0.7 on, the patient would be upright
 FAILED_SHARE: Final = (0.42, 0.62)
 FAILED_UP_S, FAILED_DOWN_S = 0.8, 0.6
-SEATED_FROM_S: Final = PAUSE_S - 0.3  # time before the onset at which the patient begins to sit down
+SEATED_FROM_S: Final = PAUSE_S - 0.3  # s before the onset at which the patient begins to sit down
 
-FALL_M: Final = (0.32, 0.42)  # how far the body is carried: its extrapolated centre of mass clearly leaves the soles
+FALL_M: Final = (0.32, 0.42)  # m, range of the body's movement; its extrapolated centre of mass then leaves the soles
 FALL_S: Final = 0.8
-# time from the loss of balance until a foot leaves the floor, and from then until it strikes
+# s from the loss of balance until a foot leaves the floor, and from then until it strikes
 STEP_AFTER_S, STEP_S = 0.45, 0.35
 STRIDE_M: Final = 0.35
-# time from the loss of balance until body and foot go back, and the duration of going back
+# s from the loss of balance until body and foot go back, and duration of going back
 BACK_AFTER_S, BACK_S = 2.5, 1.0
 RECOVERY_S: Final = BACK_AFTER_S + BACK_S + HANDS_S
 
 CLONUS_HZ: Final = (3.5, 7.0)
-CLONUS_DEG: Final = (2.0, 5.0)  # amplitude at the knee; the ankle has half of it
-CLONUS_S: Final = 4.0  # two windows of the measure at least
-SWELLS_S: Final = 0.3  # time in which the clonus comes and goes
+CLONUS_DEG: Final = (2.0, 5.0)  # degrees, range of the amplitude at the knee; the ankle has half of it
+CLONUS_S: Final = 4.0  # s, duration of a clonus: at least two windows of the measure
+SWELLS_S: Final = 0.3  # s in which a clonus begins and ends
 
 
 @dataclass(frozen=True, slots=True)
 class Happening:
-    """An incident as it was drawn. kind: as in ``TrueEvent``; start_s, end_s: from its onset to its greatest depth, to
-    foot strike, or to its end; side: None for a failed stand.
-    """
+    """An incident as it was drawn."""
 
-    kind: str
-    start_s: float
-    end_s: float
-    side: str | None
+    kind: str  # as in ``TrueEvent``
+    start_s: float  # onset
+    end_s: float  # as in ``TrueEvent``: greatest depth, foot strike or end
+    side: str | None  # None for a failed stand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionPatient(Actor):
-    """A patient in a session, and the incidents in the order of time."""
+    """A patient in a session."""
 
-    happenings: tuple[Happening, ...] = ()
+    happenings: tuple[Happening, ...] = ()  # incidents in the order of time
 
     def sits(self) -> bool:
         """Return whether a stand fails, so that the patient needs a seat."""
@@ -71,7 +69,7 @@ class SessionPatient(Actor):
 def draw_session_patient(
     rng: np.random.Generator, person: Person, rails: HeldEquipment | None, plan: Sequence[PlannedTrial]
 ) -> SessionPatient:
-    """Draw the patient's programme; rails: None where there is nothing to hold."""
+    """Draw the patient's programme; rails: None if there is nothing to hold."""
     base = resting_channels(person, rails is not None)
     feet = stand(np.array([ball_ahead_m(person.body), 0.0]), 0.0, STANCE_M)
     carried = Movement((*_both("carry", 1.0), *_both("knee", np.radians(RESTING_DEG))), LONG_AGO_S, 1.0, ALWAYS_S, 1.0)
@@ -94,7 +92,7 @@ def _both(channel: str, amount: float) -> tuple[tuple[str, float], ...]:
 
 
 def _holding(trial: PlannedTrial) -> Movement:
-    """Return the movement in which both knees extend, hold and rest again."""
+    """Return the movement in which both knees extend, hold, and bend again."""
     offsets = zip(SIDES, trial.held_deg, strict=True)
     knees = tuple((f"knee_{side}", float(np.radians(held_deg - RESTING_DEG))) for side, held_deg in offsets)
     from_s, to_s = trial.holds_s
@@ -102,8 +100,8 @@ def _holding(trial: PlannedTrial) -> Movement:
 
 
 def _hands(trial: PlannedTrial) -> list[Movement]:
-    """Return movements that take the hands off the rails from the onset, or before sitting down, to the end of the
-    trial.
+    """Return movements that take the hands off the rails: from the onset to the end of the trial, or from before
+    sitting down until the patient stands, or during a recovery step.
     """
     if trial.hands_off:
         return [_let_go(trial.onset_s - (SEATED_FROM_S + HANDS_S if trial.stands_s is not None else 0.0), trial.end_s)]
@@ -117,8 +115,8 @@ def _let_go(from_s: float, to_s: float) -> Movement:
 
 
 def _falls(trial: PlannedTrial) -> tuple[float, float]:
-    """Return the start and end of a recovery step with hands off the rails, in the middle of the time that knees
-    hold.
+    """Return the start and end of the time with hands off the rails for a recovery step: in the middle of the time in
+    which the knees hold.
     """
     middle_s = sum(trial.holds_s) / 2.0
     return middle_s - RECOVERY_S / 2.0 - HANDS_S, middle_s + RECOVERY_S / 2.0
@@ -153,7 +151,7 @@ def _clonus(rng: np.random.Generator, person: Person, trial: PlannedTrial, feet:
 
 
 def _recovery(rng: np.random.Generator, person: Person, trial: PlannedTrial, feet: Footwork) -> Drawn:
-    """Move the body forward until a foot follows and catches it; then move both back."""
+    """Move the body forward until a step catches it; then move body and foot back."""
     foot, start_s, to_s = int(rng.integers(2)), _falls(trial)[0] + HANDS_S, _falls(trial)[1]
     fall = Movement(
         (("pelvis_forward", float(rng.uniform(*FALL_M)) - STRIDE_M / 2.0),),
@@ -172,7 +170,7 @@ def _recovery(rng: np.random.Generator, person: Person, trial: PlannedTrial, fee
 
 
 def _failed_stand(rng: np.random.Generator, person: Person, trial: PlannedTrial, feet: Footwork) -> Drawn:
-    """Let the patient sit down before the trial, rise by a share of the way, sink back, and then stand up."""
+    """Let the patient sit down before the trial, rise by a part of the way, sink back, and then stand up."""
     assert trial.stands_s is not None
     seated, lean = seated_offsets(person), (("trunk_flex", float(rng.uniform(0.3, 0.6))), ("pelvis_flex", 0.25))
     sits_s, fails_s = trial.onset_s - SEATED_FROM_S, trial.onset_s + FAILS_AT_S

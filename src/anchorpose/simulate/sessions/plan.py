@@ -1,4 +1,4 @@
-"""Plan when everything happens in a session of trials with and without stimulation, from its settings and seed."""
+"""Plan the times of all trials and incidents in a session with and without stimulation, from its settings and seed."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ OFF, ON = "off", "on"
 Incident = Literal["buckle", "failed-stand", "recovery-step", "clonus"]
 INCIDENTS: Final[tuple[Incident, ...]] = ("buckle", "failed-stand", "recovery-step", "clonus")
 
-SHORTEST_TRIAL_S: Final = 10.0  # a failed stand, standing up and holding for two seconds take so long
-PAUSE_S: Final = 4.0  # pause before every trial, and after the last: time to sit down, or to bend the knees again
-BLOCK: Final = 2  # trials of each condition in a block within which their order is drawn
+SHORTEST_TRIAL_S: Final = 10.0  # s for a failed stand, standing up, and holding for two seconds
+PAUSE_S: Final = 4.0  # s before every trial and after the last trial: time to sit down, or to bend the knees again
+BLOCK: Final = 2  # trials of each condition in a block; their order within the block is drawn
 
-# flexion of knees that nothing extends: beyond the 25 degrees that end an extension, still upright
+# degrees of flexion at rest: more than the 25 degrees at which an extension ends, but still upright
 RESTING_DEG: Final = 30.0
-HELD_DEG: Final = (9.0, 15.0)  # range of a patient's flexion of knees that hold without stimulation
-SIDES_DEG: Final = 2.0  # largest difference of a patient's left and right knee, to either side
-# standard deviation of knee flexion from trial to trial: an assumption, for knees that repeat well
+HELD_DEG: Final = (9.0, 15.0)  # degrees, range of the flexion of knees that hold without stimulation
+SIDES_DEG: Final = 2.0  # degrees, largest difference between a patient's left and right knee
+# degrees, standard deviation of knee flexion from trial to trial: an assumption, for knees that repeat well
 SCATTER_DEG: Final = 1.5
-LEAST_DEG: Final = 1.0  # flexion of a straight knee
-LATENCY_S: Final = (0.8, 1.6)  # time from the onset until knees begin to extend
-EXTENDING_S: Final = 1.0  # time until knees are extended, and until they rest again
-# share of the trial before its end at which the knees give back, unless the stimulation holds them longer
+LEAST_DEG: Final = 1.0  # degrees, flexion of a straight knee
+LATENCY_S: Final = (0.8, 1.6)  # s, range of the time from the onset until knees begin to extend
+EXTENDING_S: Final = 1.0  # s in which knees extend, and in which they bend again
+# knees bend again at this share of the trial before its end, unless stimulation holds them longer
 LETS_GO: Final = 0.15
 
 
 @settings
 class SessionConfig:
-    """Trials with stimulation and without, half of them each, in blocks of four whose order is drawn."""
+    """Settings of a session: half of the trials with stimulation, half without, at random within blocks of four."""
 
     trials: Annotated[int, Field(ge=2, le=200, multiple_of=2)] = 12
     trial_s: Annotated[float, Field(ge=SHORTEST_TRIAL_S, le=3600)] = 20.0
-    amplitude_v: Positive = 4.0  # amplitude with stimulation; 0 V without
-    effect_deg: Annotated[float, Field(ge=0, le=10)] = 5.0  # degrees by which stimulated knees hold straighter
-    effect_s: NotNegative = 0.0  # time by which stimulated knees hold longer, at most until the end of the trial
-    helped: When = "off"  # the trials in which therapists hold knees and hips, from beginning to end
-    hands_off: When = "on"  # the trials in which the hands are off the rails, from beginning to end
-    # number of each of ``INCIDENTS``, in trials drawn by lot, one in a trial
+    amplitude_v: Positive = 4.0  # V, amplitude of the stimulation
+    effect_deg: Annotated[float, Field(ge=0, le=10)] = 5.0  # degrees by which stimulated knees are straighter
+    effect_s: NotNegative = 0.0  # s by which stimulated knees hold longer, at most until the end of the trial
+    helped: When = "off"  # trials in which therapists hold knees and hips, from beginning to end
+    hands_off: When = "on"  # trials in which the hands are off the rails, from beginning to end
+    # number of incidents of each kind in ``INCIDENTS``; they are in random trials, at most one per trial
     incidents: Annotated[int, Field(ge=0)] = 1
 
     def __post_init__(self) -> None:
@@ -60,22 +60,18 @@ class SessionConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedTrial:
-    """One trial; times in seconds since the first frame.
-
-    held_deg: flexion of the left and the right knee while they hold. extends_s, lets_go_s: when they begin to extend
-    and to rest again; stands_s: time until which the patient is seated where a stand fails, else None.
-    """
+    """One trial. All times except the duration are seconds since the first frame."""
 
     onset_s: float
     duration_s: float
-    amplitude_v: float
+    amplitude_v: float  # 0 = without stimulation
     block: int
     helped: bool
     hands_off: bool
-    held_deg: tuple[float, float]
-    extends_s: float
-    lets_go_s: float
-    stands_s: float | None = None
+    held_deg: tuple[float, float]  # flexion of the left and the right knee while they hold
+    extends_s: float  # when the knees begin to extend
+    lets_go_s: float  # when they begin to bend again
+    stands_s: float | None = None  # in a trial with a failed stand, when the patient stands up at last; else None
     incident: Incident | None = None
 
     @property
@@ -94,7 +90,7 @@ class PlannedTrial:
         return self.extends_s + EXTENDING_S, self.lets_go_s
 
 
-STANDS_AT_S: Final = 5.0  # time after the onset of a trial that begins with a failed stand
+STANDS_AT_S: Final = 5.0  # s after the onset at which the patient stands up, in a trial that begins with a failed stand
 STANDING_UP_S: Final = 1.8
 UP_S: Final = STANDS_AT_S + STANDING_UP_S
 
@@ -130,8 +126,8 @@ def draw_plan(rng: np.random.Generator, config: SessionConfig) -> tuple[PlannedT
 
 
 def _draw_order(rng: np.random.Generator, trials: int) -> tuple[list[bool], list[int]]:
-    """Draw which trials are stimulated, and number their blocks from 1; the first trial has no stimulation: it names
-    the reference.
+    """Draw which trials are stimulated, and number their blocks from 1. The first trial has no stimulation, so that its
+    condition is the reference.
     """
     order, blocks = list[bool](), list[int]()
     edges = [*range(0, trials, 2 * BLOCK), trials]

@@ -1,6 +1,4 @@
-"""Draw the therapists of a session: each crouches beside the patient and holds a knee and the hip in the trials with
-help.
-"""
+"""Draw the therapists of a session, who crouch beside the patient; in trials with help, each holds knee and hip."""
 
 from __future__ import annotations
 
@@ -18,18 +16,16 @@ from anchorpose.simulate.sessions.plan import PlannedTrial
 from anchorpose.simulate.therapist import STANCE_M, Therapist, choose_spot, crouch_offsets, grasp
 from anchorpose.simulate.timeline import Movement, stand
 
-GRASP_S: Final = 0.4  # time in which hands come to the patient before the onset of a trial, and go after its end
-# pose of a therapist who does not help, so that nothing touches
+GRASP_S: Final = 0.4  # s in which hands come to the patient before the onset of a trial, and go after its end
+# offsets of a therapist who does not help, and so does not touch the patient
 AWAY: Final = (("pelvis_forward", -0.30), ("trunk_flex", -0.35))
-COMES_S: Final = 0.8  # time in which a therapist comes nearer before the grasp, and goes back
+COMES_S: Final = 0.8  # s in which a therapist comes nearer before the grasp, and in which the therapist goes back
 
 
 def draw_session_therapists(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor, plan: Sequence[PlannedTrial]
 ) -> tuple[Therapist, ...]:
-    """Draw one therapist at each side of the patient, as many as the configuration asks for; they stay in their
-    places.
-    """
+    """Draw the configuration's number of therapists, at most one on each side of the patient; they stay in place."""
     tasks = [next(task for task in TASKS if task.name == name) for name in config.therapist_tasks]
     return tuple(_draw(rng, config, patient, plan, task) for task in tasks[: config.therapists])
 
@@ -50,9 +46,7 @@ def _draw(
 
 
 def _help(trial: PlannedTrial) -> tuple[Movement, Movement]:
-    """Return movements of hands that hold through the whole trial, or, if it begins seated, from when the patient
-    stands.
-    """
+    """Return movements of hands that hold through the whole trial; in a trial that begins seated, from standing on."""
     from_s = trial.onset_s if trial.stands_s is None else trial.extends_s
     lasts_s, near = trial.end_s - from_s, tuple((channel, -amount) for channel, amount in AWAY)
     comes = Movement(near, from_s - GRASP_S - COMES_S, COMES_S, lasts_s + 2.0 * GRASP_S, COMES_S)

@@ -1,4 +1,4 @@
-"""Compute the truth of a session: trials, and incidents with their time, side and depth."""
+"""Compute the truth of a session: its trials, and its incidents with time, side and depth."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from anchorpose.rotations import unit
 from anchorpose.simulate.sessions.patient import CLONUS_S, Happening, SessionPatient
 from anchorpose.simulate.sessions.plan import PlannedTrial
 
-TRUTH_HZ: Final = 100.0  # rate at which a fall is sampled
+TRUTH_HZ: Final = 100.0  # Hz, rate at which a fall is sampled
 GRAVITY_M_S2: Final = 9.81
-SOLE_M: Final = 0.03  # skin of feet lower than this is on the floor, soles of shoes included
+SOLE_M: Final = 0.03  # m; skin of feet lower than this is on the floor (soles of shoes included)
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
-DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])  # (2, 72) in which an outline is measured
+DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])  # (2, 72) directions in which an outline is measured
 
 
 @dataclass(frozen=True, slots=True)
 class TrueEvent:
-    """kind: knee_buckle, recovery_step or clonus with _left or _right, or failed_stand. start_s, end_s: its onset, and
-    its greatest depth, foot strike, or end. depth: degrees of a buckle or a clonus (its amplitude), share of the way of
-    a failed stand, millimetres beyond the soles of a recovery step; in ``unit``."""
+    """An incident with its true depth."""
 
-    kind: str
-    start_s: float
-    end_s: float
+    kind: str  # knee_buckle, recovery_step or clonus, each with _left or _right; or failed_stand
+    start_s: float  # onset
+    end_s: float  # greatest depth of a buckle or a failed stand, foot strike of a recovery step, end of a clonus
+    # in ``unit``: degrees of a buckle, amplitude in degrees of a clonus, share of the way of a failed stand,
+    # millimetres beyond the soles before a recovery step
     depth: float
     unit: str
 
@@ -65,7 +65,7 @@ def _joints(patient: SessionPatient, times_s: np.ndarray) -> dict[str, np.ndarra
 
 
 def _knee_deg(patient: SessionPatient, side: str, times_s: np.ndarray) -> np.ndarray:
-    """Return the angle (t,) between thigh and shank, 0 straight."""
+    """Return the knee's flexion (t,) in degrees, 0 = straight."""
     joints, side = _joints(patient, times_s), side.capitalize()
     hip, knee, ankle = (joints[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     cosine = (unit(knee - hip) * unit(ankle - knee)).sum(axis=1)
@@ -73,7 +73,7 @@ def _knee_deg(patient: SessionPatient, side: str, times_s: np.ndarray) -> np.nda
 
 
 def _risen(patient: SessionPatient, seated_s: float, highest_s: float) -> float:
-    """Return the share of the way from the seat to straight legs that the pelvis rises."""
+    """Return the rise of the pelvis as a share of the way from the seat to straight legs."""
     joints = _joints(patient, np.array([seated_s, highest_s]))
     sides = ("Left", "Right")
     height_m = np.mean([joints[f"Hip{s}"] - joints[f"Ankle{s}"] for s in sides], axis=0)[:, 1]
@@ -83,10 +83,10 @@ def _risen(patient: SessionPatient, seated_s: float, highest_s: float) -> float:
 
 
 def _loss_of_balance(patient: SessionPatient, falls_s: float, strikes_s: float) -> tuple[float, float]:
-    """Return the time at which the extrapolated centre of mass leaves the outline of the soles, and how far beyond it
-    goes before foot off.
+    """Return the time at which the extrapolated centre of mass leaves the outline of the soles, and its greatest
+    distance beyond the outline before the foot leaves the floor.
 
-    The centre of mass is the body's centre of volume, extrapolated as Hof et al. 2005
+    The centre of mass is the body's centre of volume, extrapolated as in Hof et al. 2005
     (doi:10.1016/j.jbiomech.2004.03.025).
     """
     step = next(step for step in patient.footwork.steps if step.start_s > falls_s)
@@ -109,7 +109,7 @@ def _centre_of_volume(skin_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def truth_arrays(plan: Sequence[PlannedTrial], patient: SessionPatient) -> dict[str, Any]:
-    """Return the arrays that truth.npz has only for a session, besides the arrays of every recording."""
+    """Return the arrays that truth.npz has only for a session."""
     events = true_events(patient)
     return {
         "event_kind": np.array([event.kind for event in events], dtype=np.str_),
@@ -124,9 +124,7 @@ _OF_TRIALS: Final = ("onset_s", "duration_s", "amplitude_v", "block", "helped", 
 
 
 def events_table(plan: Sequence[PlannedTrial]) -> str:
-    """Return the text of events.tsv, as ``anchorpose record`` writes it, with the amplitude and the block of every
-    trial.
-    """
+    """Return the text of events.tsv, in the format of ``anchorpose record``, with each trial's amplitude and block."""
     rows = ["onset\tduration\ttrial_type\tamplitude\tblock"]
     rows += [f"{t.onset_s:.4f}\t{t.duration_s:.4f}\t{t.condition}\t{t.amplitude_v:g}\t{t.block}" for t in plan]
     return "\n".join(rows) + "\n"

@@ -23,19 +23,17 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
 SOURCE: Final = "Li and Burdick, Definition 3 and Section IV"
-PAPER_SUBSET: Final = 3  # N_S: "three anchor nodes suffice" (Section IV-D)
+PAPER_SUBSET: Final = 3  # number of anchors in a subset, N_S: "three anchor nodes suffice" (Section IV-D)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorSetting:
-    """Settings of the match: the gate, which the paper chose by hand; unclipped, squared: see ``features.psi``; pieces:
-    whether the anchors that remain behind a cut form a subset.
-    """
+    """Settings of the match. For ``unclipped`` and ``squared`` see ``features.psi``."""
 
-    gate: GateConfig = PAPER_GATE
+    gate: GateConfig = PAPER_GATE  # chosen by hand in the paper
     unclipped: bool = True
     squared: bool = False
-    pieces: bool = True
+    pieces: bool = True  # whether the anchors that reach a cut-off piece of surface form a subset for it
 
 
 GATES: Final = tuple(
@@ -63,9 +61,10 @@ def _by_edges(seen: Observation) -> np.ndarray:
 
 
 def by_psi(describe: Callable[[Observation], np.ndarray], size: int, setting: AnchorSetting) -> Associate:
-    """Return a hypothesis for every subset of ``size`` anchors that are found in both frames.
+    """Return the association that makes a hypothesis for every subset of ``size`` anchors found in both frames.
 
-    describe: (n, 5) distances of a frame's seen nodes to the anchors, NaN in the column of a missed one.
+    describe: function that returns the distances (n, 5) of a frame's seen nodes to the anchors; the column of a missed
+    anchor is NaN.
     """
     distances = cached(describe, whole_content)
 

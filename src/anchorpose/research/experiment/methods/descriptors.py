@@ -1,4 +1,4 @@
-"""Provide the descriptors that the paper compares with or relates to, each matched by its nearest neighbour."""
+"""Provide the descriptors of the paper's comparison and related work, each matched by its nearest neighbour."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def _shot(seen: Observation, config: ShotConfig) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContextSetting:
-    """unit_length: contexts are compared by their shape alone, not by the amount of surface around the node."""
+    """Settings of the shape context and of its comparison."""
 
     config: ShapeContextConfig
-    unit_length: bool
+    unit_length: bool  # whether contexts are scaled, so that the amount of surface around the node does not count
 
 
 def _shape_context(seen: Observation, setting: ContextSetting) -> np.ndarray:
@@ -63,7 +63,7 @@ def _rops(seen: Observation, config: RopsConfig) -> np.ndarray:
 
 
 USUAL_RADIUS_M = 0.05
-"""The usual radius of these descriptors for objects on a table, also used for people."""
+"""The usual radius of these descriptors for objects on a table, which is also used for people."""
 
 
 def _both(
@@ -75,9 +75,9 @@ def _both(
     frame_ms: float,
     first_m: float = RADII_M[0],
 ) -> tuple[Method, Method]:
-    """Return the descriptor with the best of all settings, and with the usual radius, to show the effect of tuning.
+    """Return two methods: the descriptor with the best of all settings, and with the usual radius.
 
-    first_m: the radius that is tried first, and taken where nothing is tuned.
+    Both together show the effect of tuning. first_m: the radius that is tried first, and used if nothing is tuned.
     """
     radii = sorted(RADII_M, key=lambda radius: radius != first_m)
     chosen = tuple(setting(radius, variant) for radius in radii for variant in (0, 1))
@@ -196,11 +196,11 @@ MESH = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpectralConfig:
-    """A signature's configuration and the size of its spectrum; logarithm: its logarithm is compared."""
+    """Settings of a spectral signature and of its comparison."""
 
-    signature: Any
-    pairs: int = 100  # more cost more and do not match better
-    logarithm: bool = False
+    signature: Any  # the signature's own configuration
+    pairs: int = 100  # number of eigenpairs; more take more time and do not match better
+    logarithm: bool = False  # whether the signature's logarithm is compared
 
 
 Signature = Callable[[Spectrum, Any], np.ndarray]
@@ -271,6 +271,6 @@ SPECTRAL = (
 _SHOT = next(method for method in LOCAL if method.key == "shot")
 
 FILTERED = (replace(_SHOT, key="shot-filter", title="SHOT with a Kalman filter", update=Update.KALMAN),)
-"""Shows what the filter alone is worth, which the next generation has too."""
+"""Shows the effect of the filter alone, which the next generation also uses."""
 
 METHODS = (*LOCAL, *FILTERED, *MESH, *SPECTRAL)

@@ -1,5 +1,6 @@
-"""Match by the learnt descriptor, the place on the complete body that a network assigns to a node, alone and with
-SHOT.
+"""Match by the learnt descriptor, alone and with SHOT.
+
+The learnt descriptor is the place on the complete body that a network assigns to a node.
 """
 
 from __future__ import annotations
@@ -21,14 +22,15 @@ SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VI (future work)"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearntConfig:
-    """local: weight of SHOT's signature, which is of unit length, against places in statures; 0: places alone."""
+    """Settings of the learnt descriptor."""
 
-    local: float = 0.0
+    local: float = 0.0  # weight of SHOT's signature (of unit length) relative to places in statures; 0 = places alone
 
 
 def _describe(seen: Observation, config: LearntConfig) -> np.ndarray:
-    """Return the descriptors (n, 3) or, with SHOT, (n, 3 + 352); NaN where the network sees nobody, or SHOT is
-    undefined.
+    """Return the descriptors (n, 3) or, with SHOT, (n, 3 + 352).
+
+    NaN if the network sees nobody at the node, or SHOT is undefined.
     """
     places = _places(seen)
     if config.local == 0.0:

@@ -1,7 +1,7 @@
 """Combine anchors with a local descriptor, the paper's future work.
 
-They contain different information about the place of a node: a local descriptor distinguishes neighbours but confuses
-distant places; distances to anchors do the opposite.
+Both contain different information about the place of a node: a local descriptor distinguishes neighbours but confuses
+distant places; distances to anchors distinguish distant places but confuse neighbours.
 """
 
 from __future__ import annotations
@@ -25,24 +25,21 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
 SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # settings as chosen for SHOT alone
-MOST: Final = 9.0  # largest squared deviations of a distance, for one that an occlusion changed or that is unknown
-MOST_SHOT: Final = 18.0  # largest squared deviations of a signature: a hole beside a node changes it
+MOST: Final = 9.0  # squared deviation that counts at most, since occlusions change distances, or for unknown distances
+MOST_SHOT: Final = 18.0  # largest squared deviation of a signature, since a hole beside a node changes it
 GIVEN_UP_M: Final = 0.30  # m; a hand at 3 m/s is so far from its prediction, and its descriptor still identifies it
-ROWS: Final = 500  # source nodes compared at once: 4 MB per anchor for 2,000 nodes of the other frame
-SUBSET: Final = 3
+ROWS: Final = 500  # number of source nodes compared at once: 4 MB per anchor for 2,000 nodes of the other frame
+SUBSET: Final = 3  # number of anchors in a subset
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextSetting:
-    """The sigmas. anchor_sigma_m: of a distance to an anchor; shot_sigma: of the distance between two signatures of
-    unit length; place_sigma_m: of a node's movement, since most of the skin hardly moves; cost_m: cost of a branch of
-    the tree per deviation of its nodes' descriptors.
-    """
+    """The sigmas and the cost of the next generation's matches."""
 
-    anchor_sigma_m: float = 0.04
-    shot_sigma: float = 0.15
-    place_sigma_m: float = 0.03
-    cost_m: float = 0.01
+    anchor_sigma_m: float = 0.04  # sigma of a distance to an anchor
+    shot_sigma: float = 0.15  # sigma of the distance between two signatures of unit length
+    place_sigma_m: float = 0.03  # sigma of a node's movement, small since most of the skin hardly moves
+    cost_m: float = 0.01  # cost of a branch of the tree for one deviation of its nodes' descriptors
 
 
 SETTINGS: Final = (
@@ -63,7 +60,7 @@ def _configure(config: TrackConfig, setting: NextSetting) -> TrackConfig:
 
 
 def _signatures(seen: Observation) -> np.ndarray:
-    """Return the signatures (n, 352); they are zero where undefined, which is unlike every signature."""
+    """Return the signatures (n, 352); an undefined signature is zero, which is far from every signature."""
     return np.nan_to_num(shot(seen.surface.points_m, seen.surface.normals, SHOT))
 
 
@@ -79,7 +76,7 @@ def _associate(setting: NextSetting) -> Associate:
         source = now.descriptor - jitter_m(now, following, unlike(now, following))
 
         def find(nodes: np.ndarray) -> np.ndarray:
-            local = unlike(now, following)  # not kept with the matches: 16 MB for 2,000 nodes
+            local = unlike(now, following)  # not stored with the matches, since it is 16 MB for 2,000 nodes
             match = np.empty((len(nodes), len(subsets)), np.int32)
             per2 = (setting.anchor_sigma_m**-2, setting.place_sigma_m**-2)
             for first in range(0, len(nodes), ROWS):
@@ -97,7 +94,10 @@ def _associate(setting: NextSetting) -> Associate:
 
 
 def _unlike(source: np.ndarray, target: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (m, n) float32: squared distances of signatures of unit length, in deviations, at most ``MOST_SHOT``."""
+    """Return (m, n) float32: squared distances between signatures in units of sigma, each at most ``MOST_SHOT``.
+
+    Signatures have unit length.
+    """
     apart2 = 2.0 * source @ target.T
     np.subtract(2.0, apart2, out=apart2)  # in place: new arrays of this size cost more than the arithmetic
     np.maximum(apart2, 0.0, out=apart2)
@@ -113,12 +113,12 @@ Nodes = tuple[np.ndarray, np.ndarray]
 def most_similar(
     local: np.ndarray, seen: Nodes, others: Nodes, subsets: np.ndarray, per2: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (k, s) int32 most similar node of the other frame under each subset, and (k, s) float32 its squared
-    deviations.
+    """Return the most similar node of the other frame under each subset (k, s) int32, and its squared deviations.
 
-    local (k, n): squared deviations of the signatures; seen: distances to the anchors (k, 5) and places (k, 3) of the
-    nodes, others (n, 5) and (n, 3); per2: variances of both in square metres. A distance counts at most ``MOST``, and
-    as much where it is unknown. Of equal nodes the lower one is chosen.
+    The squared deviations are (k, s) float32. local (k, n): squared deviations of the signatures. seen: distances to
+    the anchors (k, 5) and places (k, 3) of the nodes; others: the same of the other frame's nodes, (n, 5) and (n, 3).
+    per2: factors that turn the squared metres of both into squared deviations. A distance counts at most ``MOST``, and
+    an unknown distance counts ``MOST``. Of equally similar nodes, the node with the lower number is chosen.
     """
     match = np.zeros((len(local), len(subsets)), np.int32)
     total = np.full((len(local), len(subsets)), np.inf, np.float32)
@@ -126,7 +126,7 @@ def most_similar(
     for node in range(len(local) if local.shape[1] else 0):
         likely = local[node].argmin()
         _add_up(_base(local, seen, others, per2, node, likely), seen, others, subsets, per2, node, likely, each, sums)
-        worst = sums.max()  # no node that is farther off by signature and place alone is the most similar of a subset
+        worst = sums.max()  # a node that deviates more by signature and place alone is not the most similar
         for other in range(local.shape[1]):
             if local[node, other] > worst:
                 continue
@@ -165,13 +165,14 @@ def _add_up(
     each: np.ndarray,
     sums: np.ndarray,
 ) -> None:
-    """Fill sums (s,): base and the squared deviations of the distances to each subset's anchors; each (5,): these
-    deviations.
+    """Fill ``sums`` (s,) with base plus the squared deviations of the distances to each subset's anchors.
+
+    ``each`` (5,) is filled with the squared deviation for each anchor.
     """
     for anchor in range(len(each)):
         off = seen[0][node, anchor] - others[0][other, anchor]
         off2 = off * off * np.float32(per2[0])
-        each[anchor] = off2 if off2 < MOST else np.float32(MOST)  # never less where it is NaN
+        each[anchor] = off2 if off2 < MOST else np.float32(MOST)  # NaN is never less, so counts most
     for s in range(len(subsets)):
         sums[s] = base
         for anchor in subsets[s]:
@@ -179,10 +180,10 @@ def _add_up(
 
 
 def jitter_m(now: Observation, following: Observation, local: np.ndarray) -> np.ndarray:
-    """Return (5,) float32 metres, e_1: the anchors' own movement adds the same to the distance of every node.
+    """Return e_1, (5,) float32 metres: what each anchor's own movement adds to the distances of all nodes.
 
-    It is the median difference between nodes and their matches by the local descriptor alone; 0 for an anchor that is
-    not reached in both frames.
+    It is the median difference of distance between nodes and their matches by the local descriptor alone; 0 for an
+    anchor that is not reached in both frames.
     """
     jitter = np.zeros(len(ANCHOR_NAMES), np.float32)
     if len(now.surface) == 0 or len(following.surface) == 0:

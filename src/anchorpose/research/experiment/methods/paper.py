@@ -1,6 +1,6 @@
-"""Define the paper's method exactly as described: its extrema, all subsets of three, the average of psi, its tree,
-parts by ICP.
+"""Define the paper's method exactly as its text describes it.
 
+It uses the paper's extrema, all subsets of three anchors, the average of psi, the paper's tree, and parts by ICP.
 docs/experiment.md states what was chosen where the text leaves a choice.
 """
 

@@ -1,4 +1,4 @@
-"""Shared parts of all figures: colours, and lines and marks that distinguish methods without colour.
+"""Provide what all figures share: colours, and lines and marks that distinguish methods without colour.
 
 The same tables give the same bytes.
 """
@@ -23,7 +23,7 @@ INK: Final = "#15191d"
 FAINT: Final = "#8a9299"
 LINE: Final = "#d5dbe0"
 GROUND: Final = "#ffffff"
-ON_DARK: Final = "#fefefe"  # differs from GROUND, which a page in dark colours replaces
+ON_DARK: Final = "#fefefe"  # white that differs from GROUND, since a page in dark colours replaces GROUND
 
 LOOK: Final = {
     Family.PROPOSED: (as_hex(Ink.VERMILLION), "solid"),
@@ -35,12 +35,12 @@ LOOK: Final = {
     Family.NONE: (FAINT, (0, (2, 2))),
     Family.TRACKER: (INK, "solid"),
 }
-"""Colour (Okabe and Ito's) and line of each kind of method."""
+"""Colour (by Okabe and Ito) and line of each kind of method."""
 
-PALE: Final = 0.35  # opacity of the intervals; in full colour the intervals of twenty methods would hide the means
+PALE: Final = 0.35  # opacity of intervals; in full colour, the intervals of twenty methods would hide the means
 
 MARKS: Final = "osD^vP*X"
-"""For the methods of one kind, in their order."""
+"""Marks for the methods of one kind, in their order."""
 
 FAMILY_NAMES: Final = {
     Family.PROPOSED: "anchor geodesics",
@@ -56,24 +56,22 @@ FAMILY_NAMES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class DrawnFigure:
-    """A drawn figure. key: name of its files; caption: text that contains the paper's name for the figure."""
+    """A drawn figure."""
 
-    key: str
-    caption: str
+    key: str  # name of its files
+    caption: str  # contains the paper's name of the figure
     svg: str
     png_bytes: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class FigureSpec:
-    """A figure to be drawn. tables: keys of the tables that it needs; draw: function that draws it, even where methods
-    or columns are missing.
-    """
+    """A figure to be drawn."""
 
     key: str
     caption: str
-    tables: tuple[str, ...]
-    draw: Callable[[Sequence[Table]], Any]
+    tables: tuple[str, ...]  # keys of the tables that it needs
+    draw: Callable[[Sequence[Table]], Any]  # draws it, even if methods or columns are missing
 
 
 def new_figure(width: float, height: float, **grid: Any) -> tuple[Any, Any]:
@@ -129,7 +127,7 @@ def _settings(salt: str) -> Any:
 
 
 def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
-    """Colour and line of the method's kind, and its own mark; the proposed method and anchorpose stand out."""
+    """Return colour and line of the method's kind, and its own mark; the proposed method and anchorpose stand out."""
     colour, line = LOOK[method.family]
     alike = [one.key for one in methods if one.family is method.family]
     strong = method.key == PROPOSED or method.family is Family.TRACKER

@@ -1,4 +1,4 @@
-"""All figures, in the order of the page: the paper's "result1", "sd1", "result2" and "sd2", and more."""
+"""Define all figures in the order of the page: the paper's "result1", "sd1", "result2" and "sd2", and more."""
 
 from __future__ import annotations
 
@@ -246,7 +246,7 @@ def _draw_times(tables: Sequence[Table]) -> Any:
 
 
 def _limits(table: Table, column: str) -> tuple[float, float]:
-    """Return the limits, from half of the shortest time to twice the longest."""
+    """Return the limits of an axis, from half of the shortest time to twice the longest."""
     means = [row.value.mean for row in table.rows if row.column.key == column and row.value.mean > 0]
     return (min(means) / 2, max(means) * 2) if means else (0.01, 1.0)
 

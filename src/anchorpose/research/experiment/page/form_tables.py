@@ -1,5 +1,4 @@
-"""Make tables over the forms of the framework and the gaps between frames, and tables that compare the next generation
-with every other row.
+"""Make tables by form of the framework and by gap between frames, and compare the next generation with other rows.
 
 The forms differ in whether the surface corrects the matches and whether bad matches are rejected.
 """
@@ -33,7 +32,7 @@ FORM_NAMES = {
     Form.MATCHES: "matches alone",
     Form.MATCHES_ALL: "matches alone, nothing rejected",
 }
-WITHIN_MM = 50.0  # a match nearer to its true place is good: the paper's bound on an anchor's error
+WITHIN_MM = 50.0  # largest error of a good match: the paper's bound on an anchor's error
 
 Take = Callable[[Matched], np.ndarray]
 
@@ -55,7 +54,7 @@ def form_tables(results: ExperimentResults) -> list[Table]:
 
 
 def _columns(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return a column for each form, for no hole and for the largest hole."""
+    """Return two columns for each form: for no hole and for the largest hole."""
     found = []
     for form in results.config.forms:
         holes = Tracking(results, form).holes(Scene.PAPER)
@@ -147,7 +146,7 @@ def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable
 
 
 def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return the sizes between none and the largest, which the forms with the surface have."""
+    """Return the columns of the sizes between no hole and the largest hole, for the forms with the surface."""
     return [
         (form, hole, Column(f"{form} {hole:g}", f"{FORM_NAMES[form]}, {hole:.2f} m"))
         for form in results.config.forms
@@ -157,7 +156,7 @@ def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
 
 
 def _others(methods: Sequence[Method]) -> list[Method]:
-    """Return all methods but the next generation; empty where it did not run."""
+    """Return all methods except the next generation; no methods if it did not run."""
     keys = {method.key for method in methods}
     return [method for method in methods if method.key != NEXT] if NEXT in keys else []
 

@@ -25,8 +25,8 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_least, at_most, measured
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
-COMPARABLE: Final = 0.8  # share of the paper's nodes: a smaller mesh proves nothing about time
-CLEARLY_LESS: Final = 0.8  # ratio to the error elsewhere, at most: a fifth less
+COMPARABLE: Final = 0.8  # smallest share of the paper's nodes; a smaller mesh proves nothing about time
+CLEARLY_LESS: Final = 0.8  # largest ratio to the error elsewhere that is clearly less
 # share of the matches of hands and feet that lie on the opposite limb; by chance it would be one in forty
 OFTEN: Final = 0.1
 INACCURATE_MM: Final = 100.0  # twice the paper's bound on an anchor's error
@@ -191,7 +191,7 @@ class MatchingClaims:
         return checks
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
-        """Return the shares of nodes matched: a method that matches only where it is confident has smaller errors."""
+        """Return the shares of nodes matched, since a method that matches only the easiest nodes has smaller errors."""
         lines = []
         for key in keys:
             if key in self._methods:

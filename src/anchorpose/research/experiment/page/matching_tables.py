@@ -1,6 +1,4 @@
-"""Make tables of the matches: errors overall, by region, by size of hole and as a curve; and times beside the
-paper's.
-"""
+"""Make tables of the matches, with errors overall, by region, by size of hole and as a curve, and tables of times."""
 
 from __future__ import annotations
 
@@ -33,7 +31,7 @@ from anchorpose.research.experiment.page.tracking_tables import hole_column
 from anchorpose.research.experiment.results import ExperimentResults, Matched, PaperTimes
 
 CURVE_MM = tuple(range(0, 501, 20))
-CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # distances as shares of the body's height: 0 to 0.3
+CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # distances, 0 to 0.3 of the body's height
 
 NOTE = (
     "The same nodes for every method, of the paper’s scene. “Direct” is the nearest descriptor; a method with several "
@@ -122,7 +120,7 @@ def _by_region(
     unit: Unit,
     take: Take | None,
 ) -> Table:
-    """Return the table by region of the body; take: None for the error of each method's matches."""
+    """Return the table by region of the body. take: the quantity; None = the error of each method's matches."""
     rows = []
     for method in matching.methods:
         of_method = take or error_of(matching, method.key)
@@ -143,7 +141,7 @@ def _by_size(matching: Matching, resamples: int, key: str, title: str, take: Tak
 
 
 def _curve(matching: Matching, resamples: int, key: str, title: str, places: Sequence[float], by_height: bool) -> Table:
-    """Return the share of all nodes matched within each distance; a node without a match is within none."""
+    """Return the share of all nodes matched within each distance; a node without a match is within no distance."""
     rows = []
     for method in matching.methods:
         within = list(matching.values(method.key, partial(_counts, matching, np.array(places), by_height)).values())
@@ -167,7 +165,7 @@ PAPER_MESH_S: Final = 0.72
 PAPER_FEATURE_S: Final = 0.23
 PAPER_NODES: Final = 15549
 PAPER_EDGES: Final = 36185
-"""Section V-B, one core of an Intel i7-6700."""
+"""The paper's times and mesh: Section V-B, one core of an Intel i7-6700."""
 
 
 def time_tables(results: ExperimentResults) -> list[Table]:

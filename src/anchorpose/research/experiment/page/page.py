@@ -71,7 +71,7 @@ def compose_page(
     figures: Sequence[DrawnFigure],
     shown: Sequence[PagePicture],
 ) -> str:
-    """Return the whole page, self-contained; the same input gives the same text."""
+    """Return the whole page, which needs no other files; the same input gives the same text."""
 
     def part(drawn: Sequence[str], listed: Sequence[str], pictures: Sequence[str] = ()) -> str:
         images = [drawing_html(figure) for key in drawn for figure in figures if figure.key == key]
@@ -151,12 +151,11 @@ PAGE_FILE: Final = "index.html"
 
 
 def write_results(results: ExperimentResults, out: Path) -> None:
-    """Write tables/*.csv, figures/*.svg and *.png, claims.json and index.html into ``out``; the same results give the
-    same bytes.
+    """Write tables/*.csv, figures/*.svg and *.png, claims.json and index.html into ``out``.
 
-    Existing files are replaced, each folder and file as a whole and the page last; nothing else is changed. The page
-    shows the pictures in ``out / pictures``. Raises MissingPackage without matplotlib and InputError for unusable
-    captions, both before anything is written.
+    The same results give the same bytes. Existing files are replaced, each folder and file as a whole and the page
+    last; nothing else is changed. The page shows the pictures in ``out / pictures``. Raises MissingPackage without
+    matplotlib and InputError for unusable captions, both before anything is written.
     """
     tables = [*tracking_tables(results), *form_tables(results), *matching_tables(results), *time_tables(results)]
     claims, figures, shown = judge_claims(results), draw_all(tables), read_pictures(out)

@@ -31,10 +31,10 @@ SECTIONS: Final = {
     "regions": "Bright and shadow regions",
     "other": "More pictures",
 }
-"""Titles, in the order of the page; "other": pictures without a caption."""
+"""Titles of the sections of pictures, in the order of the page; "other" has the pictures without a caption."""
 
 FILES_ONLY: Final = "match"
-"""The section of pictures that are not on the page: one per method would triple its size."""
+"""The section of pictures that are not on the page, since one picture per method would triple its size."""
 
 REMEDY: Final = "write a list of objects with file, caption and section, or remove the file"
 
@@ -49,10 +49,10 @@ class PagePicture:
 
 
 def read_pictures(folder: Path) -> list[PagePicture]:
-    """Return the PNG files of ``folder / pictures`` in the order of their captions, then files without a caption by
-    name.
+    """Return the PNG files of ``folder / pictures`` in the order of their captions.
 
-    Raises InputError where the captions cannot be read or name a missing file or section.
+    Files without a caption follow in the order of their names. Raises InputError if the captions cannot be read, or
+    name a missing file or section.
     """
     place = folder / PICTURES_FOLDER
     captions = _captions(place / CAPTIONS_FILE)
@@ -87,15 +87,15 @@ SIGNS: Final = {
     Verdict.NOT: ("not", "✗"),
     Verdict.UNKNOWN: ("unknown", "?"),
 }
-"""CSS class and sign: the colour alone carries no information."""
+"""CSS class and sign of each verdict, so that no information is in the colour alone."""
 
 
 MOST_NAMED: Final = 3
-"""Number of failed comparisons that are listed in the table of claims itself."""
+"""Largest number of failed comparisons that are listed in the table of claims itself."""
 
 
 def table_html(table: Table, unfolded: bool = False) -> str:
-    """Return the table with a row per method and a column per quantity; intervals in brackets."""
+    """Return the table with a row per method and a column per quantity; intervals are in brackets."""
     head = "".join(f"<th scope='col'>{escape(column.label)}</th>" for column in table.columns)
     values = {(row.method.key, row.column): row.value for row in table.rows}
     rows = []
@@ -131,7 +131,7 @@ def text_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]])
 
 
 def claims_html(claims: Sequence[Claim]) -> str:
-    """Return the first table of the page: verdict, claim, how it was judged and every comparison."""
+    """Return the first table of the page: verdict, claim, how it was judged, and every comparison."""
     rows = "".join(_claim_row(claim) for claim in claims)
     return (
         "<div class='scroll' tabindex='0' role='region' aria-label='Claims'><table class='text claims'><thead><tr>"
@@ -180,7 +180,7 @@ def drawing_html(picture: DrawnFigure) -> str:
 
 
 def inline_svg(picture: DrawnFigure) -> str:
-    """Return the drawing without parts that only a file needs, with unique ids, since all figures share the page."""
+    """Return the drawing without the parts that only a file needs; ids are unique, since figures share the page."""
     svg = picture.svg[picture.svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page sets the font; saves a tenth of the length
@@ -194,7 +194,7 @@ def inline_svg(picture: DrawnFigure) -> str:
 
 
 def pictures_html(pictures: Sequence[PagePicture], sections: Sequence[str]) -> str:
-    """Return the pictures of some sections, each section with its title; empty without pictures."""
+    """Return the pictures of some sections, each section with its title; an empty text without pictures."""
     parts = []
     for section in sections:
         shown = "".join(_picture(picture) for picture in pictures if picture.section == section)
@@ -212,7 +212,7 @@ def _picture(picture: PagePicture) -> str:
 
 
 def best_of(table: Table, column: str, keys: Sequence[str]) -> str | None:
-    """Return the key of the method with the smallest mean in a column; None where no method has a value."""
+    """Return the key of the method with the smallest mean in a column; None if no method has a value."""
     means = {key: table.value(key, column).mean for key in keys}
     known = {key: mean for key, mean in means.items() if np.isfinite(mean)}
     return min(known, key=lambda key: known[key]) if known else None

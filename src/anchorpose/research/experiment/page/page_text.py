@@ -1,4 +1,4 @@
-"""The text of the page: summary, what was run, settings tried, limits, and how to run it again."""
+"""Write the text of the page: summary, what was run, settings tried, limits, and how to run it again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SETTINGS_KEY = "settings"
 
 
 def tried_settings(results: ExperimentResults) -> list[tuple[str, TriedSetting]]:
-    """Return (title of the method, setting) of each tried setting, by method, the best first."""
+    """Return each tried setting with the title of its method, in order of methods, the best setting first."""
     titles = {method.key: method.title for method in results.methods}
     return [
         (titles.get(key, key), one)
@@ -84,7 +84,10 @@ def _plural(verdict: Verdict, count: int) -> str:
 
 
 def _errors(results: ExperimentResults, tables: Sequence[Table]) -> str:
-    """Return the proposed method, its next generation, and the best of each other kind with the largest hole."""
+    """Return the errors of the proposed method, its next generation, and the best method of each other kind.
+
+    The best method is the best with the largest hole.
+    """
     errors = next((table for table in tables if table.key == "result1"), None)
     if errors is None:
         return ""
@@ -111,7 +114,7 @@ def _best(errors: Table, column: str, family: Family) -> str | None:
 
 
 def run_html(results: ExperimentResults) -> str:
-    """Return recordings, holes, methods with their sources, and how settings were chosen."""
+    """Return the recordings, holes, methods with their sources, and how settings were chosen."""
     config = results.config
     others = ", ".join(scene for scene in config.scenes if scene is not Scene.PAPER)
     holes = ", ".join(f"{hole:g} m" for hole in config.holes_m if hole)

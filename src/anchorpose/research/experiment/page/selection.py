@@ -1,4 +1,4 @@
-"""Select frames and matches of an experiment such that all methods are compared on the same frames and matches."""
+"""Select the frames and matches of an experiment so that all methods are compared on the same data."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from anchorpose.research.experiment.method import OWN, Family, Method
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults, Matched, Tracked
 
 Kept = Mapping[tuple[str, float], np.ndarray]
-"""Frames, in order, of each recording and size of hole."""
+"""The frames kept of each recording and size of hole, in order."""
 
 
 def compared(methods: Iterable[Method]) -> list[Method]:
@@ -29,7 +29,7 @@ def ablated(methods: Iterable[Method]) -> list[Method]:
 
 
 def frame_means(error_mm: np.ndarray) -> np.ndarray:
-    """Return (f,) mean over the joints (f, j) that have an error; NaN in a frame without any."""
+    """Return the mean error of each frame (f,) over the joints (f, j) with an error; NaN if no joint has an error."""
     known = np.isfinite(error_mm)
     count = known.sum(axis=1)
     total = np.where(known, error_mm, 0.0).sum(axis=1)
@@ -38,18 +38,18 @@ def frame_means(error_mm: np.ndarray) -> np.ndarray:
 
 
 HANDS: Final = tuple(index for index, name in enumerate(JOINT_NAMES) if name.startswith(("Hand", "Wrist")))
-"""Hands and wrists: they move most, and their errors are most of every mean over all joints."""
+"""Hands and wrists; they move most, and their errors are the largest part of every mean over all joints."""
 
 
 def without_hands(error_mm: np.ndarray) -> np.ndarray:
-    """Return the errors (f, 17) of all joints but hands and wrists, from the errors (f, 21) of all joints."""
+    """Return the errors (f, 17) of all joints except hands and wrists, from the errors (f, 21) of all joints."""
     return np.delete(error_mm, HANDS, axis=1)
 
 
 class Tracking:
-    """All frames tracked in one form, by scene, method and size of hole; recordings in the order of their names.
+    """All frames tracked in one form, by scene, method and size of hole.
 
-    This project's tracker is the same in every form.
+    Recordings are in the order of their names. This project's tracker is the same in every form.
     """
 
     def __init__(self, results: ExperimentResults, form: Form = Form.REFINED) -> None:
@@ -60,7 +60,7 @@ class Tracking:
                 self._runs[run.scene, run.method, run.hole_m][run.recording] = _in_order(run)
 
     def holes(self, scene: Scene) -> list[float]:
-        """Return the sizes of hole in a scene, in metres; 0 is none."""
+        """Return the sizes of hole in a scene, in metres; 0 = no hole."""
         return sorted({hole for of, _, hole in self._runs if of is scene})
 
     def ran(self, scene: Scene, methods: Iterable[Method]) -> list[Method]:
@@ -77,7 +77,7 @@ class Tracking:
         return self._runs.get((scene, method, hole_m), {})
 
     def shared(self, scene: Scene, methods: Iterable[Method]) -> Kept:
-        """Return the frames on which all methods ran, apart from methods that tracked nothing in the scene."""
+        """Return the frames on which all methods ran, except methods that tracked nothing in the scene."""
         keys = [method.key for method in self.ran(scene, methods)]
         kept: dict[tuple[str, float], np.ndarray] = {}
         for hole in self.holes(scene):
@@ -90,8 +90,9 @@ class Tracking:
     def errors(
         self, scene: Scene, method: str, hole_m: float, kept: Kept | None = None, occluded: bool = False
     ) -> dict[str, np.ndarray]:
-        """Return (f, 21) millimetres by recording: of all frames or of the kept frames; only of frames with a hole if
-        ``occluded``.
+        """Return the errors (f, 21) in millimetres by recording, for all frames or only for the kept frames.
+
+        occluded: only frames with a hole.
         """
         found = {}
         for recording, run in self.runs(scene, method, hole_m).items():
@@ -109,9 +110,9 @@ class Tracking:
         occluded: bool = False,
         kept: Kept | None = None,
     ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Return errors (f, 21) of two runs, each a method with a size of hole, in the same frames, by recording.
+        """Return the errors (f, 21) of two runs in the same frames, by recording; a run is a method and a size of hole.
 
-        occluded: only the frames that have a hole in the first run. Recordings that either run lacks are left out.
+        occluded: only frames that have a hole in the first run. Recordings that either run lacks are left out.
         """
         found = {}
         ones, others = self.runs(scene, *one), self.runs(scene, *other)
@@ -127,9 +128,7 @@ class Tracking:
 
 
 def left_out(results: ExperimentResults) -> tuple[int, int]:
-    """Return the number of segments of the simulated recordings without a known pose to start from, and of all
-    segments.
-    """
+    """Return two numbers of segments of the simulated recordings: without a pose to start from, and in total."""
     config, ran = results.config, dict[tuple[Scene, str], int]()
     for run in results.tracked:
         if run.scene is not Scene.REAL:
@@ -147,14 +146,14 @@ def _in_order(run: Tracked) -> Tracked:
 
 
 WindowKey = tuple[str, float, int]
-"""Recording, size of hole and frame."""
+"""Key of a window: recording, size of hole and frame."""
 
 
 class Matching:
     """All matches of the paper's scene over one gap, in the windows that all methods have."""
 
     def __init__(self, results: ExperimentResults, gap_s: float | None = None) -> None:
-        """Select the matches of one gap; gap_s: None for the shortest."""
+        """Select the matches of one gap. gap_s: None = the shortest gap."""
         gap_s = min(results.config.gaps_s) if gap_s is None else gap_s
         self._matched: dict[str, dict[WindowKey, Matched]] = defaultdict(dict)
         for match in results.matched:
@@ -166,12 +165,13 @@ class Matching:
         self.windows: list[WindowKey] = sorted(set.intersection(*windows)) if windows else []
 
     def holes(self) -> list[float]:
-        """Return sizes of hole in metres; 0 is none."""
+        """Return the sizes of hole in metres; 0 = no hole."""
         return sorted({hole for _, hole, _ in self.windows})
 
     def has_direct(self, method: str) -> bool:
-        """Return whether the method has a match without the tree; a method with several hypotheses cannot choose
-        one.
+        """Return whether the method has matches without the tree.
+
+        A method with several hypotheses has none, since only the tree can choose a hypothesis.
         """
         return method in self._direct
 
@@ -202,7 +202,7 @@ def every_mm(match: Matched) -> np.ndarray:
 
 
 def of_moved(take: Callable[[Matched], np.ndarray]) -> Callable[[Matched], np.ndarray]:
-    """Restrict a quantity to the nodes that moved by more than ``MOVED_MM``: most nodes move less."""
+    """Restrict a quantity to the nodes that moved by more than ``MOVED_MM``; most nodes move less."""
     return lambda match: take(match)[match.moved_mm > MOVED_MM]
 
 
@@ -210,21 +210,23 @@ MOVED_MM: Final = 30.0
 
 
 def penalised_mm(match: Matched) -> np.ndarray:
-    """Return the distance after the tree; a node without a match counts ``MISSED_MM``, so that fewer matches are not
-    better.
+    """Return the distance of the match after the tree.
+
+    A node without a match counts ``MISSED_MM``, so that a method is not better if it matches fewer nodes.
     """
     return np.where(np.isfinite(match.tree_mm), match.tree_mm, MISSED_MM)
 
 
 def error_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
-    """Return the error of a method's matches: of direct matches as in the paper, or of matches after the tree for
-    methods without direct matches.
+    """Return the error of a method's direct matches, as in the paper.
+
+    For a method without direct matches, it is the error of its matches after the tree.
     """
     return direct_mm if matching.has_direct(method) else tree_mm
 
 
 def mirrored_of(match: Matched) -> np.ndarray:
-    """Return 1 where the match is on the opposite limb, 0 where it is not, NaN without a match."""
+    """Return 1 if the match is on the opposite limb, 0 if it is not, NaN without a match."""
     matched = np.isfinite(match.direct_mm) | np.isfinite(match.tree_mm)
     return np.where(matched, match.mirrored.astype(np.float64), np.nan)
 

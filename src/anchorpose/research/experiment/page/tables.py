@@ -1,7 +1,7 @@
-"""Define tables, with rows of a method, a column and a mean with its interval; they are CSV files and, pivoted, parts
-of the page.
+"""Define tables: each row has a method, a column and a mean with its interval.
 
-Confidence intervals are by the bootstrap over recordings, not frames.
+Tables are written as CSV files; the page shows them with one row per method. Confidence intervals are by the bootstrap
+over recordings, not over frames.
 """
 
 from __future__ import annotations
@@ -20,27 +20,24 @@ from anchorpose.research.experiment.method import Method
 
 NORMAL_TAIL = 1.959964
 BOOTSTRAP_KEY = 13
-MEDIAN_STEPS = 1024  # resolution of a median's interval, in ranks: a tenth of a per cent
+MEDIAN_STEPS = 1024  # number of ranks that resolve a median's interval, to a tenth of a per cent
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A mean and its 95 % confidence interval; NaN without values.
-
-    count: number of recordings; with fewer than two the interval is NaN.
-    """
+    """A mean and its 95 % confidence interval; NaN without values."""
 
     mean: float
     low: float
     high: float
-    count: int
+    count: int  # number of recordings; with fewer than two, the interval is NaN
 
 
 def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """Return the mean of all values of all groups, one per recording, whose frames are correlated; NaN values are left
-    out.
+    """Return the mean of all values of all groups; NaN values are left out.
 
-    Source: Efron 1979 (doi:10.1214/aos/1176344552).
+    A group has the values of one recording, since the frames of a recording are correlated. Source: Efron 1979
+    (doi:10.1214/aos/1176344552).
     """
     sums, counts = _sums(groups)
     if counts.sum() == 0:
@@ -52,8 +49,9 @@ def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """Return the ratio of two means over the same recordings, group by group, drawn together; NaN where the lower one
-    is 0.
+    """Return the ratio of two means over the same recordings; NaN if the lower mean is 0.
+
+    above, below: one group per recording. The bootstrap draws the groups of a recording together.
     """
     if len(above) != len(below):
         raise ValueError(f"a ratio needs the same recordings above and below, got {len(above)} and {len(below)}")
@@ -72,7 +70,7 @@ def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples
 
 
 def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """Return the standard deviation of all values, over groups as in ``mean_over``."""
+    """Return the standard deviation of all values, for groups as in ``mean_over``."""
     sums, counts = _sums(groups)
     squares, _ = _sums([np.asarray(group, dtype=np.float64) ** 2 for group in groups])
     if counts.sum() == 0:
@@ -90,8 +88,9 @@ def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """Return the median of all values, over groups as in ``mean_over``. The value is exact, its interval is rounded to
-    ``MEDIAN_STEPS`` ranks.
+    """Return the median of all values, for groups as in ``mean_over``.
+
+    The median is exact; its interval is rounded to ``MEDIAN_STEPS`` ranks.
     """
     finite = [np.asarray(group, dtype=np.float64).ravel() for group in groups]
     finite = [kept for group in finite if len(kept := group[np.isfinite(group)])]
@@ -112,9 +111,10 @@ def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 def _with_interval(value: float, drawn: np.ndarray, count: int) -> Estimate:
     """Return the estimate with its percentiles, widened for a small number of recordings.
 
-    The bootstrap of n values is too narrow by sqrt((n - 1) / n), and has the tails of the normal instead of Student's
-    distribution (Hesterberg 2015, doi:10.1080/00031305.2015.1089789): for four recordings 95 % would be 82 %. Where all
-    draws are positive, the widening is by logarithms: intervals of errors and ratios do not reach below zero.
+    The bootstrap of n values is too narrow by sqrt((n - 1) / n), and has the tails of the normal distribution instead
+    of Student's (Hesterberg 2015, doi:10.1080/00031305.2015.1089789): for four recordings, 95 % would be 82 %. If all
+    draws are positive, intervals are widened by logarithms, so that intervals of errors and ratios do not reach below
+    zero.
     """
     low, high = (float(bound) for bound in np.quantile(drawn, [0.025, 0.975]))
     wider = float(np.sqrt(count / (count - 1)) * student.ppf(0.975, count - 1) / NORMAL_TAIL)
@@ -154,16 +154,16 @@ class Unit(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """key: in files; label: for readers, with the unit where that is not the table's subject."""
+    """A column of a table."""
 
-    key: str
-    label: str
+    key: str  # name in files
+    label: str  # name for readers, with the unit if it differs from the table's
     unit: Unit = Unit.MM
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A row: the figure of one method in one column."""
+    """A row of a table: the value of one method in one column."""
 
     method: Method
     column: Column
@@ -172,16 +172,13 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """key: name of the file; across: name of the columns' quantity; note: sentences that a reader must know.
+    """A table of the experiment."""
 
-    rows: by method, with its columns in the same order; a method may lack some columns.
-    """
-
-    key: str
+    key: str  # name of the file
     title: str
-    across: str
-    note: str
-    rows: tuple[Row, ...]
+    across: str  # name of the quantity in which columns differ
+    note: str  # sentences that a reader must know
+    rows: tuple[Row, ...]  # by method, with columns in the same order; a method may lack some columns
 
     @property
     def columns(self) -> list[Column]:
@@ -195,7 +192,7 @@ class Table:
         return list(by_key.values())
 
     def value(self, method: str, column: str) -> Estimate:
-        """Return the value by the keys of method and column; NaN where the table has none."""
+        """Return the value by the keys of method and column; NaN if the table has no such value."""
         for row in self.rows:
             if row.method.key == method and row.column.key == column:
                 return row.value
@@ -203,7 +200,7 @@ class Table:
 
 
 def csv_text(table: Table) -> str:
-    """Return one line per value; empty where a number is unknown."""
+    """Return one line per value; an unknown number is empty."""
     out = io.StringIO()
     lines = csv.writer(out, lineterminator="\n")
     lines.writerow(["method", "title", "family", table.across, "unit", "mean", "low", "high", "recordings"])
@@ -225,7 +222,7 @@ def csv_text(table: Table) -> str:
 
 
 def format_estimate(value: Estimate, unit: Unit) -> str:
-    """Format for readers: the mean and the interval, such as "48.2 (45.0 to 51.3)"; a dash for NaN."""
+    """Format the mean and the interval for readers, for example "48.2 (45.0 to 51.3)"; NaN is a dash."""
     if np.isnan(value.mean):
         return "–"
     if np.isnan(value.low):
@@ -235,7 +232,7 @@ def format_estimate(value: Estimate, unit: Unit) -> str:
 
 
 def format_number(number: float, unit: Unit) -> str:
-    """Return a number with its useful digits; without the unit, except per cent."""
+    """Return a number with its useful digits and without its unit, except for per cent."""
     match unit:
         case Unit.MM:
             return f"{number:.1f}".replace("-", "−")

@@ -18,18 +18,19 @@ from anchorpose.research.experiment.page.tracking_tables import errors_of_all_si
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_most, between
 from anchorpose.research.experiment.results import ExperimentResults
 
-CONSTANT: Final = 1.1  # "almost constant" is taken to mean within a tenth
-SIMILAR: Final = 2.0  # ratio of the errors of the worst and the best joint
-ADEQUATE_MM: Final = 100.0  # about the width of a forearm: a joint within it is on the right limb
+CONSTANT: Final = 1.1  # largest ratio that is "almost constant"
+SIMILAR: Final = 2.0  # largest ratio of the errors of the worst and the best joint that are "similar"
+ADEQUATE_MM: Final = 100.0  # about the width of a forearm; a joint with a smaller error is on the right limb
 
 
 FILTERS: Final = {PROPOSED: ("anchors-filter",), LITERAL: ("paper-kalman", "paper-particles")}
-"""The rows with a filter in place of the tree, by the row whose matches they use."""
+"""The methods with a filter instead of the tree, by the method whose matches they use."""
 
 
 def literal_claims(results: ExperimentResults) -> list[Claim]:
-    """Return the paper's claims about its feature, judged by the literal method without rejection; none where it did
-    not run.
+    """Return the paper's claims about its feature, judged by the literal method without rejection.
+
+    There are no claims if this method did not run.
     """
     if all(method.key != LITERAL for method in results.methods):
         return []
@@ -41,8 +42,9 @@ def literal_claims(results: ExperimentResults) -> list[Claim]:
 
 
 class TrackingClaims:
-    """The claims about joints, each made from the results. proposed: the row of the paper's method; form: the form of
-    all rows.
+    """The claims about joints, each made from the results.
+
+    proposed: key of the method that stands for the paper's. form: form of the framework of all methods.
     """
 
     def __init__(self, results: ExperimentResults, proposed: str = PROPOSED, form: Form = Form.REFINED) -> None:
@@ -267,15 +269,16 @@ class TrackingClaims:
 def difference(
     tracking: Tracking, one: str, other: str, hole_m: float, resamples: int, occluded: bool = False
 ) -> Estimate:
-    """Return the mean joint error of one method minus another's, mm, over the joints that both have in the same
-    frames.
+    """Return the mean joint error of one method minus the other's, in mm.
+
+    Only joints that both methods have in the same frames count.
     """
     pairs = tracking.pairs(Scene.PAPER, (one, hole_m), (other, hole_m), occluded).values()
     return mean_over([frame_means(first - second) for first, second in pairs], resamples)
 
 
 def below_zero(value: Estimate) -> Answer:
-    """Return yes where the whole interval is below 0, no where the whole interval is at or above 0."""
+    """Return yes if the whole interval is below 0, no if the whole interval is at or above 0, else open."""
     if np.isnan(value.low):
         return Answer.OPEN
     if value.high < 0:

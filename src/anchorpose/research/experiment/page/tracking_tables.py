@@ -1,4 +1,4 @@
-"""Tables of the joints' errors: by size of hole, by joint, by scene, and relative to no hole."""
+"""Make tables of the joints' errors: by size of hole, by joint, by scene, and relative to no hole."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SAME_NOTE = "The same frames for every method: those that all methods below ran 
 BODY_NOTE = "Without hands and wrists, which are most of every mean over all joints."
 
 OTHER_HOLES = (Scene.LOOSE, Scene.REAL)
-"""Scenes beyond the paper's in which holes are cut too."""
+"""Scenes other than the paper's in which holes are also cut."""
 
 
 def tracking_tables(results: ExperimentResults) -> list[Table]:
@@ -178,7 +178,10 @@ def _by_joint(tracking: Tracking, methods: Sequence[Method], kept: Kept, summari
 
 
 def errors_of_all_sizes(tracking: Tracking, method: str, kept: Kept | None = None) -> dict[str, np.ndarray]:
-    """Return (f, 21) millimetres by recording of the paper's scene: every size has the same number of frames."""
+    """Return the errors (f, 21) in millimetres by recording of the paper's scene, over all sizes of hole.
+
+    Every size has the same number of frames.
+    """
     parts: dict[str, list[np.ndarray]] = {}
     for hole in tracking.holes(Scene.PAPER):
         for recording, errors in tracking.errors(Scene.PAPER, method, hole, kept).items():
@@ -200,8 +203,9 @@ def _ratios(
 def ratio_to_none(
     tracking: Tracking, method: str, hole_m: float, resamples: int, occluded: bool = False, kept: Kept | None = None
 ) -> Estimate:
-    """Return a method's mean error with a hole divided by its error without a hole, in the same frames. occluded: only
-    frames with a hole.
+    """Return a method's mean error with a hole divided by its error without a hole, in the same frames.
+
+    occluded: only frames with a hole.
     """
     pairs = tracking.pairs(Scene.PAPER, (method, hole_m), (method, 0.0), occluded, kept).values()
     return ratio_of([with_hole for with_hole, _ in pairs], [without for _, without in pairs], resamples)
@@ -219,7 +223,7 @@ def _scene_table(results: ExperimentResults, tracking: Tracking) -> Table:
 
 
 def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept, resamples: int) -> list[Row]:
-    """Return rows without a hole and, where holes are cut, rows with the largest hole."""
+    """Return the rows without a hole and, if holes are cut in the scene, the rows with the largest hole."""
     holes = tracking.holes(scene)
     return [
         Row(

@@ -1,4 +1,4 @@
-"""Judge claims: comparisons are answered by yes, no or open, and a verdict follows from the answers."""
+"""Judge claims: each comparison is answered by yes, no or open, and a verdict follows from the answers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from anchorpose.research.experiment.page.tables import Estimate, Unit, format_es
 
 
 class Answer(StrEnum):
-    """The answer of one comparison: open where the interval contains the threshold, or without an interval."""
+    """The answer of one comparison; it is open if the interval contains the threshold, or there is no interval."""
 
     YES = "yes"
     NO = "no"
@@ -33,7 +33,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One comparison: what is compared, the value, its unit, and the answer for the claim."""
+    """One comparison: what is compared, the value, its unit, and the answer."""
 
     what: str
     value: Estimate
@@ -48,19 +48,14 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A claim and its comparisons.
+    """A claim and its comparisons."""
 
-    key: its key in claims.json; place: its place in the paper, or that it is this project's own; text: the claim in our
-    words; rule: when a comparison is answered by yes; checks: every comparison; context: related values without an
-    answer.
-    """
-
-    key: str
-    place: str
-    text: str
-    rule: str
-    checks: tuple[Check, ...]
-    context: tuple[str, ...] = ()
+    key: str  # its key in claims.json
+    place: str  # its place in the paper, or a note that it is this project's own claim
+    text: str  # the claim in our words
+    rule: str  # condition under which a comparison is answered by yes
+    checks: tuple[Check, ...]  # every comparison
+    context: tuple[str, ...] = ()  # related values without an answer
 
     @property
     def verdict(self) -> Verdict:
@@ -71,8 +66,8 @@ class Claim:
 def judge(answers: Sequence[Answer]) -> Verdict:
     """Judge a claim: it holds if all comparisons answer yes.
 
-    It holds in part if at least half answer yes, or if some answer no but more yes. Otherwise it does not hold if any
-    answers no, and is undecided if none does.
+    It holds in part if at least half answer yes, or if some answer no but more answer yes. Otherwise it does not hold
+    if any comparison answers no, and is undecided if no comparison does.
     """
     yes, no = answers.count(Answer.YES), answers.count(Answer.NO)
     if not yes + no:
@@ -85,7 +80,7 @@ def judge(answers: Sequence[Answer]) -> Verdict:
 
 
 def at_most(value: Estimate, bound: float) -> Answer:
-    """Return yes where the whole interval is at or below the bound, no where the whole interval is above it."""
+    """Return yes if the whole interval is at or below the bound, no if the whole interval is above it, else open."""
     if np.isnan(value.low) or np.isnan(value.high):
         return Answer.OPEN
     if value.high <= bound:
@@ -94,12 +89,12 @@ def at_most(value: Estimate, bound: float) -> Answer:
 
 
 def at_least(value: Estimate, bound: float) -> Answer:
-    """Return yes where the whole interval is at or above the bound, no where the whole interval is below it."""
+    """Return yes if the whole interval is at or above the bound, no if the whole interval is below it, else open."""
     return at_most(Estimate(-value.mean, -value.high, -value.low, value.count), -bound)
 
 
 def between(value: Estimate, low: float, high: float) -> Answer:
-    """Return yes where the whole interval lies within the limits, no where the whole interval lies outside."""
+    """Return yes if the whole interval lies within the limits, no if the whole interval lies outside, else open."""
     parts = (at_least(value, low), at_most(value, high))
     if Answer.NO in parts:
         return Answer.NO
@@ -114,7 +109,7 @@ def measured(value: float, bound: float) -> Answer:
 
 
 def claims_json(claims: Sequence[Claim]) -> str:
-    """Return all claims with every comparison; null for unknown numbers."""
+    """Return all claims with every comparison; unknown numbers are null."""
     return json.dumps([_claim(claim) for claim in claims], indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 

@@ -50,25 +50,23 @@ from anchorpose.versions import code_digest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sources:
-    """The data of the pictures: the frame before the hole and the next frame, without and with the hole. holed: the
-    frames with the hole.
-    """
+    """The data of the pictures."""
 
     view: View
     skin: Skin
-    whole: Moment
-    hole: Moment
-    holed: Trial
+    whole: Moment  # the frame before the hole and the next frame, without the hole
+    hole: Moment  # the same frames with the hole in the second
+    holed: Trial  # the recording with holes
 
 
 def write_pictures(
     folder: Path, prepared: PreparedClip, whole: Trial, holed: Trial, hole_frame: int, plan: Plan
 ) -> None:
-    """Write *.png and pictures.json into a folder, a list of {"file", "caption", "section"} in the order of the page.
+    """Write *.png and pictures.json into a folder.
 
-    prepared: clip of a simulated recording; holed: the recording with holes, one of them in ``hole_frame``, a position,
-    and none in the frame before. Raises ValueError where the patient was not found in the frame before the hole;
-    MissingPackage without matplotlib.
+    pictures.json is a list of {"file", "caption", "section"} in the order of the page. prepared: clip of a simulated
+    recording. holed: the recording with holes. hole_frame: position of a frame with a hole whose previous frame has no
+    hole. Raises ValueError if the patient was not found in this previous frame, and MissingPackage without matplotlib.
     """
     with default_style():
         sources, centre_m = _prepare_sources(prepared, whole, holed, hole_frame), prepared.reference.centre_m
@@ -85,7 +83,7 @@ def write_pictures(
 
 
 def write_picture(folder: Path, picture: Picture) -> dict[str, str]:
-    """Write the PNG; returns its entry in pictures.json."""
+    """Write the PNG, and return its entry in pictures.json."""
     (folder / picture.file).write_bytes(as_png(picture.figure))
     return {"file": picture.file, "caption": picture.caption, "section": picture.section}
 
@@ -110,7 +108,7 @@ def _matches(sources: _Sources, methods: Sequence[Method], settings: Mapping[str
 
 
 def _on_these_meshes(method: Method, moment: Moment, settings: Mapping[str, object]) -> bool:
-    """Return whether the method matches nodes of the drawn meshes; a method that closes holes has other meshes."""
+    """Return whether the method matches nodes of the drawn meshes; a method that closes holes uses other meshes."""
     if method.associate is None:
         return False
     config = moment.window.config
@@ -120,7 +118,7 @@ def _on_these_meshes(method: Method, moment: Moment, settings: Mapping[str, obje
 def _proposed(
     sources: _Sources, methods: Sequence[Method], settings: Mapping[str, object], start: int
 ) -> Iterator[Picture]:
-    """Yield tracked joints and hypotheses of the proposed method, where it is among the methods."""
+    """Yield pictures of tracked joints and hypotheses of the proposed method, if it is among the methods."""
     for method in methods:
         if method.key == PROPOSED:
             setting, holed, truth_m = settings[method.key], sources.holed, sources.skin.performance.joints_m()
@@ -130,12 +128,13 @@ def _proposed(
                 yield from hypothesis_pictures(sources.view, moment, method, setting)
 
 
-ROUNDS: Final = 5  # timed rounds; the median is reported
+ROUNDS: Final = 5  # number of timed rounds, whose median is reported
 
 
 def measure_times(frame: int, given: GivenFrames, run: Run) -> PaperTimes | None:
-    """Return times of the paper's own steps on one frame, after everything was compiled; None where nobody was found in
-    it.
+    """Return the times of the paper's own steps on one frame, measured after everything was compiled.
+
+    None if nobody was found in the frame.
     """
     fine = replace(run.config.surface, step=1)
     window = take_window(frame, given, run)
@@ -176,18 +175,19 @@ def _median_s(work: Callable[[], object]) -> float:
     return float(np.median(took))
 
 
-SHOWN: Final = "shown.json"  # in the folder of pictures: what they were made of, and the times
+SHOWN: Final = "shown.json"  # file beside the pictures with a digest of their inputs, and the times
 OWN_FILES: Final = ("*.png", "pictures.json", SHOWN)
 
 Shown = tuple[PaperTimes | None, tuple[str, ...]]
 
 
 def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
-    """Write ``out / pictures``, empty where nothing can be shown; returns times, and a sentence per failed recording.
+    """Write ``out / pictures``; return the times, and a sentence for each recording that failed.
 
-    The times are of another image, see ``_paper_size_times``; without tuning, in a mere check, there are no times. The
-    last training recording is used, whose movements are the fastest; if it fails, the recording before. Pictures that
-    an earlier run made from the same inputs are kept.
+    The folder is empty if nothing can be shown. Pictures are of the last training recording, whose movements are the
+    fastest; if it fails, of the recording before it. The times are of another image, see ``_paper_size_times``; if
+    settings are not tuned, the run is only a check, and there are no times. Pictures that an earlier run made from the
+    same inputs are kept.
     """
     plan = spec.plan()
     known = shown_before(out, plan, trainers)
@@ -205,14 +205,14 @@ def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
 
 
 def _made_of(plan: Plan, trainers: Sequence[Clip]) -> str:
-    """Return the digest of all that the pictures depend on: code, methods, settings, recordings."""
+    """Return the digest of everything that the pictures depend on: code, methods, settings and recordings."""
     methods = [(method.key, method.content, plan.settings[method.key]) for method in plan.methods]
     what = (code_digest(), plan.config, methods, plan.movements_digest, [identity(clip) for clip in trainers])
     return plan.store.path("pictures", *what).stem
 
 
 def shown_before(out: Path, plan: Plan, trainers: Sequence[Clip]) -> Shown | None:
-    """Return what ``show`` returned when it made the pictures; None where no pictures from the same inputs exist."""
+    """Return what ``show`` returned when it made the pictures; None if there are no pictures from the same inputs."""
     try:
         account = json.loads((out / "pictures" / SHOWN).read_text(encoding="utf-8"))
         if account["made_of"] != _made_of(plan, trainers):
@@ -243,12 +243,13 @@ def _show_one(folder: Path, plan: Plan, clip: Clip) -> None:
             write_pictures(folder, prepared, trials[0.0], trials[middle], frame, plan)
 
 
-PAPER_SIZE: Final = "azure-kinect"  # sees a person with as many pixels as the paper's mesh has nodes
+PAPER_SIZE: Final = "azure-kinect"  # camera that sees a person with as many pixels as the paper's mesh has nodes
 
 
 def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
-    """Return the times on an image in which a person is as large as in the paper's images; a camera with finer
-    resolution makes it.
+    """Return the times on an image in which a person has as many pixels as in the paper's images.
+
+    The image is from a camera with a finer resolution.
     """
     if clip.simulation is None or not plan.config.tuned:
         return None
@@ -262,8 +263,9 @@ def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
 
 
 def _moving_frame(prepared: PreparedClip, cut: np.ndarray) -> int | None:
-    """Return the frame with the fastest motion among the frames with a hole that follow a frame without a hole; None
-    without such a frame.
+    """Return the frame with the fastest motion, of all frames with a hole that follow a frame without a hole.
+
+    None if there is no such frame.
     """
     found = prepared.reference.found
     fits = np.flatnonzero(cut[1:-3] & ~cut[:-4] & found[1:-3] & found[:-4]) + 1

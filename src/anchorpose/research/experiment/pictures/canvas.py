@@ -1,6 +1,4 @@
-"""Provide the shared parts of all pictures: two frames and their truth, reproducible figures, the upright view, shaded
-meshes.
-"""
+"""Provide what all pictures share: two frames and their truth, reproducible figures, a level view, shaded meshes."""
 
 from __future__ import annotations
 
@@ -29,34 +27,34 @@ if TYPE_CHECKING:
 
 
 DOTS_PER_INCH: Final = 110
-COLOURS: Final = 256  # number of colours in a PNG with a palette
+COLOURS: Final = 256  # largest number of colours in a PNG with a palette
 BLUE, VERMILLION, GREEN = as_hex(Ink.BLUE), as_hex(Ink.VERMILLION), as_hex(Ink.GREEN)
 BARE: Final = np.array([0.86, 0.86, 0.86])
 """The colour of a mesh that shows only its shape."""
 
-# direction of the light, to the right, up, towards the viewer: from the viewer's left shoulder
+# direction to the light (right, up, towards the viewer); it comes from above the viewer's left shoulder
 LAMP: Final = np.array([-0.35, 0.45, 0.82])
-AMBIENT: Final = 0.35
+AMBIENT: Final = 0.35  # share of the brightness that does not depend on the direction of the light
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """One picture with its file name and caption. section: its section on the page."""
+    """One picture with its file name and caption."""
 
     file: str
     caption: str
-    section: str
+    section: str  # its section on the page
     figure: Figure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """A level view from the camera's side with parallel rays: axes (3, 3), world, to the right, up, to the viewer."""
+    """A level view with parallel rays, from the side of the camera."""
 
-    axes: np.ndarray
+    axes: np.ndarray  # (3, 3), world; rows point to the right, up and towards the viewer
 
     def flat_m(self, points_m: np.ndarray, shift_m: float = 0.0) -> np.ndarray:
-        """Return (..., 2) metres to the right, ``shift_m`` farther than they are, and up."""
+        """Return (..., 2) metres to the right and up; ``shift_m`` is added to the metres to the right."""
         return np.asarray(points_m @ self.axes[:2].T + np.array([shift_m, 0.0]))
 
     def near_m(self, points_m: np.ndarray) -> np.ndarray:
@@ -65,7 +63,7 @@ class View:
 
 
 def upright_view(camera: Camera) -> View:
-    """Return the camera's view turned level with the world's Y upwards, however the camera is mounted."""
+    """Return the camera's view, turned so that the world's Y points up in it, however the camera is mounted."""
     T_world_camera, up = camera.require_pose(), np.array([0.0, 1.0, 0.0])
     towards = -T_world_camera[:3, 2] * [1.0, 0.0, 1.0]
     length = float(np.linalg.norm(towards))
@@ -77,8 +75,9 @@ def upright_view(camera: Camera) -> View:
 
 @contextmanager
 def default_style() -> Iterator[None]:
-    """Make figures within the block independent of the user's matplotlib settings. Raises MissingPackage without
-    matplotlib.
+    """Make figures within the block independent of the user's matplotlib settings.
+
+    Raises MissingPackage without matplotlib.
     """
     try:
         import matplotlib
@@ -102,9 +101,9 @@ def blank_figure(width_in: float, height_in: float) -> Figure:
 
 
 def as_png(figure: Figure) -> bytes:
-    """Encode with at most ``COLOURS`` colours: a third of the size, so that a page can hold all pictures.
+    """Encode with at most ``COLOURS`` colours, in a third of the size, so that a page can contain all pictures.
 
-    The same figure gives the same bytes: no date, no version.
+    The same figure gives the same bytes, since the file has no date and no version.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
@@ -119,7 +118,7 @@ def as_png(figure: Figure) -> bytes:
 
 
 def draw_mesh(axes: Axes, view: View, surface: Surface, colour: np.ndarray = BARE, shift_m: float = 0.0) -> None:
-    """Draw the shaded mesh, moved to the right by ``shift_m``. colour: (3,) of all nodes, or (n, 3), 0 to 1."""
+    """Draw the shaded mesh, moved to the right by ``shift_m``. colour: (3,) for all nodes, or (n, 3), 0 to 1."""
     from matplotlib.collections import PolyCollection
 
     triangles = faces(surface)
@@ -154,12 +153,12 @@ def apart_m(view: View, one: Surface, other: Surface) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
-    """Two frames. name: in file names; title: in captions; truth: the first frame's nodes in the second."""
+    """Two successive frames to be drawn."""
 
-    name: str
-    title: str
+    name: str  # name in file names
+    title: str  # title in captions
     window: Window
-    truth: TruePlaces
+    truth: TruePlaces  # places of the first frame's nodes in the second
 
     @property
     def surfaces(self) -> tuple[Surface, Surface]:
@@ -168,8 +167,9 @@ class Moment:
 
 
 def take_moment(frame: int, trial: Trial, skin: Skin, name: str, title: str) -> Moment:
-    """Return a frame and the next frame; raises ValueError where the patient was not found in the first or is not seen
-    in the next.
+    """Return a frame and the next frame.
+
+    Raises ValueError if the patient was not found in the first or is not seen in the next.
     """
     window = take_window(frame, trial.given, trial.runs[Form.REFINED])
     if window is None:

@@ -30,7 +30,10 @@ COLOURS: Final = (
     "#117733",
     "#aa4499",
 )
-"""Okabe and Ito's, and two of Paul Tol's muted ones: ten subsets of three of five anchors, and two behind a cut."""
+"""Colours of the subsets: ten subsets of three of the five anchors, and two for pieces behind a cut.
+
+They are Okabe and Ito's colours, and two of Paul Tol's muted colours.
+"""
 MARKERS: Final = "os^vD<>PX*ph"
 SHORT: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left foot", "right foot"), strict=True))
 
@@ -41,7 +44,7 @@ def name_subset(subset: np.ndarray) -> str:
 
 
 def hypothesis_pictures(view: View, moment: Moment, method: Method, setting: object) -> list[Picture]:
-    """Draw every node by the subset that the track tree chose, and all hypotheses of a few nodes."""
+    """Draw every node in the colour of the subset that the track tree chose, and all hypotheses of a few nodes."""
     found = match_window(method, setting, moment.window)
     figure = blank_figure(8.4, 4.4)
     draw_chosen(figure.add_subplot(), view, moment, found)
@@ -120,9 +123,7 @@ def draw_possible(axes: Axes, view: View, moment: Moment, found: Matches) -> Non
 
 
 def draw_rows(found: Matches, seen: np.ndarray) -> np.ndarray:
-    """Return (k,) rows of the tree's nodes, drawn at random among those that have a hypothesis and a known true
-    place.
-    """
+    """Return rows (k,) of the tree's nodes, drawn at random from nodes with a hypothesis and a known true place."""
     node = found.tree.node
     usable = np.flatnonzero((found.links[0].match[node] >= 0).any(axis=1) & seen[node])
     rng = np.random.default_rng(DRAW_SEED)

@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 SECTION: Final = "matches"
 ALONE = "match"  # section of the pictures of single methods, which are only files; the page shows the sheets
-DRAWN_SHARE: Final = 0.01  # share of the matches that is drawn, as in the paper: more lines hide each other
-RIGHT_M: Final = 0.05  # the paper's bound on the error of an anchor
+DRAWN_SHARE: Final = 0.01  # share of the matches that is drawn, as in the paper; more lines would hide each other
+RIGHT_M: Final = 0.05  # m, largest error of a right match: the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17
 PAPER_ORDER: Final = ("fpfh", "rops", "shot", "shape-context", "hks", "si-hks", "wks", "anchors")
 COLUMNS: Final = 4
-TITLE_LETTERS: Final = 36  # longest title on the sheet
+TITLE_LETTERS: Final = 36  # largest length of a title on the sheet
 BY_TREE: Final = (
     " A method with several hypotheses per node is shown with the one that its track tree chooses, which uses the"
     " predicted movement; all others with the nearest descriptor."
@@ -43,21 +43,17 @@ BY_TREE: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """A method's matches between two surfaces.
-
-    match (n,): node of the second, -1 = none; error_m (n,): distance from the node's true place, whether seen or not,
-    NaN without a match or truth; by_tree: chosen by the track tree from several hypotheses.
-    """
+    """A method's matches between two surfaces."""
 
     key: str
     title: str
-    match: np.ndarray
-    error_m: np.ndarray
-    by_tree: bool = False
+    match: np.ndarray  # (n,), node of the second surface, -1 = none
+    error_m: np.ndarray  # (n,), distance from the node's true place, seen or not; NaN without a match or truth
+    by_tree: bool = False  # whether the track tree chose the matches from several hypotheses
 
     @property
     def right(self) -> np.ndarray:
-        """Return (n,) bool: matched with the right place."""
+        """Return (n,) bool: nodes that are matched with the right place."""
         return self.error_m < RIGHT_M
 
 
@@ -86,15 +82,14 @@ def chosen_match(found: Matches) -> tuple[np.ndarray, bool]:
 
 
 def on_patient(moment: Moment) -> np.ndarray:
-    """Return (n,) bool: nodes of the first frame that have a true place in the second, whether it is seen there or
-    not.
-    """
+    """Return (n,) bool: nodes of the first frame that have a true place in the second, seen or not."""
     return np.asarray(np.isfinite(moment.truth.place_m).all(axis=1))
 
 
 def draw_nodes(known: np.ndarray) -> np.ndarray:
-    """Return (k,) one per cent of the nodes, drawn at random among the known nodes (n,) bool; they are the same for all
-    methods.
+    """Return one per cent of the nodes, (k,), drawn at random from the known nodes (n,) bool.
+
+    They are the same for all methods.
     """
     count = min(int(np.ceil(DRAWN_SHARE * len(known))), int(known.sum()))
     rng = np.random.default_rng(DRAW_SEED)
@@ -163,7 +158,7 @@ def draw_pairs(axes: Axes, view: View, moment: Moment, pairs: Pairs) -> None:
 
 
 def describe_pairs(pairs: Pairs, moment: Moment) -> str:
-    """Return the shares of the nodes whose true place is seen with a right, a wrong and no match."""
+    """Return, of all nodes whose true place is seen, the shares with a right match, a wrong match and no match."""
     seen = moment.truth.seen
     if not seen.any():
         return "no true place is known"
@@ -173,7 +168,7 @@ def describe_pairs(pairs: Pairs, moment: Moment) -> str:
 
 
 def percent(share: float) -> str:
-    """Format whole per cent; 0 and 100 only where exact, so that a single wrong line among right ones is not hidden."""
+    """Format whole per cent; 0 and 100 only if exact, so that a single wrong line among right lines is not hidden."""
     if 0.0 < share < 0.01:
         return "< 1 %"
     if 0.99 < share < 1.0:

@@ -1,6 +1,6 @@
 """Draw bright and shadow regions of the hole (paper, Definitions 4 and 5) on the mesh of a frame.
 
-Distortion of distances from an anchor is shown as colour, the bright and shadowed border as lines.
+Distortion of distances from an anchor is shown as colour; the bright and the shadowed border are shown as lines.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from anchorpose.research.geodesic_solvers import Solver
 from anchorpose.research.occlusion import border_is_covered, light_from, occlude
 from anchorpose.surface.surface import Surface
 
-SHOWN_M: Final = 0.10  # distortion at which the colour scale ends
+SHOWN_M: Final = 0.10  # m, distortion at which the colour scale ends
 ANCHOR: Final = VERMILLION  # red in the paper
 BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"  # yellow and black in the paper
 LEAST_BLUE: Final = 0.25  # start of the scale, so that any distortion differs visibly from the bare mesh
@@ -34,7 +34,7 @@ CUT_OFF: Final = (0.80, 0.47, 0.65)
 
 
 def draw_light(axes: Axes, view: View, light: Light, node: int, title: str) -> None:
-    """Draw distortion as colour, the border by region, the anchor as a star."""
+    """Draw distortion as colour, the border in the colour of its region, and the anchor as a star."""
     occlusion = light.occlusion
     _draw_distortion(axes, view, occlusion, light.distortion_m)
     for edges, colour, width in (
@@ -49,7 +49,7 @@ def draw_light(axes: Axes, view: View, light: Light, node: int, title: str) -> N
 
 
 def draw_together(axes: Axes, view: View, lights: Sequence[Light]) -> None:
-    """Draw the least distortion over all anchors, and the union of the bright regions."""
+    """Draw the smallest distortion over all anchors, and the union of the bright regions."""
     occlusion = lights[0].occlusion
     with np.errstate(invalid="ignore"):
         least = np.min([light.distortion_m for light in lights], axis=0)
@@ -66,8 +66,10 @@ def _draw_distortion(axes: Axes, view: View, occlusion: Occlusion, distortion_m:
 
 
 def colour_of(distortion_m: np.ndarray, tolerance_m: float) -> np.ndarray:
-    """Return (n, 3) 0 to 1: the bare mesh up to the tolerance, then blues up to ``SHOWN_M``; another colour where cut
-    off.
+    """Return the colours (n, 3), 0 to 1, of nodes with these distortions.
+
+    Up to the tolerance it is the colour of the bare mesh, then blue that deepens up to ``SHOWN_M``. Nodes that are cut
+    off have another colour.
     """
     from matplotlib import colormaps
 
@@ -107,7 +109,7 @@ def explain(figure: Figure, *axes: Axes) -> None:
 
 
 SECTION: Final = "regions"
-TOLERANCE_M: Final = 0.004  # fast marching's own error between two meshes
+TOLERANCE_M: Final = 0.004  # m, fast marching's own error between two meshes
 TITLES: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left foot", "right foot"), strict=True))
 COLUMNS: Final = 3
 COLOURS: Final = (
@@ -120,20 +122,17 @@ COLOURS: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HoledFrame:
-    """A frame with the whole patient, and what the hole removes from it.
-
-    taken (height, width) bool: removed pixels of the first camera; centre_m (3,): of the hole, world.
-    """
+    """A frame with the whole patient, and what the hole removes from it."""
 
     title: str
     surface: Surface
     anchors: Anchors
-    taken: np.ndarray
-    centre_m: np.ndarray
+    taken: np.ndarray  # (height, width) bool, pixels of the first camera that the hole removes
+    centre_m: np.ndarray  # (3,), centre of the hole, world
 
     @property
     def hidden(self) -> np.ndarray:
-        """Return (n,) bool: nodes whose pixel was taken."""
+        """Return (n,) bool: nodes whose pixel the hole removes."""
         first = self.surface.camera == 0
         row, column = self.surface.pixel[first].T
         hidden = np.zeros(len(self.surface), bool)
@@ -145,14 +144,14 @@ class HoledFrame:
         return np.asarray(np.linalg.norm(self.surface.points_m - self.centre_m, axis=1) < radius_m)
 
     def node(self, anchor: str) -> int:
-        """Return the anchor's node, -1 where it was not found."""
+        """Return the anchor's node, -1 if it was not found."""
         return int(self.anchors.node[ANCHOR_NAMES.index(anchor)])
 
 
 def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
     """Return the effect of hiding nodes (n,) bool on distances from each anchor that was found and is seen.
 
-    Empty where no or all nodes are hidden.
+    The result is empty if no node or every node is hidden.
     """
     if not hidden.any() or hidden.all():
         return {}
@@ -162,9 +161,7 @@ def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
 
 
 def region_pictures(view: View, holed: HoledFrame) -> list[Picture]:
-    """Return pictures of the anchor with the most distorted distances, of all anchors, and of the paper's sizes of
-    hole.
-    """
+    """Return pictures of the anchor with the most distorted distances, of all anchors, and of the paper's holes."""
     lights = lights_of(holed, holed.hidden)
     if not lights:
         return []
@@ -222,7 +219,7 @@ def _sizes(view: View, holed: HoledFrame, name: str) -> Picture:
 
 
 def describe_distortion(light: Light, radius_m: float) -> str:
-    """Return the shares of the seen nodes whose distance the hole lengthens, and that it disconnects."""
+    """Return the shares of the seen nodes whose distance the hole lengthens, and of the nodes that it disconnects."""
     seen = light.distortion_m[~light.occlusion.hidden]
     cut = np.isposinf(seen).mean()
     longer = (seen > light.occlusion.tolerance_m).mean() - cut

@@ -31,18 +31,18 @@ if TYPE_CHECKING:
 
 SECTION: Final = "tracked"
 MOMENTS: Final = 4
-APART: Final = 3  # frames from one moment to the next: at ten a second the body has moved visibly
+APART: Final = 3  # frames from one moment to the next; at ten frames per second, the body then has moved visibly
 KINDS: Final = (("tracked", GREEN, "^", 5.0), ("predicted", VERMILLION, "x", 5.0), ("truth", BLUE, "o", 7.0))
-"""Kind of joints, colour, marker and size; the truth is hollow and above the others."""
+"""Kind of joints, colour, marker and size; marks of the truth are hollow and drawn above the others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedFrame:
-    """joints_m: (21, 3) world, by kind: truth, predicted, tracked."""
+    """The joints of one frame over its surface."""
 
     frame: int
     surface: Surface
-    joints_m: dict[str, np.ndarray]
+    joints_m: dict[str, np.ndarray]  # (21, 3), world, by kind: truth, predicted, tracked
 
     def error_m(self, kind: str) -> float:
         """Return the mean error of a kind of joints."""
@@ -52,8 +52,9 @@ class TrackedFrame:
 def follow(
     start: int, given: GivenFrames, run: Run, method: Method, setting: object, truth_m: np.ndarray
 ) -> list[TrackedFrame]:
-    """Return a method's joints in the frame after the start and in every ``APART``-th from there. truth_m (t, 21,
-    3).
+    """Return a method's joints in the frame after the start, and in every ``APART``-th frame from there.
+
+    truth_m (t, 21, 3): true joints, world.
     """
     if method.associate is None:
         raise ValueError(f"{method.key} does not run in the framework")
@@ -78,7 +79,7 @@ def follow(
 
 
 def _joints(tracker: PatientTracker) -> np.ndarray:
-    """Return (21, 3) predicted joints of the frame that is registered next."""
+    """Return the predicted joints (21, 3) of the frame that is registered next."""
     pose = tracker.predict(1)[0]
     return tracker.body.joints(pose)
 
