@@ -346,18 +346,20 @@ def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()
 def before_lost_ends(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, lost: frozenset[int]
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
-    """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for wrists and ankles next to lost hands and feet
-    (``lost_ends``).
+    """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for lost hands and feet (``lost_ends``) and for the
+    wrists and ankles next to them.
 
     If cameras see past the place of a hand, its forearm may have been fitted to another person's arm. So the wrist does
-    not count as observed, and its error may be half of its distance from the elbow.
+    not count as observed, and its error may be half of its distance from the elbow. A hand that is hidden since then
+    has this error too, since its place is that of the wrist.
     """
     told, sigma = list(states), sigma_m.copy()
     for chain in CHAINS:
         end, before, middle = (JOINT_INDEX[name] for name in chain.joints)
         if end in lost:
             told[before] = JointState.HIDDEN if told[before] is JointState.OBSERVED else told[before]
-            sigma[before] = np.hypot(sigma[before], np.linalg.norm(joints_m[before] - joints_m[middle]) / 2.0)
+            away_m = np.linalg.norm(joints_m[before] - joints_m[middle]) / 2.0
+            sigma[[before, end]] = np.hypot(sigma[[before, end]], away_m)
     return tuple(told), sigma
 
 
