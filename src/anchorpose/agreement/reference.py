@@ -101,7 +101,7 @@ def known_marking(labels: tuple[str, ...]) -> Marking:
     return Marking(
         centres=centres,
         midpoints=midpoints,
-        pelvis=tuple(pelvis) if whole else None,  # four texts if all are known
+        pelvis=tuple(pelvis) if whole else None,  # type: ignore[arg-type]  # four texts if all are known
         thighs={name: _thigh(own, midpoints, side, name) for side, name in SIDES.items()},
     )
 

@@ -252,7 +252,7 @@ def _windows(
             continue
         if began_s is None:
             began_s, frame = time_s, estimate.frame_set.frame
-            turned = None if tracker is None else _turned(estimate, tracker, run)
+            turned = None if tracker is None else start_turned(estimate.observation, tracker.turned, run.config)
         if kept and _apart_s(kept[0], seen) > learning.window_s:
             yield _Window(kept, abs(kept[-1].time_s - began_s), moved, tracker, turned, frame)
             kept, moved = [], 0.0
@@ -267,13 +267,6 @@ def _windows(
             break
     if kept and began_s is not None:
         yield _Window(kept, abs(kept[-1].time_s - began_s), moved, None, turned, frame)
-
-
-def _turned(estimate: Estimate, tracker: PatientTracker, run: Run) -> Start | None:
-    """Return the start with the opposite facing in a frame, as ``start_turned`` does."""
-    if estimate.observation is None or tracker.turned is None:
-        return None
-    return start_turned(estimate.observation, tracker.turned, run.config)
 
 
 def _moved(before: _Seen, after: _Seen) -> float:

@@ -25,13 +25,13 @@ from anchorpose.tracker.stopwatch import Stopwatch
 # anchors; three distances identify a node (paper, Section IV-D), four give two subsets of three anchors; a node with
 # fewer undisturbed distances keeps all its distances
 LEAST_TRUSTED = 4
-# frames between looks by the learnt descriptor at the patient, which take a third of a frame's time
+# frames from one check by the learnt descriptor to the next; a check takes a third of a frame's time
 DESCRIBED_EVERY: Final = 8
 
 
 def is_described(frame: int) -> bool:
-    """Return whether the learnt descriptor looks at the patient in this frame, whatever the prediction says: at the
-    names of limbs, and at the number of people.
+    """Return whether the descriptor checks this frame: the names of the patient's limbs, and how many people have
+    the patient's label. No prediction decides this.
     """
     return frame % DESCRIBED_EVERY == 0
 

@@ -1,4 +1,4 @@
-"""Split off other people whose pixels have the patient's label, by what the learnt descriptor sees."""
+"""Separate other people who have the patient's label: the learnt descriptor counts the people in these pixels."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.tracker.sighting import see_people_apart
 
-OFF_SKIN_M: Final = 0.2  # m from the expected skin; an arm moves as far between two frames without a fit
-# share of a person's pixels on the patient's expected skin, from which on a small person is a part of the patient
-OWN_SHARE: Final = 0.5
+OFF_SKIN_M: Final = 0.2  # m; pixels farther from the expected skin are off it: an arm moves this far between two frames
+OWN_SHARE: Final = 0.5  # least share of pixels on the expected skin at which a small person is a part of the patient
 
 
 def one_patient(
@@ -32,14 +31,14 @@ def one_patient(
     free: int,
     due: bool,
 ) -> tuple[View | None, ...]:
-    """Return the views after splitting off other people who had been taken for a part of the patient.
+    """Return the views after separating other people who have the patient's label.
 
-    This is tested where much of the patient lies off the expected skin, and whenever it is ``due``, since a body that
-    was drawn onto another person expects that person. A part of the patient that the descriptor took for a person of
-    its own is joined by the rough bodies (``see_people_apart``). The patient has most surface near the expected place.
-    All others are other people if they show enough surface, or lie off the expected skin. skin_m (s, 3): the patient's
-    skin where it is expected closely; place_xz_m (2,): the expected place over the ground; free: the first unused
-    label.
+    This is checked if many of the patient's pixels lie off the expected skin, and whenever it is ``due``: the expected
+    skin of a body that was fitted to another person does not show this error. If the descriptor finds one person as
+    two, the rough bodies join them (``see_people_apart``). The patient is the person with most surface near the
+    expected place. Everybody else gets a new label who shows enough surface for a person or, if many pixels lie off the
+    expected skin, lies mostly off it. skin_m (s, 3): the patient's skin where its expected place is certain; place_xz_m
+    (2,): the expected place over the ground; free: the first unused label.
     """
     theirs = [_patient_pixels(pixels, view) for pixels, view in zip(pieces, views, strict=True)]
     skin = cKDTree(skin_m) if len(skin_m) else None
@@ -70,10 +69,8 @@ def _patient_pixels(pixels: Pieces | None, view: View | None) -> Pieces | None:
 
 
 def _may_be_others(theirs: Sequence[Pieces | None], people: People, skin: cKDTree | None, moved: bool) -> np.ndarray:
-    """Return (k,) bool: people who show enough surface for a person or, where much of the patient lies off the expected
-    skin, lie mostly off it.
-
-    Where only one person shows enough surface, no others are.
+    """Return (k,) bool: people who show enough surface for a person and, if many pixels lie off the expected skin
+    (``moved``), people who lie mostly off it. All are False if only one person shows enough surface and none lies off.
     """
     large = np.array([person.area_m2 >= PERSON_AREA_M2 for person in people.people])
     large &= large.sum() > 1
@@ -81,7 +78,9 @@ def _may_be_others(theirs: Sequence[Pieces | None], people: People, skin: cKDTre
 
 
 def _nearest(people: People, place_xz_m: np.ndarray) -> int:
-    """Return the number of the person with most surface near a place: the area, weighted by a normal distribution."""
+    """Return the number of the person with most surface near a place (2,): area times a normal density of the
+    distance.
+    """
     weight = [
         person.area_m2 * np.exp(-0.5 * np.sum((person.ground_xz_m - place_xz_m) ** 2) / APART_M**2)
         for person in people.people
@@ -124,8 +123,8 @@ def _near(skin: cKDTree | None, points_m: np.ndarray, reach_m: float) -> np.ndar
 
 
 def _split(pixels: Pieces, view: View, seeds: np.ndarray) -> View:
-    """Return the view after region growing divided the patient's pixels. seeds: the label of each pixel from which it
-    starts, else ``NOBODY``.
+    """Return the view after region growing divided the patient's pixels. seeds: labels of the pixels where it starts;
+    ``NOBODY`` at all other pixels.
     """
     grown = grow_regions(pixels, seeds.astype(np.uint8))
     labels = view.labels.copy()

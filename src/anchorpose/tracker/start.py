@@ -160,9 +160,9 @@ def _facing_as(facing: Facing, rivals: Sequence[Rival]) -> list[Rival]:
     return alike if facing.other is None else [*alike, facing.other]
 
 
-def start_turned(seen: Observation, turned: Rival, config: TrackConfig) -> Start | None:
-    """Return the start with the opposite facing; None if it has no body of its own or explains nothing."""
-    if turned.body is None:
+def start_turned(seen: Observation | None, turned: Rival | None, config: TrackConfig) -> Start | None:
+    """Return the start with the opposite facing in a frame; None if it has no body of its own or explains nothing."""
+    if seen is None or turned is None or turned.body is None:
         return None
     found = posterior(turned.body, turned.belief.pose, turned.belief, seen.evidence, config.registration)
     return Start(seen, turned.body.shape, found.belief, found.explained) if found.found else None
