@@ -115,7 +115,7 @@ def test_one_camera_stays_as_it_is_an_empty_one_adds_nothing_and_a_surface_witho
     with pytest.raises(ValueError, match="cameras"):
         fuse([see_ball(FRONT)], [])
     shown = replace(see_ball(FRONT), skin=np.zeros(len(see_ball(FRONT)), np.int32))
-    with pytest.raises(ValueError, match="show skin"):
+    with pytest.raises(ValueError, match="refer to expected skin"):
         fuse([shown, shown], [FRONT, turned(30)])
     with pytest.raises(ValueError, match="fusion_max_apart_m"):
         SurfaceConfig(fusion_max_apart_m=0.0)

@@ -59,6 +59,6 @@ def test_a_hypothesis_that_no_anchor_supports_says_so_and_the_run_counts_it():
     assert nobody.matched_share == 0.0
     (sentence,) = MatchedShares((None, 0.5, 0.0, 1.0)).sentences
     assert sentence.startswith("50 % of the followed points were found again")
-    assert "in 1 of 3 frames none was" in sentence
+    assert "in 1 of 3 frames no point was" in sentence
     assert MatchedShares((0.5,)).sentences == ["50 % of the followed points were found again in the next frame"]
     assert MatchedShares((None,)).sentences == []
