@@ -55,7 +55,7 @@ class Captured:
 def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
     """Return the metres per unit.
 
-    unit: the file's unit, None where it states none; stated: the user's unit, which takes precedence. Raises InputError
+    unit: the file's unit, None if it states none; stated: the user's unit, which takes precedence. Raises InputError
     where neither is given, or where the unit is unknown.
     """
     name = stated if stated is not None else unit
@@ -91,7 +91,7 @@ def checked(captured: Captured) -> Captured:
 
 
 def repeated_label(path: Path, labels: tuple[str, ...]) -> None:
-    """Raise InputError where two columns have the same label."""
+    """Raise InputError if two columns have the same label."""
     for label in labels:
         if labels.count(label) > 1:
             raise InputError(path, f"has the label '{label}' twice", "rename one of them in the other system")
@@ -165,7 +165,7 @@ CSV_REMEDY: Final = (
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file; raises InputError where it cannot be read as text."""
+    """Return the lines of a text file; raises InputError if it cannot be read as text."""
     return read_text(path, LARGEST_TABLE).splitlines()
 
 

@@ -191,7 +191,7 @@ class Clock(OtherClock):
 def find_clock(ours: Signals, theirs: Signals) -> Clock:
     """Find offset and drift with their uncertainty, from the same signals of both systems.
 
-    Raises NoCommonMovement where the best offset explains too little, or where another offset explains as much.
+    Raises NoCommonMovement if the best offset explains too little, or where another offset explains as much.
     """
     offset_s, correlation = _coarse_offset(ours, theirs)
     return refine_clock(ours, theirs, starting_clock(offset_s, correlation))
@@ -269,7 +269,7 @@ def offset_of_peak(
 
     r, overlap: correlation and number of common samples at each lag, where every ``COARSE``-th sample is used, as
     ``_correlations`` returns them. least_s: least common time of a lag that is considered. near_s: an offset within
-    ``RIVAL_DISTANCE_S`` of the right one; None if unknown. Raises NoCommonMovement where the best correlation is too
+    ``RIVAL_DISTANCE_S`` of the right one; None if unknown. Raises NoCommonMovement if the best correlation is too
     small, or another offset explains as much.
     """
     a, b = ours.values[::COARSE], theirs.values[::COARSE]

@@ -25,7 +25,7 @@ REMEDY: Final = "give rows camera,frame,joint,u,v with the column u and the row 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageErrors:
-    """Distances in the plane of the image, for the joints of one name or for all joints; None where no distance is
+    """Distances in the plane of the image, for the joints of one name or for all joints; None if no distance is
     known.
 
     labelled: number of labels in tracked frames; lost: number of these labels whose joint was lost in the results.
@@ -54,7 +54,7 @@ class _Label:
 def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[ImageErrors, ...]:
     """Evaluate all joints together, observed and inferred joints separately, and each labelled joint.
 
-    Raises InputError where a file cannot be used, or no labelled frame is among the results.
+    Raises InputError if a file cannot be used, or no labelled frame is among the results.
     """
     require_own(results, (JOINTS_FILE,))
     rows, joints = _read_labels(labels), read_joints(results / JOINTS_FILE)

@@ -40,7 +40,7 @@ class Match:
     """A results folder and a reference at the same times: all arrays have a row per frame of ``joints``.
 
     theirs_m (n, 21, 3): the reference's joints in the world of the results, NaN where missing; axes (n, 21, 3, 3): axes
-    of the segments. theirs: angles of the reference's joints by this program's formulas, None where it has no joints.
+    of the segments. theirs: angles of the reference's joints by this program's formulas, None if it has no joints.
     given_names, given_deg (n, a): angles as the other system computes them. placement: None if the reference has only
     angles.
     """
@@ -65,7 +65,7 @@ class Match:
 def match_results(results: Path, reference: Reference, given: np.ndarray | None = None) -> Match:
     """Find clock and frame of the reference. given: T_world_reference (4, 4) if known.
 
-    Raises InputError where lengths have another unit, an axis is mirrored, left and right are exchanged, or no common
+    Raises InputError if lengths have another unit, an axis is mirrored, left and right are exchanged, or no common
     movement is found.
     """
     require_own(results, (JOINTS_FILE,))
@@ -152,7 +152,7 @@ def _median_distance(position_m: np.ndarray, a: int, b: int) -> float:
 
 
 def require_sides(joints: JointTable, ours: AngleTable, reference: Reference) -> None:
-    """Raise InputError where the reference fits much better with a mirrored axis or exchanged labels."""
+    """Raise InputError if the reference fits much better with a mirrored axis or exchanged labels."""
     misfit = _misfits(joints, ours, reference)
     require_as_is(reference.path, misfit, is_length=bool(reference.centres.joints))
 

@@ -101,7 +101,7 @@ def place(
 
     ours_m, sigma_m (n, 21), axes (n, 21, 3, 3): joints of the results, their sigma and ``segment_axes``; theirs_m:
     joints of the reference. given: T_world_reference, if known; then only the offsets are found. Raises
-    DegenerateGeometry where the common joints do not determine a frame.
+    DegenerateGeometry if the common joints do not determine a frame.
     """
     weight = _weights(ours_m, sigma_m, theirs_m)
     both = weight > 0

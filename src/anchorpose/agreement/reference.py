@@ -63,7 +63,7 @@ class Marking:
     """The meaning of the file's labels.
 
     centres: by joint, the label of its centre. midpoints: by joint, the labels whose mean is its centre. pelvis: labels
-    of ASIS left and right, PSIS left and right; None where one is missing. thighs: the markers on the left and the
+    of ASIS left and right, PSIS left and right; None if one is missing. thighs: the markers on the left and the
     right thigh.
     """
 
@@ -173,7 +173,7 @@ class CentreTrack:
 
 
 def joint_centres(captured: Captured, marking: Marking, hip: HipCentre) -> CentreTrack:
-    """Compute all joints that the labels determine; raises InputError where ``hip`` cannot be used."""
+    """Compute all joints that the labels determine; raises InputError if ``hip`` cannot be used."""
     position = np.full((len(captured.time_s), JOINT_COUNT, 3), np.nan)
     origin: list[str | None] = [None] * JOINT_COUNT
 
@@ -259,7 +259,7 @@ def _functional_centre(
     pelvis: tuple[np.ndarray, np.ndarray],
     regression_m: np.ndarray,
 ) -> np.ndarray:
-    """Return the functional centre in the pelvis; raises InputError where the thigh has no markers or its movement does
+    """Return the functional centre in the pelvis; raises InputError if the thigh has no markers or its movement does
     not determine it.
     """
     axes, origin_m = pelvis
@@ -324,7 +324,7 @@ def read_reference(
 ) -> Reference:
     """Read the joints and angles of a file; names: a table ``joint,label`` in place of the names in common use.
 
-    Raises InputError where the file gives none of this program's joints and angles.
+    Raises InputError if the file gives none of this program's joints and angles.
     """
     captured = read_captured(path, unit)
     marking = known_marking(captured.points) if names is None else given_marking(names, captured.points)

@@ -163,7 +163,7 @@ Values = dict[tuple[str, str], dict[Key, float]]  # by subject and repeat
 def session_reliability(path: Path) -> tuple[Reliability, ...]:
     """Return every measure in a table of sessions, in the order in which measures first occur.
 
-    Raises InputError where the table or a results folder cannot be used, or measures are defined differently.
+    Raises InputError if the table or a results folder cannot be used, or measures are defined differently.
     """
     rows = _read(path)
     repeated = next(name for name in REPEATED if name in rows[0])

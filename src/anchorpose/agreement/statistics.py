@@ -24,7 +24,7 @@ CONFIDENCE: Final = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A number with its 95 % interval; low and high are None where there are too few units for an interval."""
+    """A number with its 95 % interval; low and high are None if there are too few units for an interval."""
 
     value: float
     low: float | None = None
@@ -40,7 +40,7 @@ class Limits:
     bias: Estimate
     lower: Estimate
     upper: Estimate
-    # standard deviation of differences within a unit; None where no unit has two differences
+    # standard deviation of differences within a unit; None if no unit has two differences
     within_sd: float | None
     # standard deviation of the units' means, without sampling error; None for a single unit
     between_sd: float | None

@@ -70,7 +70,7 @@ def cores() -> int:
 def connected(place: Place, jobs: int) -> Iterator[Client]:
     """Yield a client of the scheduler; processes that were started for it end with the block.
 
-    jobs: largest number of workers to start. Raises AnchorposeError where the scheduler cannot be reached.
+    jobs: largest number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
     """
     import dask
     import distributed  # noqa: F401  its defaults: those that come while others are set go with them
@@ -171,7 +171,7 @@ def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambd
     """Run all jobs, beginning with the first listed, and yield the outcome of each as it ends.
 
     tick: called about twice a second while jobs run, to show progress. An exception in the caller's loop, such as a
-    signal, stops the running jobs; their processes have ended when it is raised. Raises AnchorposeError where the
+    signal, stops the running jobs; their processes have ended when it is raised. Raises AnchorposeError if the
     scheduler cannot be used.
     """
     if not jobs:
@@ -219,7 +219,7 @@ def _submit(client: Client, job: Job, number: int, group: str) -> Future:
 
 
 def _why(future: Future) -> str | None:
-    """Return why the scheduler gave up a job; None where it has an outcome."""
+    """Return why the scheduler gave up a job; None if it has an outcome."""
     from distributed.scheduler import KilledWorker
 
     if future.status == "finished":

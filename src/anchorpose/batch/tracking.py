@@ -33,7 +33,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
     """Track all sessions that are not done and write the tables and index.html; return a row per session.
 
     A failure does not affect other sessions. progress is called with sessions finished and in total. Raises
-    InputError where ``out`` is not the folder of a batch, AnchorposeError where the scheduler cannot be used.
+    InputError if ``out`` is not the folder of a batch, AnchorposeError if the scheduler cannot be used.
     """
     sessions, outcomes = _opened(out, sessions), dict[str, str | None]()
     progress(0, len(sessions))
@@ -109,7 +109,7 @@ def track_session(session: Session, results: Path) -> bool:
 
 
 def done_identity(results: Path) -> str | None:
-    """Return the identity in the run.json of a results folder; None where the folder has no such file or identity."""
+    """Return the identity in the run.json of a results folder; None if the folder has no such file or identity."""
     path = results / RUN_FILE
     return read_run(path).get("identity") if path.is_file() else None
 

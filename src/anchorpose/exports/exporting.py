@@ -154,7 +154,7 @@ def _cell(value: Any) -> str:
 
 
 def _rows(path: Path) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of a table; raises InputError where it cannot be read."""
+    """Yield the rows of a table; raises InputError if it cannot be read."""
     with opened_parquet(path) as file:
         for piece in pieces(file):
             yield from zip(*(_cells(column) for column in piece.columns), strict=True)
@@ -247,7 +247,7 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 
 def _own_files(folder: Path) -> tuple[str, ...]:
-    """Return the files of an earlier export in this folder, which may be replaced; empty where there are none."""
+    """Return the files of an earlier export in this folder, which may be replaced; empty if there are none."""
     record = folder / RECORD_FILE
     files = read_json(record).get("files", []) if record.is_file() else []
     return (RECORD_FILE, *(escape(str(file)) for file in files)) if files else ()

@@ -117,7 +117,7 @@ class HingeAxes:
 
 
 def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
-    """Read the axes from poses.parquet; None where there is no such table. Raises InputError where its frames are not
+    """Read the axes from poses.parquet; None if there is no such table. Raises InputError if its frames are not
     ``frame`` (n,).
     """
     if not path.exists():
@@ -228,7 +228,7 @@ DIGITS: Final = 6  # digits after the point: micrometres, and millionths of a de
 
 
 def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """Write motion.mot, or one file for each stretch without a gap; raises AnchorposeError where there is no such
+    """Write motion.mot, or one file for each stretch without a gap; raises AnchorposeError if there is no such
     stretch.
     """
     hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)

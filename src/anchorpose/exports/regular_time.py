@@ -89,7 +89,7 @@ def regular_samples(samples: Samples) -> RegularSamples:
     If all times lie on a grid, they stay bit for bit, and grid frames that were not recorded are added without values.
     Otherwise all samples are resampled: linearly between the two neighbours where they are near in time and both have
     the value; the state is the worse of the two, and sigma is interpolated too, as if their errors were the same.
-    Raises AnchorposeError where there is one frame only, or where recording paused for long.
+    Raises AnchorposeError if there is one frame only, or where recording paused for long.
     """
     time_s = samples.time_s
     rate_hz, slot, on_grid = _grid(time_s)
@@ -215,7 +215,7 @@ def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretch
 def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tuple[int, int], ...]:
     """Return the first and one past the last frame of each run of two or more in ``whole`` (n,) bool.
 
-    joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None where all are.
+    joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None if all are.
     """
     return tuple((run.start, run.stop) for run in runs_of(whole, joined) if run.stop - run.start >= 2)
 

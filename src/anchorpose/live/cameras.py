@@ -65,7 +65,7 @@ class RealSense:
 def open_realsense(serial: str, about: Recording | None) -> RealSense:
     """Open the camera with this serial number, or the first camera if it is empty.
 
-    about: see ``LiveSource``. Raises MissingPackage without pyrealsense2 or the system's libusb, AnchorposeError where
+    about: see ``LiveSource``. Raises MissingPackage without pyrealsense2 or the system's libusb, AnchorposeError if
     no such camera exists.
     """
     try:
@@ -105,7 +105,7 @@ def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> Re
 
 
 def _lens(rs: Any, found: Any) -> Intrinsics:
-    """Return the lens; the depth images of all cameras of this maker are already undistorted."""
+    """Return the lens without distortion, since the depth images of all cameras of this maker are already undistorted."""
     if any(found.coeffs) and found.model != rs.distortion.brown_conrady:
         raise AnchorposeError(f"The camera's lens model ({found.model}) is not known: record with its own program.")
     coefficients = tuple(float(value) for value in found.coeffs)
@@ -160,8 +160,8 @@ class Orbbec:
 def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = ()) -> Orbbec:
     """Open the camera with this serial number, or the first camera if it is empty.
 
-    about: see ``LiveSource``; command: replaces the process that reads the camera. Raises AnchorposeError where there
-    is no such camera, or that Python has no pyorbbecsdk2.
+    about: see ``LiveSource``; command: replaces the process that reads the camera. Raises AnchorposeError if there is
+    no such camera, or if the Python of the process has no pyorbbecsdk2.
     """
     python = os.environ.get(PYTHON_VARIABLE, sys.executable)
     command = command or (python, str(Path(orbbec_process.__file__)), *([serial] if serial else []))

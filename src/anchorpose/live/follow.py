@@ -66,7 +66,7 @@ class LatencyMeter:
 
 
 BLOCK: Final = 48  # number of frames per stored block
-ROUNDING_S: Final = 1e-5  # s; recorded times have six decimals
+ROUNDING_S: Final = 1e-5  # s, tolerance in comparing times, which are recorded with six decimals
 
 
 @dataclass(slots=True, eq=False)
@@ -104,7 +104,7 @@ class LiveFollower:
 
     @property
     def patient_xz_m(self) -> np.ndarray | None:
-        """Return where (2,) the patient was last seen; None where the patient is lost."""
+        """Return where (2,) the patient was last seen; None if the patient is lost."""
         tracker = self.follower.tracker
         return None if tracker is None else tracker.last.belief.pose.root_m[[0, 2]]
 
@@ -163,7 +163,7 @@ class LiveFollower:
         self._holding = None if record.gaps is None else self._contacts.touched_now(by_equipment=True)
 
     def store(self) -> None:
-        """Store the frames tracked since the last call; raises InputError where the disk is full."""
+        """Store the frames tracked since the last call; raises InputError if the disk is full."""
         if self._kept:
             with on_this_disk():
                 self.blocks.write(self._stored, self._kept)

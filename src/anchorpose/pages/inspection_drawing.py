@@ -198,7 +198,7 @@ def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.nd
 
 
 def draw_registration(one: InspectedCamera) -> np.ndarray | None:
-    """Draw the posed body and the joints; None where the patient was not found."""
+    """Draw the posed body and the joints; None if the patient was not found."""
     estimate = one.inspection.estimate
     if estimate is None or estimate.belief is None or estimate.shape is None:
         return None

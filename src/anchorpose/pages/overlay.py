@@ -258,7 +258,7 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
 
 
 def _posed_skin(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | None:
-    """Return the skin (v, 3) of the learnt body in the pose of this row, None where the patient is lost."""
+    """Return the skin (v, 3) of the learnt body in the pose of this row, None if the patient is lost."""
     if not np.isfinite(poses.head_m[row]).all():
         return None
     asset = body_points().asset

@@ -211,7 +211,7 @@ def heading(label: str) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of the numbers behind a chart, one cell per group of frames, empty where nothing is known."""
+    """A column of the numbers behind a chart, one cell per group of frames, empty if nothing is known."""
 
     name: str
     cells: Sequence[str]
@@ -308,5 +308,5 @@ def lowest_and_highest(name: str, values: np.ndarray, bins: Bins, decimals: int)
 
 
 def cells(values: np.ndarray, decimals: int) -> list[str]:
-    """Format numbers (b,) for a CSV; empty where NaN."""
+    """Format numbers (b,) for a CSV; empty if NaN."""
     return [f"{value:.{decimals}f}" if np.isfinite(value) else "" for value in values.tolist()]

@@ -40,7 +40,7 @@ _EXTREMES: Final = (
 
 
 class Span(NamedTuple):
-    """A span of time over which measures are taken: its name in words, and its length in s, None where unknown."""
+    """A span of time over which measures are taken: its name in words, and its length in s, None if unknown."""
 
     words: str
     seconds: float | None
@@ -104,7 +104,7 @@ MOST_NAMES: Final = 8  # largest number of differing settings that are named; mo
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:
-    """Raise InputError where two sessions come from the same recording, or where their measures are defined
+    """Raise InputError if two sessions come from the same recording, or where their measures are defined
     differently.
     """
     first = sessions[0]
@@ -140,7 +140,7 @@ def _full_stop(sentence: str) -> str:
 
 
 def _other_definition(first: Session, later: Session) -> str | None:
-    """Return how the definitions of two sessions' measures differ; None where they are the same."""
+    """Return how the definitions of two sessions' measures differ; None if they are the same."""
     old, new = first.definition, later.definition
     if old is None or new is None:
         return "one of them does not state how it was computed"

@@ -80,7 +80,7 @@ class ConditionSection(NamedTuple):
 
 
 def with_reference(session: Session, trials: Trials, reference: str) -> Session:
-    """Return the session whose trials are compared with those of this condition; raises InputError where no trial has
+    """Return the session whose trials are compared with those of this condition; raises InputError if no trial has
     this condition.
     """
     if reference not in trials.conditions:
@@ -92,7 +92,7 @@ def with_reference(session: Session, trials: Trials, reference: str) -> Session:
 def condition_section(
     session: Session, detectable: Detectable | None = None, chosen: Sequence[str] = ()
 ) -> ConditionSection | None:
-    """Return the section on the conditions; None where the session has no trials.
+    """Return the section on the conditions; None if the session has no trials.
 
     detectable: minimal detectable changes from repeated sessions. chosen: names of measures; empty for the main
     measures. Raises InputError for a measure that the session does not have.

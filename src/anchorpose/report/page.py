@@ -198,7 +198,7 @@ def write_report(
     reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide about differences
     between conditions; measures: names of the measures that are compared between conditions, empty for the main
     measures; reference: the condition that the others are compared with, empty for that of the first trial. Raises
-    InputError where a table or run.json is missing or unusable, where the reference condition does not exist, and where
+    InputError if a table or run.json is missing or unusable, where the reference condition does not exist, and where
     one of the three arguments is given but there are no trials. Nothing is written then.
     """
     session = read_session(results)

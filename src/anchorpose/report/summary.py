@@ -236,7 +236,7 @@ class MomentSection(NamedTuple):
 
 
 def moment_section(session: Session) -> MomentSection | None:
-    """Return the moments that the fitted body explains worst; None where it explains all frames, or where this is
+    """Return the moments that the fitted body explains worst; None if it explains all frames, or where this is
     unknown.
     """
     table = session.explained

@@ -116,7 +116,7 @@ class TrendRow(NamedTuple):
 
 
 class TrendSection(NamedTuple):
-    """All trends. why: why there is no trend at all; empty where rows and charts exist."""
+    """All trends. why: why there is no trend at all; empty if rows and charts exist."""
 
     why: str
     rows: list[TrendRow]

@@ -39,9 +39,9 @@ class Effect:
     """The difference of a condition to the reference.
 
     reference, condition: their names; counts: how many trials of each were compared. difference: condition minus
-    reference; low, high: its 95 % interval, None where there are too few trials. p: p value of the permutation test,
+    reference; low, high: its 95 % interval, None if there are too few trials. p: p value of the permutation test,
     adjusted for the number of conditions; exact: whether all assignments of conditions to trials were examined, not
-    only a sample. detectable: the difference that errors of measurement alone exceed only 5 times in 100, None where no
+    only a sample. detectable: the difference that errors of measurement alone exceed only 5 times in 100, None if no
     error is stated. repeated: whether detectable is an MDC95 from repeated sessions. design: ``PAIRS``, ``BLOCKS`` or
     ``FREE``. why: why the difference is not tested; then p is None.
     """
@@ -151,7 +151,7 @@ def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """The uncertainty of a difference. half: half of its 95 % interval; detectable: see ``Effect``; None where
+    """The uncertainty of a difference. half: half of its 95 % interval; detectable: see ``Effect``; None if
     unknown.
     """
 

@@ -52,7 +52,7 @@ class ContactEvaluation:
 def score_contacts(
     table: Path, truth: Path, frame: np.ndarray, rows: np.ndarray
 ) -> tuple[ContactEvaluation | None, ContactEvaluation | None]:
-    """Evaluate the contacts of a contacts.parquet, with people and with equipment. Each is None where the truth does
+    """Evaluate the contacts of a contacts.parquet, with people and with equipment. Each is None if the truth does
     not state such contacts, and for equipment where the result was made without searching them.
 
     rows (t,): the frames of the truth that are compared; frame (t,): number of the result's frame at each of them.

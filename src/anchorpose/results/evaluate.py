@@ -82,7 +82,7 @@ def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
 
 
 def seen_joints(truth: Truth) -> np.ndarray | None:
-    """Return (t, 21) bool: whether some camera sees enough of the skin around the joint; None where the truth does not
+    """Return (t, 21) bool: whether some camera sees enough of the skin around the joint; None if the truth does not
     state it.
     """
     return None if truth.seen_share is None else np.asarray((truth.seen_share >= SEEN_SHARE).any(axis=2))
@@ -117,7 +117,7 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInV
 
 
 def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, float]:
-    """Return when the longest unbroken run of True in ``flags`` (n,) begins, None where all are False, and how long it
+    """Return when the longest unbroken run of True in ``flags`` (n,) begins, None if all are False, and how long it
     lasts; time_s (n,).
     """
     period_s = 2.0 * half_period_s(time_s)
@@ -156,7 +156,7 @@ def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AngleError:
-    """Error of one angle; None where no frame has both the angle and its truth."""
+    """Error of one angle; None if no frame has both the angle and its truth."""
 
     frames: int
     mean_abs_deg: float | None
@@ -200,7 +200,7 @@ def _angle_summary(error_deg: np.ndarray, within: np.ndarray) -> AngleError:
 
 
 def _mean(values: np.ndarray) -> float | None:
-    """Return the mean; None where there are no values."""
+    """Return the mean; None if there are no values."""
     return float(values.mean()) if len(values) else None
 
 
@@ -210,7 +210,7 @@ HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
-    """Errors of some joints in some frames; each is None where there are no such joints."""
+    """Errors of some joints in some frames; each is None if there are no such joints."""
 
     joint_frames: int  # number of joint positions whose truth is known
     lost_share: float | None  # share of ``joint_frames`` that are lost
@@ -233,7 +233,7 @@ class Evaluation:
     per_state: tuple[tuple[str, ErrorSummary], ...]
     observed: ErrorSummary  # joints that the result calls observed
     hidden: ErrorSummary  # joints that the result calls hidden, for any reason
-    truly_seen: ErrorSummary | None  # joints that some camera truly sees; None where the truth does not state it
+    truly_seen: ErrorSummary | None  # joints that some camera truly sees; None if the truth does not state it
     truly_hidden: ErrorSummary | None
     confident_errors: float | None  # share of overall.joint_frames with large error but small sigma
     angles: tuple[tuple[str, AngleError], ...]
@@ -245,16 +245,16 @@ class Evaluation:
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error of the second half of the frames over that of the first
-    contacts: ContactEvaluation | None = None  # contacts with people; None where the truth or the result has none
+    contacts: ContactEvaluation | None = None  # contacts with people; None if the truth or the result has none
     # contacts with equipment; None also where the result was made without searching such contacts
     supports: ContactEvaluation | None = None
-    session: SessionEvaluation | None = None  # None where the truth is not that of a simulated session
+    session: SessionEvaluation | None = None  # None if the truth is not that of a simulated session
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     """Compare a results folder with a truth.npz; frames are matched to the nearest time within half a period.
 
-    The first ``skip_s`` seconds of the truth are left out. Raises InputError where a file cannot be used or the two
+    The first ``skip_s`` seconds of the truth are left out. Raises InputError if a file cannot be used or the two
     have no time in common.
     """
     require_own(results, (JOINTS_FILE, CONTACTS_FILE, TRIALS_FILE))
@@ -285,7 +285,7 @@ span this many times shorter than those of the results: minutes for seconds make
 
 
 def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:
-    """Raise InputError where times are in minutes or hours; a truth with few frames, or with many more, is accepted."""
+    """Raise InputError if times are in minutes or hours; a truth with few frames, or with many more, is accepted."""
     if min(len(truth_s), len(results_s)) < 2:
         return
     steps, spans = ((each(results_s) / each(truth_s)) for each in (_median_step, np.ptp))
@@ -299,7 +299,7 @@ def _median_step(time_s: np.ndarray) -> float:
 
 
 def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frames: int) -> None:
-    """Raise InputError where too few frames have a partner, or no joint of them has a position."""
+    """Raise InputError if too few frames have a partner, or no joint of them has a position."""
     found = match >= 0
     if found.sum() < LEAST_SHARE * min(len(match), results_frames) or not found.any():
         problem = (

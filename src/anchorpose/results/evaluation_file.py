@@ -107,7 +107,7 @@ def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def independence_sentence(evaluation: Evaluation) -> str | None:
-    """Return a sentence on how many measured times of independence agree with the truth; None where they cannot be
+    """Return a sentence on how many measured times of independence agree with the truth; None if they cannot be
     compared.
     """
     times = evaluation.session and evaluation.session.times

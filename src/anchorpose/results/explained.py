@@ -71,7 +71,7 @@ EXPLAINED_FILE, read_explained, write_explained = EXPLAINED.file, EXPLAINED.read
 
 
 def explained_frame(frame: int, time_s: float, explanation: Explanation | None) -> ExplainedFrame:
-    """Return the row of a frame; explanation: None where the patient is lost."""
+    """Return the row of a frame; explanation: None if the patient is lost."""
     if explanation is None:
         return ExplainedFrame(frame, time_s, np.nan, np.full(PARTS, np.nan))
     anything_seen = len(explanation.covered) + len(explanation.node) > 0
@@ -101,7 +101,7 @@ class ExplainedSummary:
     """The summary in run.json: the share of frames in which more than ``uncovered_limit_cm2`` is uncovered, and the
     worst moments.
 
-    uncovered_share: share of the ``known_frames``, in which the area is known; None where there are no such frames.
+    uncovered_share: share of the ``known_frames``, in which the area is known; None if there are no such frames.
     """
 
     uncovered_limit_cm2: float

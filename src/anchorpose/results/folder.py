@@ -78,7 +78,7 @@ def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
     """Yield a folder beside ``path`` that replaces it when the block ends without an error, and is removed
     otherwise.
 
-    own: patterns of the files that may be replaced; see ``publish``. Raises InputError where nothing can be written
+    own: patterns of the files that may be replaced; see ``publish``. Raises InputError if nothing can be written
     there, or ``path`` is a link.
     """
     if path.is_symlink():
@@ -220,7 +220,7 @@ def unfinished_results(
 
     Otherwise the folder stays, if the run has stored anything in it, and ``resume`` continues the run. An unfinished
     run that ``overwrite`` replaces is kept until the new run has stored something. The folder is locked: a second run
-    into ``path`` at the same time is refused. recording: None where the images come from cameras. go_on: how the user
+    into ``path`` at the same time is refused. recording: None if the images come from cameras. go_on: how the user
     resumes a stopped run. Raises InputError before anything is written where results may not go to ``path``, another
     folder has that name, or an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
     """
@@ -247,7 +247,7 @@ def unfinished_results(
 
 
 def begun_identity(path: Path) -> str | None:
-    """Return the identity of the unfinished run into ``path``; None where there is no such run, or it cannot be
+    """Return the identity of the unfinished run into ``path``; None if there is no such run, or it cannot be
     read.
     """
     work = _work_of(path)
@@ -274,7 +274,7 @@ def _work_of(path: Path) -> Path:
 
 @contextmanager
 def _claimed(work: Path, path: Path) -> Iterator[None]:
-    """Yield the unfinished folder, made if absent, marked and locked; raises InputError where this program did not make
+    """Yield the unfinished folder, made if absent, marked and locked; raises InputError if this program did not make
     it, or another run uses it.
     """
     if os.path.lexists(work) and (work.is_symlink() or not work.is_dir()):
@@ -395,7 +395,7 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
     identity.
 
     identity: hash of inputs, settings and code; inputs: the hash of each file by its path in the recording. Raises
-    InputError where the unfinished run had other inputs, settings or code, or its journal cannot be read; nothing was
+    InputError if the unfinished run had other inputs, settings or code, or its journal cannot be read; nothing was
     changed then.
     """
     journal = results / JOURNAL

@@ -105,7 +105,7 @@ class FrameTable(Generic[Frames]):
 
     arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and one array per
     entry of ``columns``, (n, ...) or (n, subjects, ...). thing: the column that names the subject of a row, such as
-    "joint"; None where there is one row per frame. names: the subjects in their order; None if they differ from file to
+    "joint"; None if there is one row per frame. names: the subjects in their order; None if they differ from file to
     file, and are then in the field ``names`` of ``arrays``. text: a field stored in the file's metadata, and its key
     there. agree: function that tests whether numbers and texts of the table are consistent.
     """
@@ -178,7 +178,7 @@ class FrameTable(Generic[Frames]):
         return frames
 
     def _require_times(self, path: Path, frame: np.ndarray, time_s: np.ndarray) -> None:
-        """Raise InputError where frames (n,) or their times (n,) cannot be those of a recording."""
+        """Raise InputError if frames (n,) or their times (n,) cannot be those of a recording."""
         if frame[0] < 0:
             raise InputError(path, f"has the frame {frame[0]}", self.remedy)
         if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0).all()):

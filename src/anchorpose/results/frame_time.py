@@ -91,7 +91,7 @@ def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float 
 def runs_of(chosen: np.ndarray, joined: np.ndarray | None = None) -> list[slice]:
     """Return runs of True in ``chosen`` (n,) bool.
 
-    joined (n - 1,) bool: whether a row and the next row may be in the same run; None where all may.
+    joined (n - 1,) bool: whether a row and the next row may be in the same run; None if all may.
     """
     together = chosen[:-1] & chosen[1:] & (True if joined is None else joined)
     starts = np.flatnonzero(chosen & ~np.append(False, together)[: len(chosen)])

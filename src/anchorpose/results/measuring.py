@@ -183,7 +183,7 @@ def measure_session(
 ) -> tuple[Session, list[Measure]]:
     """Return the session with its posture and episodes, and every measure of docs/measures.md.
 
-    contacts: with people and equipment; None where unknown, which is not the same as no contact. equipment: the parts
+    contacts: with people and equipment; None if unknown, which is not the same as no contact. equipment: the parts
     with which contacts were searched; if empty, it is unknown whether the patient held on to anything. With trials, the
     measures of the whole recording are followed by the measures of every trial and of every condition.
     """
@@ -283,8 +283,8 @@ def write_measured(
 
     trials: replace the trials in the folder; None keeps them. Angles and measures always come from the joints as
     tracked: ``processing`` makes angles_processed.parquet and nothing else, and without processing that file is
-    removed. All files are written before the first is replaced. Raises InputError where joints or contacts cannot be
-    used, AnchorposeError where the filter does not fit.
+    removed. All files are written before the first is replaced. Raises InputError if joints or contacts cannot be
+    used, AnchorposeError if the filter does not fit.
     """
     require_own(results, (JOINTS_FILE, CONTACTS_FILE, *((TRIALS_FILE,) if trials is None else ())))
     if trials is None and (results / TRIALS_FILE).exists():

@@ -322,7 +322,7 @@ class ProcessedJoints:
 def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoints:
     """Fill gaps first, then smooth every unbroken stretch separately.
 
-    Raises AnchorposeError where the chosen filter does not fit the recording.
+    Raises AnchorposeError if the chosen filter does not fit the recording.
     """
     if config.smooth == "butterworth":
         _require_even_steps(joints.time_s, config.cutoff_hz)
@@ -365,7 +365,7 @@ def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAng
 def _smooth(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, config: ProcessingConfig
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return position (n, 3) and sigma (n,) of an unbroken stretch; None where it stays as measured."""
+    """Return position (n, 3) and sigma (n,) of an unbroken stretch; None if it stays as measured."""
     if config.smooth == "butterworth":
         if len(time_s) > 1 and len(time_s) >= shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
             _require_cutoff(time_s, config.cutoff_hz)  # the stretch may have a lower frame rate than the recording

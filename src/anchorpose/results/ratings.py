@@ -40,7 +40,7 @@ REMEDY: Final = "give the file that 'anchorpose view --rate' wrote, as it was"
 @dataclass(frozen=True, slots=True)
 class Rating:
     """The score of a trial. shown: place of the trial in the order of showing, from 1. score: 0 to 10; time: when the
-    score was given, in UTC. Both are None where the trial has no score yet.
+    score was given, in UTC. Both are None if the trial has no score yet.
     """
 
     shown: int
@@ -148,7 +148,7 @@ def _rating(path: Path, line: int, cells: Sequence[str]) -> Rating:
 
 
 def require_session(path: Path, ratings: Ratings, session: str) -> None:
-    """Raise InputError where the scores read from ``path`` are about another session."""
+    """Raise InputError if the scores read from ``path`` are about another session."""
     if ratings.session != session:
         problem = "has scores of another session (other depth images, or other trials)"
         raise InputError(path, problem, "move that file away, or give the results that were rated")

@@ -117,8 +117,8 @@ def write_contacts(path: Path, equipment: Sequence[str] = ()) -> AbstractContext
 def read_equipment_names(path: Path) -> tuple[str, ...]:
     """Read the equipment's parts with which contacts were searched.
 
-    The result is empty where the recording had no model of the equipment, and where the file is from a version that did
-    not search such contacts. Then it is unknown whether the patient held on to the equipment. Raises InputError where
+    The result is empty if the recording had no model of the equipment, and where the file is from a version that did
+    not search such contacts. Then it is unknown whether the patient held on to the equipment. Raises InputError if
     the record cannot be read.
     """
     text = (read_parquet_schema(path).metadata or {}).get(EQUIPMENT_KEY.encode(), b"[]")
@@ -202,8 +202,8 @@ class Measure:
     """One number of docs/measures.md.
 
     side: "left", "right" or None. part: a region of the body (``REGIONS``); person: a name as in contacts.parquet. Both
-    are None where the measure is not about a single part or person. value: None where it is unknown, with the reason in
-    ``why``. sigma: one standard deviation of the value, None where unknown (counts). frames: number of frames that it
+    are None if the measure is not about a single part or person. value: None if it is unknown, with the reason in
+    ``why``. sigma: one standard deviation of the value, None if unknown (counts). frames: number of frames that it
     is based on. inferred_share: share of these frames in which a joint that it uses was inferred rather than seen.
     condition, trial: the condition and the trial of events.tsv (numbered from 1) that it is about; both are None for
     the whole recording, only trial is None for a whole condition. Raises ValueError unless exactly one of value and why
@@ -291,9 +291,9 @@ def write_measures(path: Path, measures: Sequence[Measure], config: dict[str, An
 
 
 def read_definition(path: Path) -> Definition | None:
-    """Return the definition of a measures.parquet; None where the file is older than this record.
+    """Return the definition of a measures.parquet; None if the file is older than this record.
 
-    Raises InputError where the record cannot be read.
+    Raises InputError if the record cannot be read.
     """
     text = (read_parquet_schema(path).metadata or {}).get(DEFINITION_KEY.encode())
     if text is None:
@@ -343,7 +343,7 @@ def encode_labels(frame: int, camera: str, view: View) -> LabelImage:
 
 
 def decode_labels(image: LabelImage) -> np.ndarray:
-    """Decode labels (height, width) uint8. Raises ValueError where the bytes are not an 8-bit image."""
+    """Decode labels (height, width) uint8. Raises ValueError if the bytes are not an 8-bit image."""
     labels = cv2.imdecode(np.frombuffer(image.labels, np.uint8), cv2.IMREAD_UNCHANGED)
     if labels is None or labels.dtype != np.uint8 or labels.ndim != 2:
         raise ValueError(f"frame {image.frame}, camera {image.camera}: the labels are not an 8-bit image")
@@ -351,7 +351,7 @@ def decode_labels(image: LabelImage) -> np.ndarray:
 
 
 def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[int, str], LabelImage]:
-    """Return the label images of some frames, or of all, still encoded, by frame and camera; raises InputError where a
+    """Return the label images of some frames, or of all, still encoded, by frame and camera; raises InputError if a
     frame and camera occur twice.
     """
     rows = PEOPLE.read(path, None if frames is None else pc.field("frame").isin(frames))
@@ -370,7 +370,7 @@ def frames_of_people(path: Path) -> np.ndarray:
 class StoredPeople:
     """The label images of a people.parquet, read on demand, since all images of an hour would fill the memory.
 
-    Raises InputError where the file is not such a table. Threads may share an object.
+    Raises InputError if the file is not such a table. Threads may share an object.
     """
 
     def __init__(self, path: Path) -> None:
@@ -378,7 +378,7 @@ class StoredPeople:
         self._read = lru_cache(FRAMES_KEPT)(lambda frame: read_people(path, [frame]))
 
     def get(self, frame: int, camera: str) -> LabelImage | None:
-        """Return the image of a frame and camera, still encoded; None where the file has no such image. Raises
-        InputError where it cannot be read.
+        """Return the image of a frame and camera, still encoded; None if the file has no such image. Raises
+        InputError if it cannot be read.
         """
         return self._read(frame).get((frame, camera))

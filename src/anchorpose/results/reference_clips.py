@@ -49,7 +49,7 @@ def _read(source: Path, rate_hz: float | None) -> ReferenceClips:
 def clips_of_results(folder: Path) -> ReferenceClips:
     """Return the stretches of a results folder, at least half a second long, in which no joint is lost.
 
-    Frames with a lost joint and gaps in time end a stretch. Raises InputError where the table cannot be used or has no
+    Frames with a lost joint and gaps in time end a stretch. Raises InputError if the table cannot be used or has no
     such stretch.
     """
     require_own(folder, (JOINTS_FILE,))

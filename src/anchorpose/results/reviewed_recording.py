@@ -34,7 +34,7 @@ _Height = Annotated[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedCamera:
-    """A camera with its pose (4, 4), None where the camera has no pose and was not used, and its clock, None where
+    """A camera with its pose (4, 4), None if the camera has no pose and was not used, and its clock, None if
     unknown.
     """
 
@@ -49,7 +49,7 @@ class ReviewedRecording:
     """The recording and the world that corrections are about. The recording is identified by a hash of its depth images
     and times (its name is for people), the world by the camera poses.
 
-    Clocks and the height of the floor are kept as used in tracking, so that they need not be found again; None where
+    Clocks and the height of the floor are kept as used in tracking, so that they need not be found again; None if
     unknown.
     """
 

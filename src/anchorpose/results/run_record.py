@@ -97,7 +97,7 @@ class CameraRecord:
     """A camera's pose as used, the source of the pose, and the camera's clock as used."""
 
     name: Text
-    camera_to_world: CameraPose | None  # (4, 4); None where the camera has no pose and was not used
+    camera_to_world: CameraPose | None  # (4, 4); None if the camera has no pose and was not used
     source: str  # for example "given", "equipment", "floor"
     clock: CameraClock | None = None
     depth: DepthRecord | None = None  # None in older results
@@ -125,7 +125,7 @@ class StageTiming:
 class MatchedShares:
     """The share of the followed points that association found again, per frame.
 
-    Points that were not found stay at their predicted position. The share is None where there was nothing to match: in
+    Points that were not found stay at their predicted position. The share is None if there was nothing to match: in
     the first frame of a track, and in frames that do not show the patient.
     """
 
@@ -228,18 +228,18 @@ class RunRecord:
     recorded: RecordedSpan | None = None  # span of the recording; None if all was tracked, and in older results
     frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
-    floor_height_m: float | None = None  # Y of the floor in the world, None where no camera sees it
+    floor_height_m: float | None = None  # Y of the floor in the world, None if no camera sees it
     residuals: tuple[Residual, ...] = ()
     timings: tuple[StageTiming, ...] = ()
     association: MatchedShares = MatchedShares()
     dropped: tuple[DroppedFrame, ...] = ()
     lost: tuple[LostInterval, ...] = ()
     poor_depth: tuple[PoorInterval, ...] = ()
-    explained: ExplainedSummary | None = None  # None where no frame was tracked
-    body: BodyRecord | None = None  # None where the patient was never found
-    patient: PatientRecord | None = None  # None where nobody was tracked
+    explained: ExplainedSummary | None = None  # None if no frame was tracked
+    body: BodyRecord | None = None  # None if the patient was never found
+    patient: PatientRecord | None = None  # None if nobody was tracked
     corrections: CorrectionsRecord | None = None
-    calibration: CalibrationUsed | None = None  # None where the poses come from the recording or were found
+    calibration: CalibrationUsed | None = None  # None if the poses come from the recording or were found
     pictures: tuple[PictureRecord, ...] = ()
     notes: tuple[str, ...] = ()  # sentences for people: assumptions and cautions
     config: Any = None  # the resolved configuration, a dataclass of stage configurations

@@ -38,7 +38,7 @@ INDEPENDENCE: Final = ("_extended_", "hands_free_upright_", "_hands_time", "_han
 class EventScore:
     """Scores of the events of one kind. found: number of true events that were found, with an onset within ``NEAR_S``;
     in_time: with an onset within ``IN_TIME_S``. false: number of reported events that match no true event. late_s: mean
-    delay of the found onsets after the true onsets; None where no event was found.
+    delay of the found onsets after the true onsets; None if no event was found.
     """
 
     true: int
@@ -70,7 +70,7 @@ class SessionEvaluation:
 
     seconds: float
     events: tuple[tuple[str, EventScore], ...]
-    times: TimeScore | None  # None where the result has no contacts
+    times: TimeScore | None  # None if the result has no contacts
 
 
 def score_session(

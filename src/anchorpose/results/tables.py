@@ -30,7 +30,7 @@ class JointFrame:
     """The 21 joints at one time of the reference clock, order of ``JOINT_NAMES``, world frame.
 
     position_m (21, 3) float64, NaN where lost; sigma_m (21,) float64, one standard deviation along each axis, NaN where
-    lost. Raises ValueError where position, sigma and state disagree: a lost joint must have neither position nor sigma,
+    lost. Raises ValueError if position, sigma and state disagree: a lost joint must have neither position nor sigma,
     any other joint must have both.
     """
 

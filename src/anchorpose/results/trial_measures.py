@@ -189,14 +189,14 @@ def _mean(rows: Sequence[Measure]) -> Measure:
 
 
 def _inferred(rows: Sequence[Measure]) -> float | None:
-    """Return the inferred share over the frames of all rows; None where no row has a share."""
+    """Return the inferred share over the frames of all rows; None if no row has a share."""
     shares = [(row.inferred_share, row.frames) for row in rows if row.inferred_share is not None and row.frames]
     frames = sum(count for _, count in shares)
     return sum(share * count for share, count in shares) / frames if frames else None
 
 
 def sigma_of_trial_mean(sigma: Sequence[float | None]) -> float | None:
-    """Return sigma of the mean over trials of one recording; None where a trial has no sigma.
+    """Return sigma of the mean over trials of one recording; None if a trial has no sigma.
 
     The systematic share of the variance is common to all trials; the random share is averaged.
     """

@@ -26,7 +26,7 @@ class Truth:
     """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where unknown; occluded (t,) bool.
 
     seen_share (t, 21, cameras), 0 to 1, with the number type of the file: share of the skin around the joint that the
-    camera sees; None where the file does not state it.
+    camera sees; None if the file does not state it.
     """
 
     time_s: np.ndarray
@@ -44,7 +44,7 @@ def read_truth(path: Path) -> Truth:
     """Read a truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and optionally ``occluded`` (t) and
     ``seen_share`` (t, n, cameras).
 
-    Joints may come in any order and some may be missing (NaN). Raises InputError where the content differs.
+    Joints may come in any order and some may be missing (NaN). Raises InputError if the content differs.
     """
     remedy = "give a truth.npz with joints (t, 21, 3), names (21) and time (t)"
     arrays = read_arrays(path, _READ, remedy)
@@ -74,7 +74,7 @@ def read_truth(path: Path) -> Truth:
 
 
 def _checked_shares(path: Path, seen: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Raise InputError where the shares do not fit the joints (t, n) or are invalid."""
+    """Raise InputError if the shares do not fit the joints (t, n) or are invalid."""
     remedy = "give seen_share (t, n, cameras) with shares from 0 to 1, or leave it out"
     if seen.ndim != 3 or seen.shape[:2] != shape or seen.shape[2] == 0 or seen.dtype.kind not in "fiu":
         raise InputError(path, f"its seen_share {seen.shape} does not fit its joints {shape}", remedy)
@@ -119,7 +119,7 @@ def read_true_support(path: Path) -> TrueTouch | None:
     """Return the contacts with equipment in a truth.npz, ``on_equipment`` (t, parts, b) and ``part_names`` (b); None
     where the file has no such arrays. Feet are left out, as in contacts.parquet.
 
-    Raises InputError where the two arrays do not fit each other.
+    Raises InputError if the two arrays do not fit each other.
     """
     arrays = read_arrays(path, ("on_equipment", "part_names", "time"), SUPPORT_REMEDY)
     if "on_equipment" not in arrays or "part_names" not in arrays:
@@ -136,10 +136,10 @@ SUPPORT_REMEDY: Final = "give on_equipment (t, parts, b) and part_names (b)"
 
 
 def read_true_touch(path: Path) -> TrueTouch | None:
-    """Return the contacts in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None where the file has no such
+    """Return the contacts in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None if the file has no such
     arrays.
 
-    Raises InputError where the two arrays do not fit each other, or where none of the bones belongs to the body.
+    Raises InputError if the two arrays do not fit each other, or where none of the bones belongs to the body.
     """
     remedy = "give touched (t, b) and part_names (b)"
     arrays = read_arrays(path, ("touched", "part_names", "time"), remedy)
@@ -196,7 +196,7 @@ WRONG: Final = {
 
 
 def require_as_is(path: Path, misfit: Mapping[Sides, float], is_length: bool) -> None:
-    """Raise InputError where the file fits much better with a mirrored axis or exchanged labels.
+    """Raise InputError if the file fits much better with a mirrored axis or exchanged labels.
 
     misfit: the misfit for each reversal that can be compared. is_length: whether misfits are lengths in metres.
     """
@@ -237,7 +237,7 @@ _BONES: Final = np.array(LIMBS)
 
 
 def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> None:
-    """Raise InputError where the truth (n, 21, 3) is in another unit or other axes than the results' joints (n, 21, 3)
+    """Raise InputError if the truth (n, 21, 3) is in another unit or other axes than the results' joints (n, 21, 3)
     of the same frames.
 
     As far as possible, the truth alone is tested for properties that every correct truth has. If the patient was

@@ -56,8 +56,8 @@ def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = Non
     """Find the sensor's clock.
 
     ours (g, 3): signals of the tracked segment, in its axes; theirs (h, k), k from 1 to 3: signals of the sensor, in
-    its axes. Units are arbitrary. near_s: an offset that is correct within half a second, None where unknown.
-    has_gravity: whether both are accelerations of three axes. Raises NoCommonMovement where the best offset explains
+    its axes. Units are arbitrary. near_s: an offset that is correct within half a second, None if unknown.
+    has_gravity: whether both are accelerations of three axes. Raises NoCommonMovement if the best offset explains
     too little, or where another offset explains as much.
     """
     r, overlap = rotated_correlations(ours.values[::COARSE], theirs.values[::COARSE])
@@ -115,7 +115,7 @@ def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray,
     """Return the rotation and scale (k, 3) from the sensor's axes and unit to the segment's, and the correlation after
     it.
 
-    clock: a clock that is nearly correct. Raises NoCommonMovement where the two signals have no time in common.
+    clock: a clock that is nearly correct. Raises NoCommonMovement if the two signals have no time in common.
     """
     x, y = (each - each.mean(axis=0) for each in _in_common(ours, theirs, clock))
     u, common, vt = np.linalg.svd(y.T @ x, full_matrices=False)

@@ -70,7 +70,7 @@ def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | N
     """Find the other clock, and the number of matched pulses. ours_s (n,), theirs_s (m,): increasing onsets of the
     pulses on the recording's and on the other clock.
 
-    near_s: an offset that is right within half a second, None where unknown. Raises NoCommonMovement where too few
+    near_s: an offset that is right within half a second, None if unknown. Raises NoCommonMovement if too few
     pulses match, or another offset matches nearly as many.
     """
     if not len(ours_s) or not len(theirs_s):

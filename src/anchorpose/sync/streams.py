@@ -85,7 +85,7 @@ class OtherFile:
 
 
 def checked(path: Path, stream: Stream) -> Stream:
-    """Return the stream; raises InputError where its times cannot be those of a recording, or it has no values."""
+    """Return the stream; raises InputError if its times cannot be those of a recording, or it has no values."""
     where = f" of {stream.name}" if stream.name else ""
     if len(stream.time_s) < 2:
         raise InputError(path, f"has {len(stream.time_s)} samples{where}", "give the file of a movement")

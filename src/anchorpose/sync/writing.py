@@ -87,7 +87,7 @@ def signal_table(found: Synchronised) -> pa.Table:
     missing.
 
     A signal with several samples per frame has its mean over the frame's time, and a column NAME_rms with the root mean
-    square, as is usual for EMG; other signals are interpolated. Raises InputError where the table already has a column
+    square, as is usual for EMG; other signals are interpolated. Raises InputError if the table already has a column
     of that name.
     """
     time_s = found.joints.time_s

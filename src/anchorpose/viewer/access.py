@@ -30,7 +30,7 @@ class Guard:
     loopback: bool
 
     def path_within(self, path: str) -> str | None:
-        """Return the rest of a request's path after the token, without the query; None where the token is missing."""
+        """Return the rest of a request's path after the token, without the query; None if the token is missing."""
         first, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
         return rest if hmac.compare_digest(first.encode(), self.token.encode()) else None
 
@@ -54,7 +54,7 @@ def new_token() -> str:
 
 
 def _name_in(host: str) -> str:
-    """Return the name in a Host header without its port; empty where it is malformed."""
+    """Return the name in a Host header without its port; empty if it is malformed."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:

@@ -80,7 +80,7 @@ class DepthFrames:
     """A recording on the clocks and in the world of a run.
 
     pairs (n, cameras): for each frame of the results, the index of each camera's depth image in its stream, -1 = none.
-    people: None where the results have no person labels.
+    people: None if the results have no person labels.
     """
 
     recording: Recording
@@ -167,7 +167,7 @@ class DepthFrames:
         return picture.depth_m, f"the picture {picture.problem}" if picture.problem else ""
 
     def labels(self, position: int, camera: int) -> np.ndarray | None:
-        """Return the labels (height, width) uint8; all ``ROOM`` in a frame without people, None where the results have
+        """Return the labels (height, width) uint8; all ``ROOM`` in a frame without people, None if the results have
         no labels.
         """
         if self.people is None:
@@ -179,7 +179,7 @@ class DepthFrames:
 
 
 def open_depth_frames(folder: Path, results: Path, run: dict[str, Any], frame: np.ndarray) -> DepthFrames:
-    """Open the recording from which the results were made; raises InputError where it is another recording.
+    """Open the recording from which the results were made; raises InputError if it is another recording.
 
     frame (n,): the numbers of the results' frames.
     """

@@ -56,7 +56,7 @@ class Response:
 
 
 def json_response(value: Any) -> Response:
-    """Return a JSON response; raises ValueError where a number is NaN, which JSON does not have."""
+    """Return a JSON response; raises ValueError if a number is NaN, which JSON does not have."""
     return Response(json.dumps(value, allow_nan=False).encode(), JSON)
 
 
@@ -74,7 +74,7 @@ class GuardedServer(ThreadingHTTPServer):
     """A server that listens as soon as it is made, and answers in ``serve_forever``.
 
     address: the address to open; page: the name of the page that the address shows; program: name of the command that
-    printed the address, for refusals. Raises AnchorposeError where it cannot listen on ``host`` and ``port``.
+    printed the address, for refusals. Raises AnchorposeError if it cannot listen on ``host`` and ``port``.
     """
 
     daemon_threads = True

@@ -225,7 +225,7 @@ def moving_ancestor(asset: BodyAsset) -> np.ndarray:
 
 
 def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
-    """Return the arrays of the page's body; None where no body was learnt.
+    """Return the arrays of the page's body; None if no body was learnt.
 
     vertices (v, 3) and normals (v, 3) float32 at rest, faces (f, 3) uint32, bones (v, 4) uint8 rows of
     ``MOVING_BONES``, weights (v, 4) float32, heads (21, 3) float32: the centres of rotation at rest. Posed:

@@ -62,7 +62,7 @@ class Review:
 
 
 def open_review(results: Path, recording: Path | None) -> Review:
-    """Open a review; raises InputError where the results are unreadable, or were made from another recording."""
+    """Open a review; raises InputError if the results are unreadable, or were made from another recording."""
     if not results.is_dir():
         raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
     joints, run = JOINTS.read(results / JOINTS.file), read_run(results / RUN_FILE)
@@ -225,7 +225,7 @@ def locked(path: Path) -> Iterator[None]:
     """Keep out other threads and programs that lock the same file until the block ends.
 
     The operating system holds the lock, so that a program that dies leaves no lock behind; the empty lock file stays.
-    Raises InputError where another program holds it for ``PATIENCE_S``, or where no lock is possible.
+    Raises InputError if another program holds it for ``PATIENCE_S``, or where no lock is possible.
     """
     lock = FileLock(path.with_name(f".{path.name}.lock"))
     try:
@@ -247,7 +247,7 @@ class CorrectionFile:
 
     It is locked and read again for each change, so that several viewers can work on it at once. initial: the
     corrections that are valid while the file does not exist. The first change writes them too, so that a second review
-    keeps the corrections of the first. Raises InputError where the file cannot be used, or is about another recording
+    keeps the corrections of the first. Raises InputError if the file cannot be used, or is about another recording
     or world.
     """
 
@@ -278,7 +278,7 @@ class CorrectionFile:
 
     def take_back(self, given: dict[str, Any]) -> Corrections:
         """Move an ``entry``, given exactly as in the file, to the withdrawn entries, with the name ``who``; raises
-        InputError, or ValueError where the entry does not exist.
+        InputError, or ValueError if the entry does not exist.
         """
         withdrawal = parse_withdrawal(Path("correction"), {**given, "when": now_utc()})
         with locked(self.path):

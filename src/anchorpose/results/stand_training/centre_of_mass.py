@@ -180,7 +180,7 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
 
 
 def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tuple[str, float | None, float | None]]:
-    """Return name, value and sigma of each sway measure, in the units of ``UNITS``; None where most of the value may be
+    """Return name, value and sigma of each sway measure, in the units of ``UNITS``; None if most of the value may be
     noise.
     """
     deviation = 1000.0 * np.concatenate([bout.deviation_m for bout in bouts])

@@ -204,8 +204,8 @@ def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
 class Session:
     """A session: joints, angles, posture, stance of the same frames; seconds (n,) that each frame represents.
 
-    contacts: with people and equipment, None where the results folder has no table of them; equipment: the parts with
-    which contacts were searched, empty where the recording has no model of the equipment.
+    contacts: with people and equipment, None if the results folder has no table of them; equipment: the parts with
+    which contacts were searched, empty if the recording has no model of the equipment.
     """
 
     joints: JointTable
@@ -219,12 +219,12 @@ class Session:
 
     @property
     def helping(self) -> tuple[Contact, ...] | None:
-        """Return the contacts with people; None where they are unknown."""
+        """Return the contacts with people; None if they are unknown."""
         return None if self.contacts is None else with_people(self.contacts)
 
     @property
     def supports(self) -> tuple[Contact, ...] | None:
-        """Return the contacts with the equipment; None where they are unknown."""
+        """Return the contacts with the equipment; None if they are unknown."""
         return None if self.contacts is None or not self.equipment else with_equipment(self.contacts)
 
     @property
