@@ -26,10 +26,10 @@ METRES: Final[Mapping[str, float]] = {
     "centimeters": 0.01,
     "centimetres": 0.01,
 }
-"""Metres per unit, by the names of units in files."""
+"""Length of each unit in metres, by the unit's name in files."""
 
-LONGEST_S: Final = 86_400.0  # s, a day; larger times must be in milliseconds or smaller units
-FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # larger values are damaged; a wrong unit shows in the size of the body
+LONGEST_S: Final = 86_400.0  # s (a day), maximum time; larger values must be in milliseconds or smaller units
+FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # maximum position and angle; larger values mean a damaged file
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,7 +32,7 @@ from anchorpose.results.verify import require_own
 from anchorpose.rotations import fit_rigid_transform
 
 LARGEST_SCALE: Final = 1.3
-"""Largest ratio of body sizes in both systems; different definitions of joints change distances by less."""
+"""Maximum ratio of the body's sizes in the two systems; different definitions of joints change distances by less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

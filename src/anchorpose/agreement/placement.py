@@ -20,11 +20,11 @@ from anchorpose.rotations import fit_rigid_transform, rotation_matrices, rotatio
 
 ROUNDS: Final = 15
 LEAST_FRAMES: Final = 10
-"""Least number of common frames of a joint that are needed to find its offset."""
+"""Minimum number of frames in which both systems have a joint, for finding the joint's offset."""
 
 FARTHEST: Final = 4.0
-"""Factor on the typical distance; larger distances get less weight, since one of the two systems has lost the joint
-there.
+"""Multiple of the typical distance above which a distance gets less weight, since one of the two systems has probably
+lost the joint.
 """
 
 TURN_PRIOR_FRAMES: Final = 15.0
@@ -37,7 +37,7 @@ a shift of the frame; so its position comes from a fit with the second value. In
 """
 
 ERROR_M: Final = 0.005
-"""Length in m added to a joint's sigma: the error of the reference, and a reserve for a sigma that is too small."""
+"""Length in m that is added to a joint's sigma. It covers the error of the reference, and sigmas that are too small."""
 
 MOST_FRAMES: Final = 1000
 """Number of frames to which a long recording is thinned, since neighbouring frames contain the same information."""

@@ -49,7 +49,7 @@ _PAIRS: Final = {
     "Elbow": (("{s}ELB", "{s}HLE", "{s}LELB", "{s}ELBOWLAT"), ("{s}ELM", "{s}HME", "{s}MELB", "{s}ELBOWMED")),
     "Wrist": (("{s}WRA", "{s}RSP", "{s}WRISTRAD"), ("{s}WRB", "{s}USP", "{s}WRISTULN")),
 }
-"""By joint, its lateral and medial marker; the joint's centre is taken midway between them."""
+"""The lateral and the medial marker of each joint; the joint's centre is taken midway between the two."""
 
 _PELVIS: Final = {"ASIS": ("{s}ASI", "{s}ASIS", "{s}IAS"), "PSIS": ("{s}PSI", "{s}PSIS", "{s}IPS")}
 
@@ -145,15 +145,15 @@ def _thigh(own: dict[str, str], midpoints: dict[str, tuple[str, ...]], side: str
 
 
 LEAST_SWING: Final = 0.02
-"""Least ratio of the smallest to the largest singular value of the equations of the spheres. With less, the thigh moved
-in one plane or hardly at all, so the centre is undetermined along one direction.
+"""Minimum ratio of the smallest to the largest singular value of the equations of the spheres. Below it, the thigh
+moved in one plane or hardly at all, so the centre is undetermined along one direction.
 """
 
 
 FARTHEST_M: Final = 0.04
-"""Largest distance in metres of the functional centre from that of the regression, which is accurate to 15 mm. Farther
-away, markers moved with the skin over the bone: in a recording of walking (ezc3d's example of Qualisys), both hips were
-67 mm away.
+"""Maximum distance in metres of the functional centre from the centre given by the regression, which is accurate to 15
+mm. At a larger distance, markers moved with the skin over the bone: in a recording of walking (ezc3d's example of
+Qualisys), both hips were 67 mm away.
 """
 
 

@@ -152,8 +152,8 @@ REMEDY: Final = (
 )
 
 OTHER_UNIT: Final = 100.0
-"""Ratio between values of two sessions from which on they are taken to be in different units, such as metres and
-centimetres: no person changes by as much.
+"""Minimum ratio between values of two sessions that are taken to be in different units, such as metres and centimetres,
+since no person changes by this ratio.
 """
 
 Key = tuple[str, str | None, str]  # measure, side, unit

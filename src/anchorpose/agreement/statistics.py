@@ -17,7 +17,9 @@ from scipy import stats
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_UNITS: Final = 3
-"""Least number of subjects for subjects to be the units; with fewer, the interval would be too wide to be of use."""
+"""Minimum number of subjects for which each subject is a unit; with fewer subjects, the interval would be too wide to
+be of use.
+"""
 
 CONFIDENCE: Final = 0.95
 
@@ -143,7 +145,7 @@ def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple
 
 
 LEAST_SAMPLES: Final = 10
-"""Least number of samples; with fewer, agreement has no meaning, and a waveform no shape."""
+"""Minimum number of samples; with fewer samples, neither agreement nor the shape of a curve is defined."""
 
 LEVELS: Final = np.linspace(0.05, 0.95, 19)
 """Nominal shares, from 0.05 to 0.95, at which coverage is tested."""

@@ -29,7 +29,8 @@ if find_spec("distributed") is None:
 SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
 CONNECT_S: Final = 20.0
-# number of times that a job's worker may die before the job is given up; more deaths are the job's fault, such as too
+# number of times that a job's worker may die before the job is given up; more deaths are caused by the job, such as by
+# too
 # little memory
 DEATHS: Final = 3
 
@@ -70,7 +71,7 @@ def cores() -> int:
 def connected(place: Place, jobs: int) -> Iterator[Client]:
     """Yield a client of the scheduler; processes that were started for it end with the block.
 
-    jobs: largest number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
+    jobs: maximum number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
     """
     import dask
     import distributed  # noqa: F401  its defaults: those that come while others are set go with them
@@ -149,7 +150,7 @@ def _slurm(place: Place, jobs: int) -> Any:
     return cluster
 
 
-POLL_S: Final = 0.5  # s; new workers are noticed after this time
+POLL_S: Final = 0.5  # s between two searches for new workers
 
 KILLED: Final = (
     f"its worker died {DEATHS + 1} times while it ran; give it more memory or time, or run it alone to see why."

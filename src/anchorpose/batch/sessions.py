@@ -167,7 +167,7 @@ def _value(name: str, text: str, path: Path, number: int) -> object:
 BATCH_FILE: Final = "batch.json"
 LOCK_FILE: Final = ".batch.lock"
 LONGEST_NAME: Final = 100
-"""Limit of a name in bytes: encrypted folders allow 143, and a run adds up to 30, for example
+"""Maximum length of a name in bytes. Encrypted folders allow 143 bytes, and a run adds up to 30, for example
 .NAME.json.partial-01234567.
 """
 

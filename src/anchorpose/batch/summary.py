@@ -45,7 +45,7 @@ AGAIN: Final = "write it again with 'anchorpose batch --summary'"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionRow:
     """One session. state: one of ``STATES``; why: the sentence on the failure, if it failed. Other fields are None
-    unless it is done.
+    unless the session is done.
 
     length_s: from the first frame to the last; the shares are of all joints in all frames; work_s: duration of
     tracking, by run.json.
@@ -213,7 +213,7 @@ def _for_spreadsheets(table: pa.Table) -> pa.Table:
     return table
 
 
-MOST_COMPARED: Final = 300  # largest number of sessions whose measures are on the page; the tables hold all
+MOST_COMPARED: Final = 300  # maximum number of sessions whose measures are on the page; the tables have all sessions
 
 UNKNOWN: Final = Markup('<span title="{}">–</span>')
 

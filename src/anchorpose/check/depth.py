@@ -162,7 +162,7 @@ FACING: Final = 0.5
 # maximum cosine between a wall's normal and the viewing direction (5 degrees); the end of the sensor's range looks like
 # a wall within 2 degrees
 PARALLEL: Final = 0.996
-SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # height; adults have 1.4 to 2.1 m standing, 1.1 to 1.4 m sitting
+SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # a person's height; adults: 1.4 to 2.1 m standing, 1.1 to 1.4 sitting
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"
 NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # m, range in which depth cameras measure

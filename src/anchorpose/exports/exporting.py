@@ -43,7 +43,7 @@ from anchorpose.results.trial_table import FIXED, TRIALS_FILE, read_trial_table
 _MEANING: Final = {
     row["column"]: (row["unit"], row["meaning"]) for row in read_words("anchorpose.exports", "columns.csv")
 }
-"""Unit and meaning of each column, which are the same in every table."""
+"""The unit and the meaning of each column; a column has the same unit and meaning in every table."""
 
 DICTIONARY_FILE: Final = "data_dictionary.csv"
 DICTIONARY_HEAD: Final = ("file", "column", "type", "unit", "meaning", "missing")

@@ -224,7 +224,7 @@ def _axial_rotation_deg(above: np.ndarray, along: np.ndarray, hinge: np.ndarray,
 
 
 STEM: Final = "motion"
-DIGITS: Final = 6  # digits after the point: micrometres, and millionths of a degree
+DIGITS: Final = 6  # number of digits after the point
 
 
 def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:

@@ -17,13 +17,13 @@ from anchorpose.joints import LOST
 from anchorpose.results.frame_time import LONGEST_STEP, runs_of
 
 NEAR_SHARE: Final = 0.01
-"""Share of the time between frames. A sample that is at most this far from a grid time is used there unchanged: at 30
-frames per second 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
+"""Share of the time between frames. A sample whose time differs from a grid time by at most this share is used there
+unchanged. At 30 frames per second, this is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
 """
 
 
 MOST_ROWS: Final = 20
-"""Largest ratio of grid frames to recorded frames; with more, the recording pauses for most of its time."""
+"""Maximum ratio of grid frames to recorded frames; above it, the recording consists mostly of pauses."""
 
 
 class TimeBase(StrEnum):
@@ -188,8 +188,8 @@ def _at(samples: Samples, grid_s: np.ndarray, interpolation: Interpolation) -> S
 
 
 KEPT_SHARE: Final = 0.5
-"""Least share of the frames in which a column must be known to be kept: a rarer column would leave too few whole
-frames.
+"""Minimum share of the frames in which a column must be known to be kept; a column with fewer values would leave too
+few complete frames.
 """
 
 

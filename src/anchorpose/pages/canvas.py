@@ -39,7 +39,9 @@ class Ink:
 
 
 PICTURE_WIDTH: Final = 960
-"""Width in pixels: enough to read the names on a phone held sideways, small enough to embed a dozen in a page."""
+"""Width of a picture in pixels. It is large enough to read the names on a phone held sideways, and small enough to
+embed a dozen pictures in a page.
+"""
 
 
 def colour_of_person(label: int) -> Colour:

@@ -45,7 +45,7 @@ from anchorpose.tracker.inspection import InspectedCamera
 from anchorpose.tracker.observation import Observation
 
 ISO_M: Final = 0.1  # m between two lines of equal distance along the skin
-MAGNIFIED: Final = 3.0  # factor on arrows: a hand moves 3 cm in a frame, nine pixels, too few to see a direction
+MAGNIFIED: Final = 3.0  # factor on arrows; the nine pixels by which a hand moves in a frame are too few to see
 LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # direction towards the light, camera frame: from above on the left
 SEEN_ONCE: Final = (235.0, 235.0, 235.0)
 SEEN_TWICE: Final = (255.0, 200.0, 130.0)

@@ -177,7 +177,7 @@ def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[Pictu
 
 
 SPREAD: Final = 4  # number of frames spread evenly over the recording
-TRANSITIONS: Final = 4  # largest number of transitions that are shown; the first are chosen
+TRANSITIONS: Final = 4  # maximum number of transitions that are shown; the first ones are chosen
 
 _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 

@@ -18,7 +18,9 @@ import numpy as np
 from anchorpose.report.words import number
 
 MOST_BINS: Final = 600
-"""Largest number of groups of frames: about one and a half pixels each on a page, a third of a millimetre on paper."""
+"""Maximum number of groups of frames. Each is then about one and a half pixels wide on a page, and a third of a
+millimetre on paper.
+"""
 
 PAUSE: Final = 3.0
 """A gap of more than this many usual intervals between frames is a pause, across which no line is drawn."""
@@ -104,8 +106,8 @@ def worst(state_code: np.ndarray, bins: Bins) -> np.ndarray:
 
 
 UNITS: Final = 1000
-"""Side, in units, of the square on which rows are drawn before they are stretched: whole numbers keep the page
-small.
+"""Side, in units, of the square on which rows are drawn before they are stretched. Places are whole numbers of units,
+which keeps the page small.
 """
 MOST_TICKS: Final = 5
 

@@ -22,7 +22,9 @@ from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
 ALIKE: Final = 0.05
-"""Share of the longer span by which two spans may differ. Changes of a twentieth are rarely above the errors."""
+"""Share of the longer span by which two comparable spans may differ. A measure's change by this share rarely exceeds
+its errors.
+"""
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
 
@@ -100,7 +102,7 @@ def _differ(old_s: float, new_s: float) -> bool:
     return abs(new_s - old_s) > ALIKE * max(old_s, new_s)
 
 
-MOST_NAMES: Final = 8  # largest number of differing settings that are named; more are counted
+MOST_NAMES: Final = 8  # maximum number of differing settings that are named; others are only counted
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:

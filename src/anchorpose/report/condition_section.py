@@ -38,7 +38,7 @@ CURVES: Final = (
     "assistance_share_upright",
     RATING,
 )
-"""Measures that are drawn over parameters where the user chose none."""
+"""Measures whose curves over parameters are drawn if the user chose no measures."""
 
 DESIGNS: Final = {
     PAIRS: "Neighbouring trials of two conditions are compared in pairs, since they alternate.",

@@ -25,7 +25,7 @@ from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import RUN_FILE
 
 MOST_LINES: Final = 60
-"""Largest number of problems listed on the page; the others are counted and left to run.json."""
+"""Maximum number of problems listed on the page; all others are only counted there, and listed in run.json."""
 
 
 # px over which neighbouring readings share their error; below this, each reading's error is almost independent

@@ -48,7 +48,7 @@ from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
 from anchorpose.results.verify import require_own
 
 MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
-"""What 'anchorpose measure' writes, from the joints."""
+"""Files that 'anchorpose measure' computes from the joints."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,7 +37,8 @@ joint is named. Above the second (mean of all joints), the patient was in plain 
 """
 
 MUCH_LOST, MOSTLY_LOST = 0.1, 0.5
-"""Shares of lost joint positions. Above the first, the summary begins with the loss; above the second, most are lost.
+"""Shares of lost joint positions. Above the first share, the summary begins with the loss; above the second, it states
+that most positions are lost.
 """
 
 

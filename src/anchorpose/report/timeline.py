@@ -100,7 +100,7 @@ def short_timeline(session: Session, label: str) -> Chart:
 
 
 MOST_CONDITIONS: Final = 12
-"""Largest number of rows: with more names the page of measures is easier to read than a picture."""
+"""Maximum number of rows of conditions; with more conditions, a table is easier to read than a picture."""
 
 
 def condition_rows(session: Session) -> list[Row]:

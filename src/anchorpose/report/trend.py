@@ -32,7 +32,7 @@ from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_SESSIONS: Final = 3
 DAYS: Final = 7.0
-"""Days per unit of slope: slopes are per week."""
+"""Number of days to which a slope refers (a week)."""
 
 NO_DATES: Final = "There is no trend: the dates of the sessions are not known. Give --date once for each session."
 TOO_FEW: Final = "There is no trend: it needs {} sessions of different days at least, and these are {}."

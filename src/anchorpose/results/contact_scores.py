@@ -32,7 +32,7 @@ class ContactScore:
     The truth names bones, so a knee held from both sides counts as a touched thigh and a touched shank.
     """
 
-    reported: int  # number of pairs of part and frame
+    reported: int  # number of reported pairs of part and frame
     touched: int
     precision: float | None
     recall: float | None

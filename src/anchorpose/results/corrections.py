@@ -30,8 +30,8 @@ CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
 LATEST_FRAME: Final = 2**31 - 1
 SUREST_M: Final = 1e-4
-"""Least sigma of a corrected joint, m: nobody places a joint within a tenth of a millimetre, and squares of smaller
-values overflow when inverted.
+"""Minimum sigma of a corrected joint in m. Nobody places a joint more precisely, and the inverse square of a smaller
+value overflows.
 """
 
 
@@ -126,8 +126,8 @@ Correction = UnusableInterval | JointCorrection | NamedPatient
 
 
 def _subject(entry: Correction) -> tuple[int, str] | str | None:
-    """Return what an entry is about: a joint in a frame, or the patient. At most one entry per subject is valid. None
-    for an interval: several intervals may be valid.
+    """Return the subject of an entry: a joint in a frame, or the patient. At most one entry per subject is valid.
+    Return None for an interval, since several intervals may be valid.
     """
     if isinstance(entry, JointCorrection):
         return entry.frame, entry.joint

@@ -27,13 +27,15 @@ from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 
 FAR_M: Final = 0.10
-"""Error in m; a joint farther off is on another part of the body, or on nothing."""
+"""Maximum error in m of a joint that is on the right part of the body."""
 
 CONFIDENT_SIGMAS: Final = 4.0
-"""Error of a joint along an axis, in its stated sigmas. If the sigmas are right, one error in 16 000 is larger."""
+"""Limit of a joint's error along an axis, as a multiple of its stated sigma. If the sigmas are right, one error in 16
+000 is larger.
+"""
 
 PLAIN_VIEW: Final = 0.5
-"""Least share of a limb's skin that one camera must see for the limb to be in plain view."""
+"""Minimum share of a limb's skin that one camera must see for the limb to be in plain view."""
 
 _ENDS: Final = {"arm": ("Elbow", "Wrist", "Hand"), "leg": ("Knee", "Ankle", "Foot")}
 _FREE: Final = {
@@ -51,7 +53,7 @@ LIMBS_JUDGED: Final[Mapping[str, np.ndarray]] = {
 
 
 SEEN_SHARE: Final = 0.25
-"""Share of the skin around a joint that one camera must see for the joint to count as truly seen."""
+"""Minimum share of the skin around a joint that one camera must see for the joint to count as truly seen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +78,7 @@ def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
 
     truth_m (n, 21, 3) metres, NaN where unknown. A lost joint, and a joint without a known truth, is False.
     """
-    wrong = distance_m(joints, truth_m) > FAR_M  # False where either is NaN
+    wrong = distance_m(joints, truth_m) > FAR_M  # False where either position is NaN
     farthest = np.abs(joints.position_m - truth_m).max(axis=2)
     return np.asarray(wrong & (farthest > CONFIDENT_SIGMAS * joints.sigma_m))
 
@@ -126,8 +128,9 @@ def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, fl
 
 
 LEAST_SHARE: Final = 0.1
-"""Share of the frames of the results, or of the truth, that must have a partner in the other. Fewer match by chance,
-for example if times are in another unit. A truth for every thirtieth frame is accepted, since all of its frames match.
+"""Minimum share of the frames of the results, or of the truth, that must have a partner in the other. A smaller share
+may match by chance, for example if times are in another unit. A truth for every thirtieth frame is accepted, since all
+of its frames match.
 """
 
 
@@ -145,7 +148,7 @@ def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
 
     A frame in which the joint is lost ends the error. Each frame counts as one usual step between frames.
     """
-    off = distance_m(joints, truth_m) > WRONG_M  # False where either is NaN
+    off = distance_m(joints, truth_m) > WRONG_M  # False where either position is NaN
     longest = LongestError(joint=None, start_s=None, seconds=0.0)
     for column, name in enumerate(JOINT_NAMES):
         start_s, seconds = longest_run(off[:, column], joints.time_s)
@@ -205,7 +208,7 @@ def _mean(values: np.ndarray) -> float | None:
 
 
 HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.OBSERVED, JointState.LOST))
-"""The states of an inferred joint."""
+"""The states that a joint may have if it is inferred."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -241,10 +244,10 @@ class Evaluation:
     wrong_in_view: tuple[tuple[str, WrongInView], ...]  # by limb
     # whether the truth states what each camera saw; if not, limbs are in plain view except in occluded frames
     view_known: bool
-    longest_off: LongestError  # longest time in which one joint was far off
+    longest_off: LongestError  # longest unbroken time in which one joint was far off
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
-    drift_ratio: float | None  # mean error of the second half of the frames over that of the first
+    drift_ratio: float | None  # mean error of the frames' second half, divided by that of the first
     contacts: ContactEvaluation | None = None  # contacts with people; None if the truth or the result has none
     # contacts with equipment; None also where the result was made without searching such contacts
     supports: ContactEvaluation | None = None

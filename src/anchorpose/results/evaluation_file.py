@@ -15,7 +15,7 @@ from anchorpose.results.run_record import as_json
 from anchorpose.results.truth import WRONG_M
 
 MARK: Final = '"matched_frames"'
-"""Stands in the beginning of every file of this kind."""
+"""Text that the beginning of every evaluation file contains."""
 
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:

@@ -22,9 +22,9 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # cm2, area of a hand; clothes and grips leave up to half of it uncovered
-SEEN_PAST: Final = 0.3  # share of a part's skin that a camera sees past; a limb in its true place has less
-APART_S: Final = 0.5  # s, least time between two moments: closer moments show the same situation
+UNCOVERED_CM2: Final = 80.0  # cm2, maximum uncovered area (that of a hand); clothes and grips cause up to half
+SEEN_PAST: Final = 0.3  # maximum share of a part's skin that a camera sees past; in its true place a limb has less
+APART_S: Final = 0.5  # s, minimum time between two moments; closer moments show the same situation
 MOST_MOMENTS: Final = 5
 
 
@@ -56,7 +56,7 @@ class ExplainedTable:
 
 
 LARGEST_CM2: Final = 1e6
-"""Upper limit of an area, a hundred square metres: more than the walls that a camera sees."""
+"""Maximum area in cm2 (a hundred square metres), more than the walls that a camera sees."""
 
 EXPLAINED: Final = FrameTable(
     file="explained.parquet",
@@ -81,7 +81,7 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
     """Return (n,) the uncovered area or the largest share of a part that is seen past, each divided by its limit,
-    whichever is larger. From 1 on, a limb is probably not where it is reported. NaN where neither is known.
+    whichever is larger. At 1 or more, a limb is probably not where it is reported. NaN where neither is known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)

@@ -195,7 +195,7 @@ JOURNAL: Final = "journal"
 """The folder in an unfinished results folder that holds the run's progress so far."""
 
 EARLIER: Final = "earlier"
-"""The journal of the run that is being overwritten: it is restored unless the new run stores something."""
+"""The journal of the run that is being overwritten. It is restored if the new run ends before it stores something."""
 
 LIVE: Final = "live session"
 """Prefix of the identity of a live session, which cannot be tracked again, only finished."""

@@ -18,7 +18,9 @@ from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, re
 Frames = TypeVar("Frames")
 
 FRAMES_PER_ROW_GROUP: Final = 512
-"""Frames per row group, half a megabyte of joints in memory; fixed, since row groups decide the bytes of the file."""
+"""Frames per row group (half a megabyte of joints in memory). It never changes, since the bytes of the file depend on
+it.
+"""
 
 UNKNOWN: Final = -1
 """Value of a flag that is neither 1 (yes) nor 0 (no)."""
@@ -26,9 +28,9 @@ UNKNOWN: Final = -1
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns that are one array (..., names) in memory, or (...) where there is one name; NaN is null in the file.
+    """Columns that are one array (..., names) in memory, or (...) if there is a single name; NaN is null in the file.
 
-    least, most: limits of each number, both allowed.
+    least, most: the minimum and the maximum of each number.
     """
 
     names: tuple[str, ...]
@@ -77,7 +79,7 @@ class Codes:
 
 @dataclass(frozen=True, slots=True)
 class Flags:
-    """A column of yes and no, int8 in memory: 1 yes, 0 no, ``UNKNOWN`` null."""
+    """A column of the values yes and no, int8 in memory: 1 is yes, 0 is no, ``UNKNOWN`` is null in the file."""
 
     name: str
 

@@ -8,16 +8,16 @@ from typing import Final
 import numpy as np
 
 LONGEST_STEP: Final = 1.5
-"""Longest normal step, in usual steps between frames: in a longer step at least one frame is missing."""
+"""Maximum step between frames as a multiple of the usual step; in a longer step, at least one frame is missing."""
 
 LONGEST_GAP_S: Final = 0.5
-"""Gap in s that is too short for sitting down or standing up: if the patient has the same posture before and after it,
-the posture continued. Events in a longer gap are unknown.
+"""Maximum gap in s that is too short for sitting down or standing up. If the patient has the same posture before and
+after such a gap, the posture continued. Events in a longer gap are unknown.
 """
 
 
 FRAMES_AT_ONCE: Final = 4096
-"""Frames processed at once: their intermediate values, also as text, take some megabytes."""
+"""Number of frames processed at once; their intermediate values, also as text, take some megabytes."""
 
 
 def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:

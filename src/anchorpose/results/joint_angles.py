@@ -285,7 +285,7 @@ ARMS: Final = _sided(
 
 
 AT_ONCE: Final = 128
-"""Frames processed at once: with all their moved joints they fit into a core's cache."""
+"""Number of frames processed at once, which fit into a core's cache with all their moved joints."""
 
 
 def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -23,7 +23,7 @@ from anchorpose.recording.regular_file import LARGEST_ARRAYS, require_regular
 Row = TypeVar("Row")
 
 ROWS_AT_ONCE: Final = 1 << 15
-"""Rows read at once from a table: some megabytes."""
+"""Number of rows read at once from a table, which take some megabytes."""
 
 TRACK_AGAIN: Final = "track the recording again"
 MEASURE_AGAIN: Final = "run 'anchorpose measure' on its folder again"
@@ -183,9 +183,9 @@ class RecordTable(Generic[Row]):
     """A table with one row per record.
 
     record: the dataclass of a row, whose attributes have the names of the columns. known: the allowed texts of a
-    column. limits: the least and the greatest allowed number of a column. rows_per_group: fixed, since row groups
-    decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows. later: columns
-    that files of older versions lack, and the values to use instead.
+    column. limits: the minimum and the maximum of a column's numbers. rows_per_group: never changed, since the bytes of
+    the file depend on it. may_be_empty: whether the program ever writes the table without rows. later: columns that
+    files of older versions lack, and the values to use instead.
     """
 
     file: str

@@ -23,7 +23,7 @@ import numpy as np
 ALPHA: Final = 0.05
 
 MOST_EXACT: Final = 200_000
-"""Largest number of assignments that are all examined, which takes a fraction of a second; of more, a sample is drawn.
+"""Maximum number of assignments that are all examined, in a fraction of a second; if there are more, a sample is drawn.
 """
 
 SAMPLED: Final = 9_999
@@ -148,21 +148,21 @@ def holm(p: Sequence[float]) -> list[float]:
 
 
 def pairs_needed(comparisons: int = 1) -> int:
-    """Return the least number of pairs with which p can fall below 0.05 divided by the number of comparisons; n pairs
+    """Return the minimum number of pairs with which p can fall below 0.05 divided by the number of comparisons; n pairs
     have 2^n assignments, of which 2 are extreme.
     """
     return next(n for n in count(1) if 2.0 / 2**n < ALPHA / comparisons)
 
 
 def trials_needed(comparisons: int = 1) -> int:
-    """Return the least number of trials of each condition in one block, as in ``pairs_needed``: 2 of (2n choose n)
-    assignments are extreme.
+    """Return the minimum number of trials of each condition in one block for the p of ``pairs_needed``; 2 of (2n choose
+    n) assignments are extreme.
     """
     return next(n for n in count(1) if 2.0 / math.comb(2 * n, n) < ALPHA / comparisons)
 
 
 def blocks_needed(blocks: Blocks, comparisons: int = 1) -> int:
-    """Return the least number of blocks, as in ``pairs_needed``, if all blocks are like the first of the given
+    """Return the minimum number of blocks for the p of ``pairs_needed``, if all blocks are like the first of the given
     blocks.
     """
     first = blocks.members[0]

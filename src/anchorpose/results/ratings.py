@@ -30,7 +30,7 @@ RATING: Final = "blinded_rating"
 RATING_UNIT: Final = "score"
 
 BEST_SCORE: Final = 10
-"""Scores are whole numbers from 0: a numerical rating scale of 11 points, as for pain or effort."""
+"""Highest score. Scores are whole numbers from 0 on a numerical rating scale of 11 points, as for pain or effort."""
 
 MOST_INITIALS: Final = 8
 COLUMNS: Final = ("shown", "trial", "score", "time", "rater", "seed", "session")

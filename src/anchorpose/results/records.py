@@ -85,7 +85,7 @@ def with_equipment(contacts: Iterable[Contact]) -> tuple[Contact, ...]:
 
 
 LARGEST_VALUE: Final = 1e12
-"""Largest absolute value of a measure and of its sigma that is accepted; no real value in any unit comes near it."""
+"""Maximum absolute value of a measure and of its sigma; no real value in any unit comes near it."""
 
 _SPAN_LIMITS: Final = {
     **dict.fromkeys(("first_frame", "last_frame"), (0, LATEST_FRAME)),
@@ -307,10 +307,14 @@ def read_definition(path: Path) -> Definition | None:
 FRAMES_KEPT: Final = 64  # images kept in memory, of all cameras: under a megabyte
 
 ROOM: Final = 0
-"""Label of pixels that are neither equipment nor a person: the room, small components, pixels without a reading."""
+"""Label of pixels that are neither equipment nor a person, such as the room, small components, and pixels without a
+reading.
+"""
 
 _PNG_SETTINGS: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
-"""Settings of the label images: large areas have one value, so run lengths make the smallest files, 5 kB an image."""
+"""Settings of the PNG encoder for label images. Large areas have one value, so run-length coding makes the smallest
+files, with 5 kB per image.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own
 
 SUFFIX = ".npz"
-SHORTEST_S: Final = 0.5  # s, shortest clip: motion history, the frames that check it and one predicted step, at 30 Hz
+SHORTEST_S: Final = 0.5  # s, minimum length of a clip: motion history, frames that check it, one predicted step
 MOTIONS_MARK: Final = "format.npy"  # the first array of a file of movements
 
 

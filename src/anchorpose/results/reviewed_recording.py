@@ -17,7 +17,7 @@ from anchorpose.recording.recording_file import FARTHEST_CAMERA_M, FARTHEST_TIME
 from anchorpose.settings import STRICT, Unfit
 
 LARGEST_DRIFT: Final = 0.1
-"""Largest drift of a camera's clock, seconds per second; real clocks differ by a thousandth at most."""
+"""Maximum drift of a camera's clock in seconds per second; real clocks drift by a thousandth at most."""
 
 
 def _require_clock(clock: Clock) -> Clock:

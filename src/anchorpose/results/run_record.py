@@ -39,7 +39,7 @@ PICTURES: Final = "pictures"
 
 NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 Share = Annotated[float, Field(ge=0, le=1)]
-NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # m, range of depths for which noise is stated
+NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # m, range of depths for which a noise model must have values
 _is_sha256: Final = re.compile("[0-9a-f]{64}").fullmatch
 
 

@@ -21,10 +21,10 @@ from anchorpose.results.true_session import TrueEvent, read_true_contacts, read_
 from anchorpose.results.uncertainty import NORMAL_95
 
 NEAR_S: Final = 0.5
-"""Largest time in s between a found and a true onset of the same event; a knee needs longer to give way twice."""
+"""Maximum time in s between the found and the true onset of an event; a knee needs more time to give way twice."""
 
 IN_TIME_S: Final = 0.1
-"""Largest time in s between found and true onset at which an event counts as found in time: three frames of a camera.
+"""Maximum time in s between found and true onset for an event to count as found in time (three frames of a camera).
 """
 
 EXACT_M: Final = 1e-6

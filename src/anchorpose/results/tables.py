@@ -20,8 +20,8 @@ _STATES: Final = tuple(str(state) for state in JointState)
 
 LARGEST_DEG: Final = 360.0
 LARGEST_SIGMA: Final = 1e6
-"""Largest accepted sigma (m, degrees or radians): an angle that a pose hardly determines may have a sigma of many
-turns.
+"""Maximum sigma (m, degrees or radians). It is large, since an angle that a pose hardly determines may have a sigma of
+many turns.
 """
 
 
@@ -178,7 +178,7 @@ ANGLES_FILE, read_angles, write_angles = ANGLES.file, ANGLES.read, ANGLES.write
 
 
 PROCESSING: Final = ("measured", "smoothed", "filled")
-"""How an angle's joints were processed; the most processed joint decides. The index is the code in
+"""Ways in which an angle's joints were processed; the most processed joint decides. The index is the code in
 ``ProcessedAngles.processing``.
 """
 

@@ -25,7 +25,7 @@ Table = TypeVar("Table")
 Found = TypeVar("Found")
 
 LEAST_FRAMES: Final = 2
-"""Least number of frames in a trial, since a single frame has no duration."""
+"""Minimum number of frames in a trial, since a single frame has no duration."""
 
 TOO_FEW_FRAMES: Final = "fewer than two frames of this trial were tracked"
 

@@ -154,8 +154,7 @@ def read_true_touch(path: Path) -> TrueTouch | None:
 
 
 WRONG_M: Final = 0.15
-"""Error in m, half a forearm. If a joint is farther off, its position is useless for the patient, and its limb counts
-as wrong.
+"""Maximum error in m of a usable joint (half a forearm). If the error is larger, the joint's limb counts as wrong.
 """
 
 CLEARLY_BETTER: Final = 0.7
@@ -164,8 +163,7 @@ ratio of right to wrong was at most 0.1.
 """
 
 LARGEST_DEFINITION_M: Final = 0.03
-"""Misfit in m up to which axes and labels are accepted: the joint centres of two systems differ by as much by
-definition.
+"""Maximum misfit in m of accepted axes and labels; different definitions of the joint centres cause this misfit.
 """
 
 
@@ -218,8 +216,8 @@ _EXCHANGED: Final = [
 
 
 MOST_SCALE: Final = 1.5
-"""Largest factor between bone lengths of truth and results. A wrong body differs by tens of percent, feet for metres by
-3.3.
+"""Maximum ratio between bone lengths of truth and results. For a wrong body they differ by tens of percent; for feet in
+place of metres, the ratio is 3.3.
 """
 
 UPRIGHT_DEG, LYING_DEG = 45.0, 60.0

@@ -24,21 +24,21 @@ from anchorpose.agreement.clock import (
 )
 
 LEAST_DRIFT_S: Final = 60.0
-"""Least common time in s for which the drift is fitted. With less, the prior of the drift (100 parts in a million) is
-more precise than the fit, since offsets are known to 5 ms.
+"""Minimum common time in s for which the drift is fitted. For a shorter time, the prior of the drift (100 parts in a
+million) is more precise than the fit, since offsets are known to 5 ms.
 """
 
 LEAST_OVERLAP_S: Final = 1.5
-"""Least common time in s: that of one movement, such as standing up."""
+"""Minimum common time in s, in which one movement such as standing up takes place."""
 
 SHORT_S: Final = 10.0
 LEAST_SHORT_CORRELATION: Final = 0.9
-"""Correlation required if the common time is below ``SHORT_S`` (s), since a short movement may match others by chance.
+"""Minimum correlation if the common time is below ``SHORT_S`` (s), since a short movement may match others by chance.
 In four real recordings of 2.5 to 5 s, the correlation with the right file was 0.90 to 0.99.
 """
 
 LARGEST_MISFIT: Final = 0.7
-"""Largest misfit of the mean acceleration if the common time is below ``SHORT_S``, as a share of gravity. Other
+"""Maximum misfit of the mean acceleration, as a share of gravity, if the common time is below ``SHORT_S``. Other
 movements may correlate after a rotation, but then gravity seldom has the right direction and size. In fourteen real
 recordings, the misfit of the right file was 0.15 to 0.67.
 """

@@ -14,7 +14,8 @@ from anchorpose.errors import InputError
 from anchorpose.options import DAY_S
 
 LARGEST_BYTES: Final = 2 * 2**30
-"""Limit in bytes of a file in XDF or EDF: 16 channels of EMG at 2 kHz take half a gigabyte per hour as floats."""
+"""Maximum size in bytes of a file in XDF or EDF; 16 channels of EMG at 2 kHz take half a gigabyte per hour as floats.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

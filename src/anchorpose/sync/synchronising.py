@@ -29,7 +29,7 @@ MOVEMENT, PULSES, STAMPS = "movement", "pulses", "stamps"
 """Ways in which a clock was found, as in clock.json."""
 
 STAMP_SIGMA_S: Final = 0.02
-"""Sigma of a time stamp, s: an image is stamped when it arrives, 10 to 50 ms after it was taken."""
+"""Sigma of a time stamp in s; an image is stamped when it arrives, 10 to 50 ms after it was taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

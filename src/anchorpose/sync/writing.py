@@ -35,7 +35,9 @@ SIGNALS_FILE: Final = "signals.parquet"
 SYNC: Final = FolderKind("a synchronisation", (CLOCK_FILE,), (CLOCK_FILE, JOINTS_FILE, SIGNALS_FILE, EVENTS_FILE))
 
 SEVERAL: Final = 2.0
-"""Number of samples per frame from which a signal is averaged over the frame's time; with fewer it is interpolated."""
+"""Minimum number of samples per frame of a signal that is averaged over the frame's time; a signal with fewer samples
+is interpolated.
+"""
 
 
 def write_sync(folder: Path, found: Synchronised, overwrite: bool = False) -> None:

@@ -71,8 +71,8 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-MOST: Final = 48  # largest number of open connections; some systems allow 256 open files, and depth images need some
-MOST_PER_CLIENT: Final = 24  # from one address: four windows, each with the six connections of a browser
+MOST: Final = 48  # maximum number of open connections; some systems allow only 256 open files
+MOST_PER_CLIENT: Final = 24  # the same for one address: four windows, each with a browser's six connections
 CLOSING_S: Final = 1.0  # s; time allowed for a connection to close after shutdown
 
 

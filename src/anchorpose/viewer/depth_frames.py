@@ -34,7 +34,7 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
 
 # pixels to either side over which slopes are computed: 5 cm at 2 m. Over fewer pixels, noise would be visible
 REACH_PX: Final = 4
-JUMP_M: Final = 0.15  # m; a larger step is the edge of another surface
+JUMP_M: Final = 0.15  # m, maximum step in depth within a surface; a larger step is the edge of another surface
 
 _LIGHT: Final = np.array(
     [0.35, -0.5, -0.79]
@@ -69,10 +69,12 @@ UNLABELLED: Final = 255
 """Label of all pixels if there is no people.parquet."""
 
 ROOM_STEP: Final = 3
-"""Step in rows and columns at which pixels of the room are sent: enough for orientation."""
+"""Step in rows and columns at which pixels of the room are sent, which is fine enough for orientation."""
 
 UNLABELLED_STEP: Final = 2
-"""Step in rows and columns of images without person labels: most of their pixels are room."""
+"""Step in rows and columns at which pixels of images without person labels are sent, since most of these pixels show
+the room.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,9 +28,9 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.document import parse_json
 from anchorpose.viewer.access import Connections, Guard, is_loopback, new_token
 
-MOST_BYTES: Final = 64 * 1024  # bytes, largest body of a request: a correction has some hundred
-IDLE_S: Final = 20.0  # s; a connection without a request for so long is closed; the browser opens another
-PATIENCE_S: Final = 120.0  # s; a browser that reads nothing of an answer for so long is gone
+MOST_BYTES: Final = 64 * 1024  # bytes, maximum body of a request; a correction has some hundred bytes
+IDLE_S: Final = 20.0  # s; a connection without a request for this time is closed; the browser then opens another
+PATIENCE_S: Final = 120.0  # s; a browser that reads nothing of an answer for this time is treated as disconnected
 
 
 BYTES: Final = "application/octet-stream"

@@ -159,9 +159,9 @@ def _equipment(depth_frames: DepthFrames) -> dict[str, Any] | None:
     return {"vertices": vertices.round(4).ravel().tolist(), "faces": faces.ravel().tolist()}
 
 
-APART_S: Final = 1.0  # s; two frames closer than this show the same situation
-MOST_OF_A_KIND: Final = 12  # largest number of listed frames with the same kind of reason
-FEW_MATCHED: Final = 0.9  # share of matched points; good recordings have 0.95 to 1
+APART_S: Final = 1.0  # s, minimum time between two listed frames; closer frames show the same situation
+MOST_OF_A_KIND: Final = 12  # maximum number of listed frames with the same kind of reason
+FEW_MATCHED: Final = 0.9  # share of matched points below which a frame is listed; good recordings have 0.95 to 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +215,9 @@ def _lost(lost: np.ndarray) -> str:
 
 
 PATIENCE_S: Final = 10.0
-"""Longest wait in s for the lock. A change takes milliseconds: a program that holds the lock this long is stuck."""
+"""Maximum waiting time in s for the lock. A change takes milliseconds, so a program that holds the lock this long is
+stuck.
+"""
 
 POLL_S: Final = 0.005
 

@@ -113,7 +113,8 @@ SCALE_ERROR: Final = 0.03
 """Standard deviation of the relative error of sway, measured on simulated recordings."""
 
 STEPS_PER_PERIOD: Final = 4.0
-"""Least number of frames per period of the cutoff, since noise is measured between the cutoff and half the frame rate.
+"""Minimum number of frames per period of the cutoff frequency, since noise is measured between this frequency and half
+the frame rate.
 """
 
 UNITS: Final = {
@@ -129,10 +130,10 @@ UNITS: Final = {
 class SwayConfig:
     """Settings of which bouts, and which part of their movement, count as sway."""
 
-    cutoff_hz: Positive = 1.5  # low-pass; a standing body sways below 1 Hz, the joints' noise lies above
+    cutoff_hz: Positive = 1.5  # cutoff of the low-pass; a standing body sways below 1 Hz
     shortest_bout_s: Positive = 5.0
-    settle_s: NotNegative = 1.0  # s after standing up that are left out: the body is not at rest yet
-    times_noise: Annotated[float, Field(ge=1)] = 2.0  # least path reported, in paths of noise alone
+    settle_s: NotNegative = 1.0  # s after standing up that are left out, since the body is not at rest yet
+    times_noise: Annotated[float, Field(ge=1)] = 2.0  # minimum reported path as a multiple of the noise's path
 
 
 class Bout(NamedTuple):

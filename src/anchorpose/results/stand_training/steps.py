@@ -40,7 +40,7 @@ EVENT_SIGMA_S: Final = 0.06
 """Standard deviation in s of the error of a foot off or foot strike, measured on simulated steps (docs/measures.md)."""
 
 LONGEST_PAUSE_S: Final = 2.0
-"""Longest time in s between successive steps; steps farther apart do not follow each other."""
+"""Maximum time in s between successive steps; after a longer time, a new series of steps begins."""
 
 
 @dataclass(frozen=True, slots=True)
