@@ -102,7 +102,7 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
     one.
 
     A point is missing where its residual is negative. Unlabelled points (``*12``) are left out. In labels, the name of
-    a subject before a colon is left out. Raises InputError for a file that cannot be used, MissingPackage without
+    a subject before a colon is left out. Raises InputError for a file that cannot be used, and MissingPackage without
     ezc3d.
     """
     try:

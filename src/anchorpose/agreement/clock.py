@@ -193,7 +193,8 @@ class Clock(OtherClock):
 def find_clock(ours: Signals, theirs: Signals) -> Clock:
     """Find offset and drift with their uncertainty, from the same signals of both systems.
 
-    Raises NoCommonMovement if the best offset explains too little, or where another offset explains as much.
+    Raises NoCommonMovement if the best offset explains too little of the movement, or another offset explains equally
+    much.
     """
     offset_s, correlation = _coarse_offset(ours, theirs)
     return refine_clock(ours, theirs, starting_clock(offset_s, correlation))
@@ -365,8 +366,8 @@ def _normal_equations(
 
 
 def _without_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return each signal (column) without its weighted mean: the two systems define joints differently by a
-    constant.
+    """Return each signal (column) without its weighted mean, since the definitions of joints in the two systems differ
+    by a constant.
     """
     return np.where(weight > 0, values - (weight * values).sum(axis=0) / weight.sum(axis=0), 0.0)
 

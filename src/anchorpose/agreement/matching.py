@@ -40,9 +40,9 @@ class Match:
     """A results folder and a reference at the same times: all arrays have a row per frame of ``joints``.
 
     theirs_m (n, 21, 3): the reference's joints in the world of the results, NaN where missing; axes (n, 21, 3, 3): axes
-    of the segments. theirs: angles of the reference's joints by this program's formulas, None if it has no joints.
-    given_names, given_deg (n, a): angles as the other system computes them. placement: None if the reference has only
-    angles.
+    of the segments. theirs: angles of the reference's joints by this program's formulas, None if the reference has no
+    joints. given_names, given_deg (n, a): angles as the other system computes them. placement: None if the reference
+    has only angles.
     """
 
     results: Path
@@ -184,8 +184,8 @@ def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict
 
 
 def _distance_m(ours_m: np.ndarray, theirs_m: np.ndarray) -> float:
-    """Return the median distance of joints (n, 21, 3), NaN where missing, after the best rigid motion of theirs onto
-    ours.
+    """Return the median distance of joints (n, 21, 3), NaN where missing, after the best rigid motion of the other
+    system's joints onto the results'.
     """
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2)
     T = fit_rigid_transform(theirs_m[both], ours_m[both])

@@ -183,7 +183,7 @@ def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str
     """Return a clause on the session, or on the session of one subject, whose values differ by orders of magnitude;
     None if all are alike. grid (subjects, repeats): the values.
 
-    Single values may be near zero for good reasons, so only a whole session counts as too small.
+    A single value may be near zero without an error, so only a whole session counts as too small.
     """
     size = np.abs(grid[np.isfinite(grid).all(axis=1)])
     names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]

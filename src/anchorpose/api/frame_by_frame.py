@@ -37,7 +37,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 
-START_S: Final = 6.0  # s, as in ``anchorpose live``: in this time a patient moves enough to show where the joints are
+START_S: Final = 6.0  # s, as in ``anchorpose live``; in this time a patient moves enough to locate the joints
 
 
 @dataclass(frozen=True, eq=False)

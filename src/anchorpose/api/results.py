@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATIENT: Final = "patient"
-WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of a smaller error. Larger errors affect clinical measures
+WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of an error below this. Larger errors affect measures
 EVEN: Final = 0.01  # share of an interval; frames count as evenly spaced if their intervals differ by less
 
 

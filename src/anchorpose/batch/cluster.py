@@ -29,9 +29,8 @@ if find_spec("distributed") is None:
 SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
 CONNECT_S: Final = 20.0
-# number of times that a job's worker may die before the job is given up; more deaths are caused by the job, such as by
-# too
-# little memory
+# number of times that a job's worker may die before the job is given up; further deaths are the fault of the job, which
+# may need too much memory
 DEATHS: Final = 3
 
 SCHEDULING: Final = {
@@ -74,7 +73,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     jobs: maximum number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
     """
     import dask
-    import distributed  # noqa: F401  its defaults: those that come while others are set go with them
+    import distributed  # noqa: F401  defaults that are loaded while other values are set are lost with these values
 
     with dask.config.set(SCHEDULING):
         logging.getLogger("distributed").setLevel(logging.ERROR)  # important errors also come with the outcomes

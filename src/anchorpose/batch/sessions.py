@@ -78,7 +78,7 @@ class Session:
 
 
 def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
-    """Find the sessions that a user lists, in the order given; only those from a table have a name yet.
+    """Find the sessions that a user lists, in the order given; only sessions from a table have a name yet.
 
     given: recordings (folders, or files of a recorder), folders that contain recordings, addresses, patterns such as
     ``clinic/*/recording``, and tables (``.csv``). options: for all of them; a row of a table overrides them. Raises
@@ -173,7 +173,7 @@ LONGEST_NAME: Final = 100
 
 # names that Windows does not allow for files
 DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-BEGINNING: Final = 2**20  # number of first bytes that identify a recorder's file: header and first images
+BEGINNING: Final = 2**20  # number of first bytes (header and first images) that identify a recorder's file
 DAMAGED: Final = "choose another folder for the batch; the results in this one stay as they are"
 
 
@@ -264,7 +264,7 @@ def _require_own(
     one: NamedRecording, unnamed: bool, others: Sequence[NamedRecording], holder: NamedRecording | None, out: Path
 ) -> None:
     """Raise InputError if another session of this call has the same name, where two unnamed sessions are of one
-    recording, or where the name belongs to another recording.
+    recording, or if the name belongs to another recording.
     """
     remedy = "name them in a table with a column 'session'"
     if not unnamed:

@@ -1,4 +1,4 @@
-"""Track the sessions of a batch, each in its own process, then write the tables and the page of all of them."""
+"""Track the sessions of a batch, each in a separate process, then write the tables and the page of all sessions."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
 
 
 def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
-    """Track the session with this number, counted from 0, on its own worker; for job arrays."""
+    """Track only the session with this number, counted from 0, on a worker of a job array."""
     if not 0 <= index < len(sessions):
         raise AnchorposeError(f"--index is {index}; there are {len(sessions)} sessions, numbered from 0.")
     session = _opened(out, sessions)[index]

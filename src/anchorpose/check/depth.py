@@ -24,7 +24,7 @@ from anchorpose.isolation.depth_noise import LIMB_M, measure_detail
 from anchorpose.isolation.room_planes import find_planes
 from anchorpose.isolation.view import View
 
-NOISY_PER_M: Final = 2 * 1.425e-3  # sigma / depth^2: twice that of a Kinect v1 (Khoshelham and Elberink 2012)
+NOISY_PER_M: Final = 2 * 1.425e-3  # maximum sigma / depth^2; twice a Kinect v1's (Khoshelham and Elberink 2012)
 # shares of the image without readings; indoors, windows and far walls cause shares of 0.05 to 0.35
 SOME_GONE, MOST_GONE = 0.40, 0.70
 HOLED: Final = 0.15  # share of the patient's outline without readings; hair and shoes cause a smaller share

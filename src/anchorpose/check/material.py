@@ -180,7 +180,7 @@ class Material:
 def gather_material(recording: Recording, config: TrackConfig) -> Material:
     """Find clocks, poses, the empty room and the patient in sampled frames; without poses, only gather the frames.
 
-    Raises InputError if the cameras never overlap in time, or where a camera has no readable depth image.
+    Raises InputError if the cameras never overlap in time, or if a camera has no readable depth image.
     """
     pair_frames(recording)
     try:

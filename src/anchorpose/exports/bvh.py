@@ -23,7 +23,7 @@ from anchorpose.rotations import unit
 
 ROOT: Final = "SpineBase"
 
-# By name of a node: its parent node, the joint at its origin, and the joint that it points to. Where several bones
+# Each node by name: its parent node, the joint at its origin, and the joint that it points to. Where several bones
 # leave a joint, each has a node there, so that every bone keeps its direction.
 _TREE: Final = {
     "LowerSpine": ("SpineBase", "SpineBase", "SpineMid"),

@@ -1,4 +1,4 @@
-"""Export a results folder: each format into its own folder, either all formats or none; CSV is written in this module.
+"""Export a results folder: each format into a separate folder, and either all formats or none. CSV is written here.
 
 CSV has every table of the results, wide tables of joints and angles, a long table of the measures of all trials, and a
 dictionary of all columns.

@@ -98,7 +98,7 @@ def bend_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _about_z(axes: np.ndarray, degrees: float) -> np.ndarray:
-    """Return the axes rotated about their own Z."""
+    """Return the axes, rotated about the Z axis among them."""
     cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return axes @ np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 

@@ -87,9 +87,9 @@ def regular_samples(samples: Samples) -> RegularSamples:
     """Bring the samples to a fixed rate, NaN and lost where there are none.
 
     If all times lie on a grid, they stay bit for bit, and grid frames that were not recorded are added without values.
-    Otherwise all samples are resampled: linearly between the two neighbours where they are near in time and both have
-    the value; the state is the worse of the two, and sigma is interpolated too, as if their errors were the same.
-    Raises AnchorposeError if there is one frame only, or where recording paused for long.
+    Otherwise all samples are resampled: linearly between the two neighbours if these are near in time and both have the
+    value. The state is the worse of both states. Sigma is interpolated too, as if the errors of both were the same.
+    Raises AnchorposeError if there is one frame only, or if recording paused for long.
     """
     time_s = samples.time_s
     rate_hz, slot, on_grid = _grid(time_s)

@@ -217,7 +217,7 @@ class Feed:
         return found
 
     def silent(self) -> tuple[int, ...]:
-        """Return the cameras (indices) without an image for half a second."""
+        """Return the indices of the cameras that have sent no image for half a second."""
         now_s = time.monotonic()
         with self._changed:
             return tuple(k for k in range(len(self._images)) if self._is_silent(k, now_s))

@@ -23,7 +23,7 @@ from anchorpose.tracker.frame_record import FrameRecord, TrackedFrame, label_pic
 from anchorpose.tracker.journal import Blocks
 from anchorpose.tracker.room import Run
 
-LONGEST_MS: Final = 60_000  # ms; larger latencies count as this value
+LONGEST_MS: Final = 60_000  # ms, maximum latency that is counted; larger latencies count as this value
 
 
 class LatencyMeter:

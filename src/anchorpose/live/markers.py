@@ -103,7 +103,7 @@ def write_events(folder: Path, end_s: float) -> None:
 
 
 class MarkerInlet:
-    """A reader of a stream of markers in its own thread, from ``start`` to ``stop``."""
+    """A reader of a stream of markers; it reads in a separate thread from ``start`` to ``stop``."""
 
     def __init__(self, name: str) -> None:
         """Raise MissingPackage without pylsl, AnchorposeError if no stream has this name within ``FIND_S``."""

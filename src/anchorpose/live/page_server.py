@@ -95,7 +95,7 @@ EXACT: Final = 4  # number of decimal places of positions in metres (0.1 mm)
 
 
 class PageOutput:
-    """A running server of the page, in its own threads; see ``Output``. address: the address to open, with the token.
+    """A running server of the page, in separate threads; see ``Output``. address: the address to open, with the token.
 
     has_markers: whether the page has keys for conditions and ratings, which only a recording can store. Raises
     AnchorposeError if it cannot listen on ``host`` and ``port``.

@@ -167,7 +167,7 @@ def finish_recording(folder: Path) -> Path:
     """Turn a folder that ``Recorder`` has written into a recording; if the recorder was cut off, the recording has all
     complete images.
 
-    Raises InputError if it is not such a folder, or where no camera has an image.
+    Raises InputError if it is not such a folder, or if no camera has an image.
     """
     path = folder / UNFINISHED_FILE
     if not path.is_file():
@@ -245,7 +245,7 @@ def record_live(
     """Record all sources into ``out`` until they end, ``stop`` is set or ``seconds`` have passed.
 
     empty_room_s: seconds for which the empty room is recorded first; 0: it is not recorded. markers: the stream whose
-    markers are kept. Raises AnchorposeError if no camera gives an image, or where the stream does not exist.
+    markers are kept. Raises AnchorposeError if no camera gives an image, or if the stream does not exist.
     """
     about = about_folder(sources)
     check_place(out, about)

@@ -54,7 +54,7 @@ class LivePatient:
 
 
 def write_patients(results: Path, patients: Sequence[LivePatient], recorded: Path | None, notes: Sequence[str]) -> None:
-    """Write the last patient's results into an existing folder, and those of each earlier patient into a subfolder.
+    """Write the last patient's results into an existing folder, and each earlier patient's results into a subfolder.
 
     recorded: a recording of the session, from which pictures are made; None: they are made from the first seconds.
     notes: sentences on the session, for every ``run.json``.

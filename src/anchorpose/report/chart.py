@@ -30,8 +30,8 @@ PAUSE: Final = 3.0
 class Bins:
     """Groups of neighbouring frames. start (b,) first row of each group; time_s (n,), frame (n,) of all frames.
 
-    after_pause (b,) bool: no line connects this group with the one before. clock: the name of the session, where a page
-    shows several sessions.
+    after_pause (b,) bool: no line connects this group with the previous group. clock: the name of the session, where a
+    page shows several sessions.
     """
 
     frame: np.ndarray
@@ -69,7 +69,7 @@ class Bins:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Envelope:
-    """The lowest and highest known value of each group, (b,) each, NaN where no frame of it has one.
+    """The lowest and highest known value of each group, (b,) each, NaN if no frame of the group has a value.
 
     rising (b,) bool: the lowest value is earlier than the highest.
     """

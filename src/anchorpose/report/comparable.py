@@ -30,7 +30,7 @@ _SWAY: Final = ("sway_path", "sway_path_noise")
 
 _LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures whose value is the best of all tries
 
-_AVERAGED: Final = ("hands_on_at_once_mean",)  # the only count that is a mean, so it does not grow with time
+_AVERAGED: Final = ("hands_on_at_once_mean",)  # a count that does not grow with time, since it is a mean
 
 _EXTREMES: Final = (
     "_shortest",
@@ -106,7 +106,7 @@ MOST_NAMES: Final = 8  # maximum number of differing settings that are named; ot
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:
-    """Raise InputError if two sessions come from the same recording, or where their measures are defined
+    """Raise InputError if two sessions come from the same recording, or if their measures are defined
     differently.
     """
     first = sessions[0]

@@ -135,7 +135,7 @@ def change_between(first: Measure, later: Measure, repeated: float | None = None
     difference = later.value - first.value
     if repeated is not None:
         return Change(difference, repeated, repeated=True)
-    if not first.sigma or not later.sigma:  # without an error nothing can be concluded; an error of 0 was not measured
+    if not first.sigma or not later.sigma:  # no conclusion without an error; an error of 0 was not measured
         return Change(difference, None)
     return Change(difference, NORMAL_95 * math.hypot(first.sigma, later.sigma))
 

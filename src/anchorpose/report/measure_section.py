@@ -188,7 +188,7 @@ def inferred_share(measure: Measure, after: str = " %") -> Markup:
     return figure(measure.inferred_share, Form(times=100.0, after=after, share=True))
 
 
-ROUNDING_S: Final = 0.001  # s; a shorter unknown time is a rounding error
+ROUNDING_S: Final = 0.001  # s; an unknown time below this is a rounding error
 
 
 def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:

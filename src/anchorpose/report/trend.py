@@ -2,8 +2,8 @@
 there is no line.
 
 The line is fitted by ordinary least squares over time. Each session is one observation, and sessions are assumed to
-scatter independently about the line. The scatter counts at least as much as the stated errors of measurement: three
-sessions that happen to lie on a line get no band narrower than their errors.
+scatter independently about the line. The scatter is never taken to be smaller than the stated errors of measurement, so
+three sessions that happen to lie on a line get no band narrower than their errors.
 """
 
 from __future__ import annotations

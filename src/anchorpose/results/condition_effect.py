@@ -162,8 +162,8 @@ class Spread:
 def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
     """Return the uncertainty of a weighted difference of values (n,) that have errors sigma (n,), NaN where unknown.
 
-    The scatter of the trials includes their random errors, so it is never taken to be smaller. All trials of a session
-    share their systematic error; only the part by which it differs between the conditions is added.
+    The scatter of the trials includes their random errors, so it is never taken to be smaller than these. All trials of
+    a session share their systematic error; only the part by which it differs between the conditions is added.
     """
     weights = blocks.weights
     random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum((weights * sigma) ** 2))

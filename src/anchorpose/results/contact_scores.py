@@ -25,7 +25,7 @@ from anchorpose.results.truth import TrueTouch, read_true_support, read_true_tou
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactScore:
-    """Scores of how well contacts were found; a share is None if there is nothing to divide by.
+    """Scores of how well contacts were found; a share is None if its denominator is 0.
 
     precision: share of the reported pairs of part and frame in which a bone of the part is truly touched. recall: share
     of the truly touched pairs of part and frame in which the part, or a part that shares a bone with it, is reported.

@@ -217,7 +217,7 @@ class ErrorSummary:
 
     joint_frames: int  # number of joint positions whose truth is known
     lost_share: float | None  # share of ``joint_frames`` that are lost
-    mean_mm: float | None  # mean error; lost joints are left out of all errors
+    mean_mm: float | None  # mean error; no error includes lost joints
     median_mm: float | None
     p95_mm: float | None
     coverage_95: float | None  # share of axes on which the truth lies within 1.96 sigma; ideally 0.95
@@ -238,7 +238,7 @@ class Evaluation:
     hidden: ErrorSummary  # joints that the result calls hidden, for any reason
     truly_seen: ErrorSummary | None  # joints that some camera truly sees; None if the truth does not state it
     truly_hidden: ErrorSummary | None
-    confident_errors: float | None  # share of overall.joint_frames with large error but small sigma
+    confident_errors: float | None  # share of overall.joint_frames with a large error but a small sigma
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
     wrong_in_view: tuple[tuple[str, WrongInView], ...]  # by limb
@@ -251,7 +251,7 @@ class Evaluation:
     contacts: ContactEvaluation | None = None  # contacts with people; None if the truth or the result has none
     # contacts with equipment; None also where the result was made without searching such contacts
     supports: ContactEvaluation | None = None
-    session: SessionEvaluation | None = None  # None if the truth is not that of a simulated session
+    session: SessionEvaluation | None = None  # None unless the truth is of a simulated session
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
@@ -282,8 +282,8 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
 
 
 CLOSER: Final = 10.0
-"""Times of the truth are taken to be in another unit if its frames are this many times closer together and its whole
-span this many times shorter than those of the results: minutes for seconds make both 60.
+"""Times of the truth are taken to be in another unit if its frames are this many times closer together, and its whole
+span this many times shorter, than the frames and the span of the results. If times are in minutes, both factors are 60.
 """
 
 
@@ -349,8 +349,8 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames:
 
 
 class _Errors(NamedTuple):
-    """The errors of all joints. error_mm (n, 21); within (n, 21, 3) bool: axes with the truth in 1.96 sigma; known,
-    found (n, 21) bool: joints with a true place, and joints that in addition are not lost.
+    """The errors of all joints. error_mm (n, 21); within (n, 21, 3) bool: axes on which the truth lies within 1.96
+    sigma. known (n, 21) bool: joints with a true place; found (n, 21) bool: known joints that are not lost.
     """
 
     error_mm: np.ndarray

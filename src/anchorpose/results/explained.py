@@ -22,7 +22,7 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # cm2, maximum uncovered area (that of a hand); clothes and grips cause up to half
+UNCOVERED_CM2: Final = 80.0  # cm2, maximum uncovered area (a hand's); clothes and grips cause up to half of it
 SEEN_PAST: Final = 0.3  # maximum share of a part's skin that a camera sees past; in its true place a limb has less
 APART_S: Final = 0.5  # s, minimum time between two moments; closer moments show the same situation
 MOST_MOMENTS: Final = 5

@@ -156,7 +156,7 @@ def _is_own_file(file: str, own: Sequence[str]) -> bool:
 
 
 def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
-    """Delete the command's own files in ``old``, and move the folder to ``kept`` if other files remain."""
+    """Delete the files in ``old`` that the command wrote, and move the folder to ``kept`` if other files remain."""
     for file in [file for file in old.rglob("*") if not file.is_dir() or file.is_symlink()]:
         if _is_own_file(file.relative_to(old).as_posix(), own):
             file.unlink()
@@ -314,7 +314,7 @@ def _require_own(work: Path) -> None:
 
 
 def _journal_of(work: Path) -> Path:
-    """Return the valid journal: the overwritten run's until the new run has stored something."""
+    """Return the valid journal. Until the new run has stored something, it is the journal of the overwritten run."""
     new, earlier = work / JOURNAL, work / EARLIER
     return earlier if os.path.lexists(earlier) and not _has_stored(new) else new
 
@@ -380,7 +380,7 @@ def clear_beside_journal(work: Path) -> None:
 
 
 def _leave(work: Path, error: BaseException, go_on: str, path: Path) -> None:
-    """Remove the folder where it holds nothing useful, else note how to resume; an InputError has its own remedy."""
+    """Remove the folder if it holds nothing useful, else note how to resume. An InputError already states a remedy."""
     restored = _keep_one_journal(work)
     if _has_stored(work / JOURNAL):
         what = "The unfinished run that was there" if restored else "What was done"

@@ -56,8 +56,8 @@ def recorded_seconds(time_s: np.ndarray) -> float:
 
 
 def frame_seconds(time_s: np.ndarray) -> np.ndarray:
-    """Return the seconds (n,) that each frame represents: half of the time to both neighbours, or half a usual step
-    towards either end of the recording and towards a gap of unknown time.
+    """Return the seconds (n,) that each frame represents: half of the time to the previous frame plus half of the time
+    to the next. Half a usual step is used towards either end of the recording and towards a gap of unknown time.
 
     All zeros for a single frame, which has no duration. The sum is ``recorded_seconds`` less the unknown time.
     """

@@ -294,7 +294,7 @@ def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.nda
 
     position_m (21, 3, n), sigma_m (21, n): errors are assumed independent between joints and axes. Each coordinate is
     moved by its sigma, both ways. A derivative is not used: it is undefined at a straight knee and would give no error
-    there. The formula's own error is added in quadrature.
+    there. The error of the formula itself is added in quadrature.
     """
     angle, sigma = np.empty((2, len(group.names), position_m.shape[-1]))
     for rows in blocks(angle.shape[1], AT_ONCE):

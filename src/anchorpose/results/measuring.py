@@ -85,7 +85,7 @@ from anchorpose.settings import settings
 
 
 def inferred_touch_share(touch: Touch) -> float | None:
-    """Return the share of the frames with any contact in which none was seen; None for no frames."""
+    """Return, of the frames with any contact, the share in which no contact was seen; None without such frames."""
     any_of = touch.at_once > 0
     return float(np.mean(1.0 - touch.seen[any_of])) if any_of.any() else None
 

@@ -22,7 +22,7 @@ from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.results.uncertainty import random_sigma, systematic_sigma
 from anchorpose.settings import Positive, settings
 
-FIRST_SPEED_M_S: Final = 1.0  # m/s (and m/s2), standard deviation of speed (and acceleration) at the first frame
+FIRST_SPEED_M_S: Final = 1.0  # standard deviation of speed (m/s) and of acceleration (m/s2) at the first frame
 FIRST_ACCELERATION_M_S2: Final = 10.0
 
 
@@ -119,7 +119,7 @@ def highest_cutoff_hz(rate_hz: float) -> float:
 
 
 def shortest_frames(rate_hz: float, cutoff_hz: float) -> int:
-    """Return the minimum length of a stretch in frames: two periods of the cutoff, and more than the filter's padding."""
+    """Return the minimum number of frames in a stretch: two periods of the cutoff, and more than the filter's padding."""
     return max(3 * (2 * _ORDER + 1) + 1, int(np.ceil(2.0 * rate_hz / cutoff_hz)))
 
 

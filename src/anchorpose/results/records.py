@@ -48,8 +48,8 @@ class Contact:
     stays the same as long as this person is followed; None for equipment. first_frame, last_frame and start_s, end_s:
     both included. seen_share: share of the touching skin that some camera saw at that moment; the rest of it was seen
     shortly before. For equipment: share of the frames in which some camera saw the skin beside the part. area_cm2: the
-    patient's skin within reach, mean over the frames. gap_mm: least measured distance between the two surfaces,
-    measured to the outer surface of skin or clothes; negative where the skin was measured inside the equipment.
+    patient's skin within reach, mean over the frames. gap_mm: smallest measured distance between the two surfaces,
+    where the patient's is the outer surface of skin or clothes; negative if the skin was measured inside the equipment.
     """
 
     part: str
@@ -304,7 +304,7 @@ def read_definition(path: Path) -> Definition | None:
         raise InputError(path, "its definition of the measures cannot be read", MEASURE_AGAIN) from None
 
 
-FRAMES_KEPT: Final = 64  # images kept in memory, of all cameras: under a megabyte
+FRAMES_KEPT: Final = 64  # number of images kept in memory, of all cameras together; less than a megabyte
 
 ROOM: Final = 0
 """Label of pixels that are neither equipment nor a person, such as the room, small components, and pixels without a

@@ -18,7 +18,7 @@ from anchorpose.results.verify import require_own
 
 SUFFIX = ".npz"
 SHORTEST_S: Final = 0.5  # s, minimum length of a clip: motion history, frames that check it, one predicted step
-MOTIONS_MARK: Final = "format.npy"  # the first array of a file of movements
+MOTIONS_MARK: Final = "format.npy"  # name of the first array in a file of movements
 
 
 def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, overwrite: bool) -> ReferenceClips:

@@ -118,6 +118,6 @@ def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None])
 
 
 SAME_WORLD_M: Final = 0.001
-"""Two worlds are the same if no number of any camera's pose matrix differs by more. At 1 m from the camera, such a
-difference moves a joint by one or two millimetres, less than the error of placing a joint by hand.
+"""Maximum difference between the numbers of the cameras' pose matrices for two worlds to count as the same. At 1 m from
+the camera, such a difference moves a joint by one or two millimetres, less than the error of placing a joint by hand.
 """

@@ -64,11 +64,11 @@ class BodyRecord:
     """
 
     learnt_from_s: float
-    height_m: NotNegative  # standing, without clothes and shoes
+    height_m: NotNegative  # standing height, without clothes and shoes
     height_sigma_m: NotNegative
     clothes_m: dict[str, float]  # m, thickness by piece of clothing
     bones: tuple[BoneRecord, ...]
-    coefficients: tuple[float, ...]  # of the body asset's shape space
+    coefficients: tuple[float, ...]  # coefficients of the body asset's shape space
 
 
 def _require_noise(noise: DepthNoise) -> DepthNoise:
@@ -97,7 +97,7 @@ class CameraRecord:
     """A camera's pose as used, the source of the pose, and the camera's clock as used."""
 
     name: Text
-    camera_to_world: CameraPose | None  # (4, 4); None if the camera has no pose and was not used
+    camera_to_world: CameraPose | None  # (4, 4); None for a camera without a pose, which was not used
     source: str  # for example "given", "equipment", "floor"
     clock: CameraClock | None = None
     depth: DepthRecord | None = None  # None in older results
@@ -146,7 +146,7 @@ class MatchedShares:
 
 @dataclass(frozen=True, slots=True)
 class DroppedFrame:
-    """A frame, or one camera's depth image of it, that was not used, and why."""
+    """A frame, or one camera's depth image in a frame, that was not used, and the reason."""
 
     frame: Frame
     time_s: Seconds
@@ -196,7 +196,7 @@ class PatientRecord:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationUsed:
-    """The calibration.json whose poses replaced those of a recording: its name and hash."""
+    """The name and the hash of the calibration.json whose poses replaced the poses of a recording."""
 
     file: str
     sha256: Sha256
@@ -241,7 +241,7 @@ class RunRecord:
     corrections: CorrectionsRecord | None = None
     calibration: CalibrationUsed | None = None  # None if the poses come from the recording or were found
     pictures: tuple[PictureRecord, ...] = ()
-    notes: tuple[str, ...] = ()  # sentences for people: assumptions and cautions
+    notes: tuple[str, ...] = ()  # sentences for people on assumptions, and cautions
     config: Any = None  # the resolved configuration, a dataclass of stage configurations
     inputs_sha256: dict[str, Sha256]  # hashes by the file's path in the recording folder
     outputs_sha256: dict[str, Sha256] = field(default_factory=dict)  # hashes by the file's path in the results folder
@@ -340,8 +340,8 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
-    """Return the content without the hashes that have a valid form. An hour's inputs have 324,000 hashes, whose check
-    as part of the record would take longer than everything else.
+    """Return the content without the hashes that have a valid form. The inputs of an hour have 324,000 hashes; checking
+    these as part of the record would take longer than everything else.
     """
     hashes = run.get("inputs_sha256")
     if not isinstance(hashes, dict):

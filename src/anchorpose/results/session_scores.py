@@ -31,7 +31,7 @@ EXACT_M: Final = 1e-6
 """Sigma in m that is assigned to true joints: practically zero."""
 
 INDEPENDENCE: Final = ("_extended_", "hands_free_upright_", "_hands_time", "_hand_time")
-"""Parts of names: a measure whose name contains one of them is a time of independence."""
+"""Parts of the names of measures. A measure whose name contains one of these parts is a time of independence."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

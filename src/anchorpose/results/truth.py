@@ -139,7 +139,7 @@ def read_true_touch(path: Path) -> TrueTouch | None:
     """Return the contacts in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None if the file has no such
     arrays.
 
-    Raises InputError if the two arrays do not fit each other, or where none of the bones belongs to the body.
+    Raises InputError if the two arrays do not fit each other, or if none of the bones belongs to the body.
     """
     remedy = "give touched (t, b) and part_names (b)"
     arrays = read_arrays(path, ("touched", "part_names", "time"), remedy)

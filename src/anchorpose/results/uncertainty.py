@@ -1,6 +1,6 @@
 """Compute the uncertainty of a mean over frames from systematic and random errors.
 
-Most of a joint's error is systematic, so a mean over more frames is hardly more certain.
+Most of a joint's error is systematic, so a mean over more frames is not much more certain.
 """
 
 from __future__ import annotations

@@ -27,7 +27,8 @@ SEGMENTS: Final = {
         for side in ("Left", "Right")
     },
 }
-"""Upper and lower joint of each segment. The sensor is assumed midway between them; axes are those of the lower joint.
+"""Upper and lower joint of each segment. The sensor is assumed to be midway between them; the segment's axes are the
+axes of the lower joint.
 """
 
 DIRECTION_ERROR_RAD: Final = 0.07

@@ -1,8 +1,8 @@
 """Find another clock from the movement of one segment and the sensor that is strapped to it.
 
-The sensor's mounting is unknown. So at each lag, the best rotation of the sensor's axes to those of the segment is
-found (Schönemann 1966, doi:10.1007/BF02289451), and the correlation does not depend on the mounting. A sensor whose
-axes are left-handed is accepted, and a single axis is enough.
+The sensor's mounting is unknown. So at each lag, the best rotation of the sensor's axes to the segment's axes is found
+(Schönemann 1966, doi:10.1007/BF02289451), and the correlation does not depend on the mounting. A sensor whose axes are
+left-handed is accepted, and a single axis is enough.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = Non
 
     ours (g, 3): signals of the tracked segment, in its axes; theirs (h, k), k from 1 to 3: signals of the sensor, in
     its axes. Units are arbitrary. near_s: an offset that is correct within half a second, None if unknown.
-    has_gravity: whether both are accelerations of three axes. Raises NoCommonMovement if the best offset explains
-    too little, or where another offset explains as much.
+    has_gravity: whether both are accelerations of three axes. Raises NoCommonMovement if the best offset explains too
+    little of the movement, or another offset explains equally much.
     """
     r, overlap = rotated_correlations(ours.values[::COARSE], theirs.values[::COARSE])
     clock = starting_clock(*offset_of_peak(ours, theirs, r, overlap, LEAST_OVERLAP_S, near_s))

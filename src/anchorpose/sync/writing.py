@@ -41,7 +41,7 @@ is interpolated.
 
 
 def write_sync(folder: Path, found: Synchronised, overwrite: bool = False) -> None:
-    """Write all files into a new folder, or over those of an earlier one; raises as ``check_results_path``."""
+    """Write all files into a new folder, or replace an earlier synchronisation; raises as ``check_results_path``."""
     check_results_path(folder, None, overwrite, SYNC)
     signals, events = signal_table(found), list(_events(found))
     with whole_or_nothing(folder, SYNC.own if overwrite else ()) as work:

@@ -73,14 +73,14 @@ def is_loopback(host: str) -> bool:
 
 MOST: Final = 48  # maximum number of open connections; some systems allow only 256 open files
 MOST_PER_CLIENT: Final = 24  # the same for one address: four windows, each with a browser's six connections
-CLOSING_S: Final = 1.0  # s; time allowed for a connection to close after shutdown
+CLOSING_S: Final = 1.0  # s allowed for a connection to close after shutdown
 
 
 @dataclass(slots=True, eq=False)
 class _Connection:
     request: socket.socket
     client: str
-    known: bool = False  # whether it has sent a request with the token
+    known: bool = False  # whether the connection has sent a request with the token
     leaving: bool = False
 
 

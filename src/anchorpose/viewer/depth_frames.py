@@ -1,6 +1,6 @@
 """Provide the depth images behind the results: labelled points of all cameras, and the patient's surface.
 
-The clocks are those of the run, so that images shown together are those tracked together.
+The cameras' clocks are taken from the run, so images that were tracked together are shown together.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
     return tuple(Clock(**clocks[camera]) for camera in cameras)
 
 
-# pixels to either side over which slopes are computed: 5 cm at 2 m. Over fewer pixels, noise would be visible
+# number of pixels to either side over which slopes are computed (5 cm at 2 m); over fewer, noise would be visible
 REACH_PX: Final = 4
 JUMP_M: Final = 0.15  # m, maximum step in depth within a surface; a larger step is the edge of another surface
 

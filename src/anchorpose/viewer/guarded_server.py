@@ -200,7 +200,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.wfile.write(response.content)
 
     def send_head(self, status: HTTPStatus, kind: str, more: Mapping[str, str]) -> None:
-        """Send status and headers. more: headers besides those of every answer."""
+        """Send status and headers. more: headers in addition to the headers of every answer."""
         self.send_response(status)
         self.send_header("Content-Type", kind)
         for name, value in more.items():

@@ -213,7 +213,7 @@ def _rows(frames: int, first: int, count: int, most: int) -> slice:
     return slice(first, min(first + count, frames))
 
 
-INFLUENCES: Final = 4  # number of bones per point on the graphics card; without the rest, points move by at most 5 mm
+INFLUENCES: Final = 4  # number of bones that move a point on the graphics card; more would shift it by 5 mm at most
 
 
 def moving_ancestor(asset: BodyAsset) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Serve the page for blinded raters: it shows trials in random order, and nothing that reveals their condition or
 number.
 
-For the page, the trials in the order shown are a single recording with its own frame numbers and a time from 0. So no
+To the page, the trials in the order shown are a single recording with other frame numbers and a time from 0. So no
 request of the page states a trial, a frame of the recording, or a time of the session.
 """
 

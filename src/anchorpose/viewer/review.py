@@ -227,7 +227,7 @@ def locked(path: Path) -> Iterator[None]:
     """Keep out other threads and programs that lock the same file until the block ends.
 
     The operating system holds the lock, so that a program that dies leaves no lock behind; the empty lock file stays.
-    Raises InputError if another program holds it for ``PATIENCE_S``, or where no lock is possible.
+    Raises InputError if another program holds it for ``PATIENCE_S``, or if no lock is possible.
     """
     lock = FileLock(path.with_name(f".{path.name}.lock"))
     try:

@@ -77,7 +77,7 @@ class ReviewApi:
 
 
 class ViewerApi(ReviewApi):
-    """The answers to the viewer's requests: those of ``ReviewApi``, and curves, corrections and hypotheses."""
+    """The answers to the viewer's requests: in addition to ``ReviewApi``, curves, corrections and hypotheses."""
 
     def __init__(self, review: Review, corrections: CorrectionFile, who: str) -> None:
         super().__init__(review)

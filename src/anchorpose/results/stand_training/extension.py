@@ -21,7 +21,7 @@ from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
-LEAST_PERCENTILE: Final = 5.0  # percentile for the least flexion (100 less it: the greatest); extremes are mostly error
+LEAST_PERCENTILE: Final = 5.0  # percentile that gives the least flexion (95: the greatest); extremes are mostly error
 
 
 @settings

@@ -145,7 +145,7 @@ class UprightConfig:
 
     thigh_enter_deg: Positive = 40.0
     thigh_leave_deg: Positive = 45.0
-    height_enter: Positive = 0.85  # pelvis height in leg lengths: thigh and shank about 30 degrees off the vertical
+    height_enter: Positive = 0.85  # pelvis height in leg lengths; thigh and shank are then tilted by about 30 degrees
     height_leave: Positive = 0.80
     trunk_enter_deg: Positive = 45.0
     trunk_leave_deg: Positive = 50.0

@@ -24,8 +24,8 @@ LEAST_HZ: Final = 20.0
 """Minimum frame rate in Hz, which gives 2.5 frames per period of the fastest oscillation."""
 
 WINDOW_S: Final = 2.0
-"""Length of a window in s, which contains six periods of the slowest oscillation. Frequencies are then half a hertz
-apart.
+"""Length of a window in s, which contains six periods of the slowest oscillation. The frequencies of its spectrum are
+half a hertz apart.
 """
 
 MOVEMENT_HZ: Final = 1.0
