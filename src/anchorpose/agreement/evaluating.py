@@ -43,8 +43,8 @@ class Agreement:
 
     kind: joint (joint centres), angle (computed from the joints of both systems by this program's formula) or
     given_angle (as the other system computes it). axis: x, y, z of the world, distance, or degrees. state: all,
-    inferred, or one of ``JointState``. offset: as_measured, or with the constant difference of the definitions removed.
-    repeated: the kind of unit that counts as a repetition (subject, or stretch of time).
+    inferred, or one of ``JointState``. offset: ``as_measured``, or ``offset_removed`` for values without the constant
+    difference of the definitions. repeated: the kind of unit that counts as a repetition (subject, or stretch of time).
     """
 
     kind: str

@@ -30,7 +30,7 @@ class ImageErrors:
 
     labelled: number of labels in tracked frames; lost: number of these labels whose joint was lost in the results.
     Millimetres are pixels converted at the distance of the tracked joint. within_50, within_100: share of ``labelled``
-    with a distance of at most 50 or 100 mm; lost joints count as farther.
+    with a distance of at most 50 or 100 mm; a lost joint counts as farther away.
     """
 
     name: str

@@ -1,8 +1,8 @@
 """Find the frame of another system in the world of the results, and the constant offsets between the joints of both.
 
 Even without errors, two systems differ in their definitions: for example, one places the knee's centre midway between
-two markers, the other computes it from the body's surface. Such an offset is constant in the segment's axes, and is
-separated here from errors, which are not constant. An offset that all joints share looks like another position of the
+two markers, the other computes it from the body's surface. Such an offset is constant in the segment's axes, so it can
+be separated from errors, which are not constant. An offset that all joints share looks like another position of the
 frame unless the person turns; it is attributed to the frame.
 """
 

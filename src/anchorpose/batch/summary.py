@@ -47,8 +47,8 @@ class SessionRow:
     """One session. state: one of ``STATES``; why: the sentence on the failure, if it failed. Other fields are None
     unless the session is done.
 
-    length_s: from the first frame to the last; the shares are of all joints in all frames; work_s: duration of
-    tracking, by run.json.
+    length_s: time from the first frame to the last. The shares refer to all joints in all frames. work_s: duration of
+    tracking according to run.json.
     """
 
     session: str

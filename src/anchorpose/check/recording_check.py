@@ -188,7 +188,7 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 SELDOM: Final = 0.5  # minimum share of the sampled frames in which the patient should be found
 CUT_PX: Final = 3  # minimum number of the patient's pixels at a border for a cut-off body; a resolved hand is wider
-SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off; a raised hand is so only sometimes
+SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off; a raised hand is cut off sometimes
 NEAR_M, FAR_M = 1.2, 4.0  # m from the camera; nearer, no lens shows feet and head; farther, a forearm is 10 pixels wide
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
 # hidden shares of the skin that faces the camera; above the second share, more is inferred than seen

@@ -211,7 +211,7 @@ PATIENCE_S: Final = 0.5
 
 
 class Backlog:
-    """A thread that collects sets from the feed until its backlog has been emptied."""
+    """A thread that collects image sets from the feed until no set waits any more."""
 
     def __init__(self, feed: Feed, cameras: Sequence[Camera]) -> None:
         self._feed, self._cameras = feed, cameras
@@ -224,8 +224,8 @@ class Backlog:
     def take(self) -> LiveSet | None:
         """Return the oldest waiting set; None when no set waits, after which nothing more is collected.
 
-        If following is slower than the sets, some sets are left out: the next set is later by twice the time spent on
-        the last set, but by at most ``MOST_STEP_S``.
+        If tracking a set takes longer than the interval between sets, some sets are left out: the next set is later by
+        twice the time spent on the last set, but by at most ``MOST_STEP_S``.
         """
         now_s = time.monotonic()
         spent_s = now_s - self._taken_at_s if np.isfinite(self._last_s) else 0.0

@@ -158,7 +158,7 @@ class LiveFollower:
             region, area_m2 = region_of_points(points), area_of_point(points)
             self._contacts = ContactIntervals(region, area_m2, self.run.config.contacts, parts)
         for _ in self._contacts.push(record.joints.frame, record.joints.time_s, record.near, record.gaps):
-            pass  # ended contacts need not be sent; they are in the results
+            pass  # contacts that have ended are not sent, only stored in the results
         self._touched = None if record.near is None else self._contacts.touched_now(by_equipment=False)
         self._holding = None if record.gaps is None else self._contacts.touched_now(by_equipment=True)
 

@@ -63,8 +63,8 @@ class Recorder:
         self._syncing.start()
 
     def put(self, image: LiveImage) -> None:
-        """Write an image; after the end, ignore it. Raises AnchorposeError if less than half a gigabyte is free on
-        the disk.
+        """Write an image; an image that comes after the end is ignored. Raises AnchorposeError if less than half a
+        gigabyte is free on the disk.
         """
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():

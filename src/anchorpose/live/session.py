@@ -40,7 +40,7 @@ MOST_THREADS: Final = 4  # maximum number of threads; more threads would wait fo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A person who is or was the patient, and the tracker that follows them."""
+    """A person who is or was the patient, and the tracker that follows this person."""
 
     patient: LivePatient
     follower: LiveFollower
@@ -203,7 +203,9 @@ class _Session:
         return new
 
     def _learn(self, recording: Recording, now: Followed, place_xz_m: tuple[float, float]) -> Prepared | None:
-        """Learn the person at a place; None if nobody can be learnt, or if an error occurs: the session continues."""
+        """Learn the person at a place. Return None if nobody can be learnt or an error occurs, so that the session
+        continues.
+        """
         room, before_xz_m = now.patient.prepared.run.room, now.follower.patient_xz_m
         try:
             return self.first_seconds.learn_named(recording, room, place_xz_m, before_xz_m)

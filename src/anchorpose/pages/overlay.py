@@ -77,8 +77,8 @@ class OverlayScene:
 
 
 def draw_scene(scene: OverlayScene) -> np.ndarray:
-    """Draw the scene: filled joints are observed, hollow joints are inferred, crossed joints are unseen for an unknown
-    reason.
+    """Draw the scene: filled dots are observed joints, hollow dots inferred joints, and crossed dots joints that are
+    unseen for an unknown reason.
     """
     scale = scale_of(scene.camera)
     picture = enlarge(shade(scene.depth_m, None if scene.labels is None else _tint(scene.labels)), scale)

@@ -48,8 +48,8 @@ DESIGNS: Final = {
 
 
 class ConditionRow(NamedTuple):
-    """A row for one condition: its name, how many of its trials have a value, the mean, the difference and what the
-    difference shows.
+    """A row for one condition: its name, the number of its trials that have a value, their mean, the difference from
+    the reference, and what the difference shows.
     """
 
     condition: str

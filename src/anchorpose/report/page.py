@@ -28,7 +28,7 @@ MOST_LINES: Final = 60
 """Maximum number of problems listed on the page; all others are only counted there, and listed in run.json."""
 
 
-# px over which neighbouring readings share their error; below this, each reading's error is almost independent
+# px, minimum stated range over which neighbouring readings share their error; below it, errors are almost independent
 ALIKE_PX: Final = 1.5
 
 

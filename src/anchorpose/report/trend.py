@@ -106,7 +106,7 @@ def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
 
 
 class TrendRow(NamedTuple):
-    """A measure: its title, meaning, slope per week, change over the whole time, and what it shows."""
+    """A measure: its title, meaning, slope per week, change over the whole time, and what this change shows."""
 
     title: str
     meaning: str

@@ -81,7 +81,7 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
     """Return (n,) the uncovered area or the largest share of a part that is seen past, each divided by its limit,
-    whichever is larger. At 1 or more, a limb is probably not where it is reported. NaN where neither is known.
+    whichever is larger. At 1 or more, a limb is probably not where it is reported. NaN if neither is known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)

@@ -105,7 +105,7 @@ def assistance_measures(session: Session) -> list[Measure]:
     """Measure assistance in the whole session; then for each person, each part, and each person and part, the time and
     the contacts.
 
-    Only frames in which the patient was found count: in others contacts are unknown.
+    Only frames in which the patient was found count, since contacts are unknown in all other frames.
     """
     contacts = session.helping
     if contacts is None or not session.found.any():
@@ -183,9 +183,9 @@ def measure_session(
 ) -> tuple[Session, list[Measure]]:
     """Return the session with its posture and episodes, and every measure of docs/measures.md.
 
-    contacts: with people and equipment; None if unknown, which is not the same as no contact. equipment: the parts
-    with which contacts were searched; if empty, it is unknown whether the patient held on to anything. With trials, the
-    measures of the whole recording are followed by the measures of every trial and of every condition.
+    contacts: contacts with people and equipment; None if unknown, which is not the same as no contact. equipment: the
+    parts with which contacts were searched; if there are none, it is unknown whether the patient held on to anything.
+    With trials, the measures of the whole recording are followed by the measures of every trial and of every condition.
     """
     body = centre_of_mass(joints)
     found = stance(joints, body.position_m)

@@ -3,10 +3,10 @@ could have been done are compared.
 
 Frames of a recording are not independent, but trials are exchangeable if their condition was drawn at random. If
 conditions make no difference, every assignment of the conditions to the trials of a block is as probable as the
-assignment that was used. p is the share of assignments with a difference at least as large, in either direction (Fisher
-1935, The Design of Experiments, section 21; Edgington and Onghena 2007, Randomization Tests,
-doi:10.1201/9781420011814).
-For several conditions, p is adjusted as in Holm 1979 (Scandinavian Journal of Statistics 6:65-70).
+assignment that was used. p is the share of assignments whose difference, in either direction, is no smaller than the
+observed one (Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena 2007, Randomization Tests,
+doi:10.1201/9781420011814). For several conditions, p is adjusted as in Holm 1979 (Scandinavian Journal of Statistics
+6:65-70).
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ def highest_cutoff_hz(rate_hz: float) -> float:
 
 
 def shortest_frames(rate_hz: float, cutoff_hz: float) -> int:
-    """Return the minimum number of frames in a stretch: two periods of the cutoff, and more than the filter's padding."""
+    """Return the minimum number of frames of a stretch: two periods of the cutoff, and more than the filter pads."""
     return max(3 * (2 * _ORDER + 1) + 1, int(np.ceil(2.0 * rate_hz / cutoff_hz)))
 
 

@@ -2,7 +2,7 @@
 which trials are shown.
 
 The table with the order of trials is written before the first score, so that a rater who was interrupted continues in
-the same order. The table does not name the conditions, so a rater who opens it stays blinded.
+the same order. The table does not name the conditions, so raters who open it stay blinded.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def write_ratings(path: Path, ratings: Ratings) -> None:
 
 
 def read_ratings(path: Path) -> Ratings:
-    """Read the scores of one rater; raises InputError for another table."""
+    """Read the scores of one rater; raises InputError if the file is not such a table."""
     lines = read_rows(path, delimiter="\t", largest_bytes=LARGEST_EVENTS)
     if not lines or tuple(lines[0][1]) != COLUMNS:
         raise InputError(path, "does not have the columns of a rater's scores", REMEDY)

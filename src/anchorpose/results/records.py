@@ -193,7 +193,7 @@ def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
 
 
 def read_episodes(path: Path) -> tuple[Episode, ...]:
-    """Return all rows of an episodes.parquet; raises InputError for another table."""
+    """Return all rows of an episodes.parquet; raises InputError if the file is not such a table."""
     return tuple(replace(episode, state=JointState(episode.state)) for episode in EPISODES.read(path))
 
 
@@ -202,12 +202,12 @@ class Measure:
     """One number of docs/measures.md.
 
     side: "left", "right" or None. part: a region of the body (``REGIONS``); person: a name as in contacts.parquet. Both
-    are None if the measure is not about a single part or person. value: None if it is unknown, with the reason in
-    ``why``. sigma: one standard deviation of the value, None if unknown (counts). frames: number of frames that it
-    is based on. inferred_share: share of these frames in which a joint that it uses was inferred rather than seen.
-    condition, trial: the condition and the trial of events.tsv (numbered from 1) that it is about; both are None for
-    the whole recording, only trial is None for a whole condition. Raises ValueError unless exactly one of value and why
-    is given, and for a trial without a condition.
+    are None if the measure is not about a single part or person. value: None if unknown; ``why`` then states the
+    reason. sigma: one standard deviation of the value, None if unknown (counts). frames: number of frames on which the
+    value is based. inferred_share: share of these frames in which a joint that the measure uses was inferred rather
+    than seen. condition, trial: condition and trial of events.tsv (numbered from 1) to which the value belongs. Both
+    are None for the whole recording; only trial is None for a whole condition. Raises ValueError unless exactly one of
+    value and why is given, and for a trial without a condition.
     """
 
     measure: str
@@ -256,7 +256,7 @@ MEASURES_FILE: Final = MEASURES.file
 
 
 def read_measures(path: Path) -> tuple[Measure, ...]:
-    """Read the measures of the whole recording; raises InputError for another table."""
+    """Read the measures of the whole recording; raises InputError if the file is not such a table."""
     return tuple(row for row in MEASURES.read(path) if row.condition is None)
 
 

@@ -22,7 +22,7 @@ MOTIONS_MARK: Final = "format.npy"  # name of the first array in a file of movem
 
 
 def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, overwrite: bool) -> ReferenceClips:
-    """Collect the movements of all sources, write them to ``out`` and return them.
+    """Collect the movements of all sources, write these movements to ``out`` and return them.
 
     sources: results folders, skeleton files and earlier files of reference movements. rate_hz: frames per second of
     skeleton files that do not state it. Raises InputError before anything is written where a source cannot be used.

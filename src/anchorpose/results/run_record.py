@@ -59,8 +59,8 @@ class BoneRecord:
 class BodyRecord:
     """The tracked body, and the seconds from which it was learnt.
 
-    Each sigma follows from the fit's equations. It covers noise, poses and hidden parts, but neither clothes nor bodies
-    outside the shape space.
+    Each sigma follows from the fit's equations. It includes the effects of noise, poses and hidden parts, but not of
+    clothes, nor of body shapes outside the shape space.
     """
 
     learnt_from_s: float
@@ -216,7 +216,7 @@ class PictureRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord:
-    """Everything about a run that its tables do not contain, in the order of run.json."""
+    """All information on a run that its tables do not contain, in the order of run.json."""
 
     format: Literal["anchorpose-run"] = "anchorpose-run"
     version: Version = 1

@@ -111,7 +111,7 @@ def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
 def score_events(session: Session, true_events: Sequence[TrueEvent]) -> tuple[tuple[str, EventScore], ...]:
     """Return the score of each kind of event that occurs in the truth within the recorded time, or in the result.
 
-    The result is empty if the frames are too far apart to find events.
+    There are no scores if the frames are too far apart to find events.
     """
     if not fast_enough(session.joints.time_s):
         return ()

@@ -64,8 +64,8 @@ def _of_trial(
 
 
 def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
-    """Return the measure of time or count for a part or person without contact in a trial: 0, or unknown where contacts
-    are unknown.
+    """Return a measure of time or count for a part or person without contact in a trial: 0, or no value if contacts are
+    unknown.
     """
     general = found.get((like.measure, None, None, None))
     if general is None or like.unit not in ("s", "count"):
@@ -172,7 +172,7 @@ def condition_measures(trials: Trials, rows: Sequence[Measure]) -> list[Measure]
 
 
 def _mean(rows: Sequence[Measure]) -> Measure:
-    """Return the mean of a measure over trials; unknown where no trial has a value."""
+    """Return the mean of a measure over trials, without a value if no trial has a value."""
     known, first = [row for row in rows if row.value is not None], rows[0]
     if not known:
         reasons = dict.fromkeys(str(row.why) for row in rows)

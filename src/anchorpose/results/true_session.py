@@ -53,8 +53,8 @@ def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
 
 @dataclass(frozen=True, slots=True)
 class TrueContacts:
-    """True contacts. contacts: each of a region with a person or with a part of the equipment; equipment: names of all
-    parts of the equipment.
+    """True contacts. contacts: contacts of a region of the body with a person or with a part of the equipment;
+    equipment: names of all parts of the equipment.
     """
 
     contacts: tuple[Contact, ...]

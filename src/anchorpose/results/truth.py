@@ -239,7 +239,8 @@ def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> N
     of the same frames.
 
     As far as possible, the truth alone is tested for properties that every correct truth has. If the patient was
-    tracked back to front or in another place, that is an error of the results, which is to be measured, not refused.
+    tracked back to front or in another place, this is an error of the results; the evaluation must measure it, not
+    refuse it.
     """
     scale = _ratio(_bone_lengths(truth_m), _bone_lengths(ours_m))
     if not 1 / MOST_SCALE <= scale <= MOST_SCALE:
@@ -256,7 +257,7 @@ def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> N
 
 
 def _ratio(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the median ratio of two arrays (k,), 1 where nothing can be compared."""
+    """Return the median ratio of two arrays (k,); 1 if no values can be compared."""
     known = np.isfinite(first) & (second > 0)
     return float(np.median(first[known] / second[known])) if known.any() else 1.0
 
@@ -289,8 +290,8 @@ def _trunk_tilt_deg(joints_m: np.ndarray) -> float:
 
 
 def _handedness(joints_m: np.ndarray) -> float:
-    """Return 1 if toes and knees point forward, given up and the patient's right, -1 if they point backward (the joints
-    are mirrored or exchanged), NaN if no direction is seen.
+    """Return 1 if toes and knees point forward, given the directions up and to the patient's right, -1 if they point
+    backward (the joints are mirrored or exchanged), NaN if no direction is seen.
     """
     joint = {name: _joint(joints_m, name) for name in JOINT_NAMES}
     right = joint["HipRight"] - joint["HipLeft"] + joint["ShoulderRight"] - joint["ShoulderLeft"]

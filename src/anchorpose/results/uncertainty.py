@@ -46,6 +46,6 @@ def random_sigma(sigma: np.ndarray) -> np.ndarray:
 def sigma_of_difference(first: float, second: float) -> float:
     """Return sigma of the difference between values at two times of one recording, from the sigma of each value.
 
-    The systematic errors are common to both values: they cancel completely if the two sigmas are equal, else in part.
+    The systematic errors are common to both values, so they cancel completely if both sigmas are equal, else in part.
     """
     return float(np.sqrt(first**2 + second**2 - 2.0 * SYSTEMATIC_SHARE * first * second))

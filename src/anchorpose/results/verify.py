@@ -2,8 +2,8 @@
 
 log.jsonl has one line for the command that made the folder and one for everything done with it later; lines are only
 added. Each line holds a hash of itself and of the previous line, so a line that was changed, removed or inserted is
-detected. This is not a signature: whoever changes the log can compute all hashes again. Only a copy of the last hash,
-kept elsewhere, shows that.
+detected. This is not a signature: whoever changes the log can compute all hashes again. Only a copy of the last hash
+that is kept elsewhere would show such a change.
 """
 
 from __future__ import annotations
@@ -165,8 +165,8 @@ def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | No
 
 
 def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
-    """Return the hash of each file as it was written last; the log has newer hashes of tables that were measured
-    again.
+    """Return the hash of each file as it was written last; for tables that were measured again, the log has newer
+    hashes than run.json.
     """
     if run is None:
         run = read_run(results / RUN_FILE) if is_there(results / RUN_FILE) else {}
@@ -193,7 +193,7 @@ class Fits(StrEnum):
 
     @property
     def is_right(self) -> bool:
-        """Return whether the state needs no attention."""
+        """Return whether this state is acceptable."""
         return self in (Fits.SAME, Fits.MEASURED)
 
 

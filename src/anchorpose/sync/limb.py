@@ -68,7 +68,7 @@ def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float
     """Return the sigma that errors of the segment's direction add to an offset found from ``from_s`` to ``to_s``.
 
     If a segment is tracked too far forward in the middle of a movement, it seems early; when it moves back, it seems
-    late, so the two errors cancel. Only the change from the first to the last posture remains, for example in sitting
+    late, so both errors cancel. Only the change from the first to the last posture remains, for example in sitting
     down. It is NaN where the segment is unknown.
     """
     time_s, _, axes = _motion(joints, segment)

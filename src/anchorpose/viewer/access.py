@@ -118,7 +118,7 @@ class Connections:
             self._changed.notify_all()
 
     def _in_the_way(self, client: str) -> list[_Connection]:
-        """Return the connections of which one must be closed before ``client`` may open another; empty if there is
+        """Return the connections, one of which must be closed before ``client`` may open another; none if there is
         space.
         """
         if len(self._open) >= MOST:

@@ -143,7 +143,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.answer_get(name)
 
     def answer_get(self, name: str) -> None:
-        """Answer a request for anything that is not a file."""
+        """Answer a request for data, that is, for a name that is not a file."""
         raise NotImplementedError
 
     def do_POST(self) -> None:

@@ -33,7 +33,7 @@ class Progress(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class WorkStatus:
-    """The state of the work for the page: the row of the results for which hypotheses are computed, the number of
+    """The state of the work, for the page: the row of the results for which hypotheses are computed, the number of
     frames read so far, and messages.
     """
 

@@ -267,7 +267,9 @@ class CorrectionFile:
         return found
 
     def add(self, given: dict[str, Any]) -> Corrections:
-        """Add a correction. Its times and its ``when`` are not given but filled in here; raises InputError."""
+        """Add a correction. Its times and its field ``when`` are filled in here. Raises InputError if it cannot be
+        added.
+        """
         timed = {**given, "when": now_utc()}
         for frame, time_key in (("first_frame", "start_s"), ("last_frame", "end_s"), ("frame", "time_s")):
             if frame in given:

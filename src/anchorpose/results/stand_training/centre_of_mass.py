@@ -209,7 +209,7 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
 
 
 def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
-    """Return sigma of a value: the scale error combined with the enlargement by noise, which is added to the value in
+    """Return sigma of a value. It combines the scale error with the enlargement by noise; noise enlarges the value in
     quadrature.
     """
     added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))

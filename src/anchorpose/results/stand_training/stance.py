@@ -135,8 +135,8 @@ def _leg_length(joints: JointTable) -> float:
 
 @settings
 class UprightConfig:
-    """Settings of when the patient is upright. This begins when all three limits are met and ends when one of the wider
-    limits is passed (hysteresis).
+    """Settings of when the patient counts as upright: from when all three limits are met until one of the wider limits
+    is passed (hysteresis).
 
     Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
     doi:10.1123/jpah.2011-0347). By the thigh alone, kneeling and hanging over a rail would count as upright; the
@@ -159,7 +159,7 @@ class UprightConfig:
 
 class Limits(NamedTuple):
     """Three arrays (n,) bool: whether all limits for becoming upright are met; whether one of the wider limits is
-    passed, which ends being upright; whether no needed joint is lost.
+    passed, so that the patient is no longer upright; whether no needed joint is lost.
     """
 
     begins: np.ndarray

@@ -167,8 +167,8 @@ LEAST_STANCE_S: Final = 1.0
 
 
 def single_leg_stance(session: Session, side: str) -> Measure:
-    """Measure the longest time in seconds on the leg of this side, the other foot off the floor, while upright and in
-    place.
+    """Measure the longest time in seconds on the leg of this side, the other foot off the floor, while the patient is
+    upright and stays in place.
     """
     measure, time_s = "single_leg_stance", session.joints.time_s
     stands, lifted = (JOINT_INDEX[f"Ankle{name.capitalize()}"] for name in (side, _OTHER[side]))
