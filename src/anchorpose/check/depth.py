@@ -159,8 +159,8 @@ LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # a wall's deviation from a right angle w
 UPRIGHT_DEG: Final = 35.0  # maximum tilt of a wall from the vertical; a more tilted plane is a ramp or a ceiling
 # minimum cosine between a wall's normal and the viewing direction; other walls look upright with any lens
 FACING: Final = 0.5
-# maximum cosine between a wall's normal and the viewing direction (5 degrees); the end of the sensor's range looks like
-# a wall within 2 degrees
+# maximum cosine between a wall's normal and the viewing direction, 5 degrees; the end of the sensor's range looks like
+# a wall at less than 2 degrees
 PARALLEL: Final = 0.996
 SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # a person's height; adults: 1.4 to 2.1 m standing, 1.1 to 1.4 sitting
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"

@@ -39,8 +39,7 @@ TOO_SLOW_HZ: Final = 5.0  # frames per second; at a lower rate, people move by a
 # shares of missing frames; single gaps are bridged, but if a quarter is missing, the rate is halved in places
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
 SHORT_S: Final = 4.0  # s, minimum duration of a recording for learning the patient's body
-# shares of intervals between frames that deviate from the camera's period; at 30 Hz, this shifts a hand at 2 m/s by 2
-# cm
+# shares of intervals between frames that deviate from the camera's period; a hand at 2 m/s is then 2 cm off at 30 Hz
 SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5
 
 

@@ -35,8 +35,7 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.start import with_best_initial_frame
 
 FIRST_WAIT_S: Final = 10.0  # s, maximum waiting time for the first image of a source
-# minimum score of a later initial frame, as a share of the best score; later frames are preferred since less is left to
-# catch up
+# minimum score of a later initial frame, as a share of the best score; later frames leave less to catch up
 NEARLY_AS_GOOD: Final = 0.5
 
 Say = Callable[[str], None]

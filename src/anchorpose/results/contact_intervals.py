@@ -36,8 +36,7 @@ class ContactConfig:
     """When skin counts as touched, when touched skin becomes a contact, and when the contact ends."""
 
     # m, maximum distance of touching skins: 3 cm, plus 2 cm for the fingers of a holding hand of which the cameras see
-    # only
-    # the back, plus half the spacing of the points on other people.
+    # only the back, plus half the spacing of the points on other people.
     reach_m: Positive = 0.06
     begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few finger tips); less may be noise
     keep_m2: Positive = 0.0007  # m2, minimum touched area to continue a contact (one skin point)
