@@ -26,10 +26,10 @@ METRES: Final[Mapping[str, float]] = {
     "centimeters": 0.01,
     "centimetres": 0.01,
 }
-"""Metres per unit, by the names of units in files."""
+"""Length of each unit in metres, by the unit's name in files."""
 
-LONGEST_S: Final = 86_400.0  # s, a day; larger times must be in milliseconds or smaller units
-FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # larger values are damaged; a wrong unit shows in the size of the body
+LONGEST_S: Final = 86_400.0  # s (a day), maximum time; larger values must be in milliseconds or smaller units
+FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # maximum position and angle; larger values mean a damaged file
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ class Captured:
 def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
     """Return the metres per unit.
 
-    unit: the file's unit, None where it states none; stated: the user's unit, which takes precedence. Raises InputError
+    unit: the file's unit, None if it states none; stated: the user's unit, which takes precedence. Raises InputError
     where neither is given, or where the unit is unknown.
     """
     name = stated if stated is not None else unit
@@ -91,7 +91,7 @@ def checked(captured: Captured) -> Captured:
 
 
 def repeated_label(path: Path, labels: tuple[str, ...]) -> None:
-    """Raise InputError where two columns have the same label."""
+    """Raise InputError if two columns have the same label."""
     for label in labels:
         if labels.count(label) > 1:
             raise InputError(path, f"has the label '{label}' twice", "rename one of them in the other system")
@@ -102,7 +102,7 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
     one.
 
     A point is missing where its residual is negative. Unlabelled points (``*12``) are left out. In labels, the name of
-    a subject before a colon is left out. Raises InputError for a file that cannot be used, MissingPackage without
+    a subject before a colon is left out. Raises InputError for a file that cannot be used, and MissingPackage without
     ezc3d.
     """
     try:
@@ -165,7 +165,7 @@ CSV_REMEDY: Final = (
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file; raises InputError where it cannot be read as text."""
+    """Return the lines of a text file; raises InputError if it cannot be read as text."""
     return read_text(path, LARGEST_TABLE).splitlines()
 
 

@@ -19,24 +19,26 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.errors import AnchorposeError
 
 GRID_HZ: Final = 100.0
-"""Rate of the common grid, Hz: movement is smooth between its times."""
+"""Rate of the common grid of times in Hz. Between two times of the grid, movement is smooth."""
 
 SMOOTHING_S: Final = 0.04
-"""Standard deviation of the kernel that smooths both systems equally against their noise, s. It passes 4 Hz, and most
-movements of people are slower.
+"""Standard deviation, in s, of the kernel that smooths the noise of both systems equally. It passes frequencies up to 4
+Hz, and most movements of people are slower.
 """
 
 LONGEST_GAP_S: Final = 0.15
-"""Longest gap that is interpolated, s."""
+"""Maximum duration, in s, of a gap that is interpolated."""
 
 MOST_SIGNALS: Final = 40
 
 LEAST_MOVEMENT_M: Final = 0.02
 LEAST_MOVEMENT_DEG: Final = 4.0
-"""Least standard deviation of a distance or an angle over the recording; with less, the signal is mostly noise."""
+"""Minimum standard deviation over the recording of a distance or an angle that is used as a signal; below it, the
+signal is mostly noise.
+"""
 
 LEAST_KNOWN: Final = 0.2
-"""Least share of the frames in which a signal must be known to be used."""
+"""Minimum share of the frames in which a signal must be known to be used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,10 +137,10 @@ def resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.nd
 
 
 COARSE: Final = 4
-"""Step of the first search in samples: every fourth time of the grid."""
+"""Step of the first search in samples of the grid."""
 
 LEAST_OVERLAP: Final = 0.4
-"""Least common time, as a share of the shorter recording; with less, chance looks like agreement."""
+"""Minimum common time, as a share of the shorter recording; in a shorter time, movements may agree by chance."""
 
 LEAST_OVERLAP_S: Final = 3.0
 
@@ -152,7 +154,7 @@ is as good: the movement repeats itself.
 
 ITERATIONS: Final = 20
 BLOCKS: Final = 10
-HUBER: Final = 2.5  # residuals beyond this many standard deviations get less weight
+HUBER: Final = 2.5  # number of standard deviations beyond which residuals get less weight
 
 
 class NoCommonMovement(AnchorposeError):
@@ -191,7 +193,8 @@ class Clock(OtherClock):
 def find_clock(ours: Signals, theirs: Signals) -> Clock:
     """Find offset and drift with their uncertainty, from the same signals of both systems.
 
-    Raises NoCommonMovement where the best offset explains too little, or where another offset explains as much.
+    Raises NoCommonMovement if the best offset explains too little of the movement, or another offset explains equally
+    much.
     """
     offset_s, correlation = _coarse_offset(ours, theirs)
     return refine_clock(ours, theirs, starting_clock(offset_s, correlation))
@@ -269,7 +272,7 @@ def offset_of_peak(
 
     r, overlap: correlation and number of common samples at each lag, where every ``COARSE``-th sample is used, as
     ``_correlations`` returns them. least_s: least common time of a lag that is considered. near_s: an offset within
-    ``RIVAL_DISTANCE_S`` of the right one; None if unknown. Raises NoCommonMovement where the best correlation is too
+    ``RIVAL_DISTANCE_S`` of the right one; None if unknown. Raises NoCommonMovement if the best correlation is too
     small, or another offset explains as much.
     """
     a, b = ours.values[::COARSE], theirs.values[::COARSE]
@@ -281,7 +284,7 @@ def offset_of_peak(
     if not considered.any():
         raise NoCommonMovement(f"they have less than {least * COARSE / GRID_HZ:.1f} s in common")
     r = np.where(considered, r, -1.0)
-    # movement outside the overlap counts as unexplained: with a short overlap, chance looks like agreement
+    # movement outside the overlap counts as unexplained, since movements may agree by chance in a short overlap
     best = int(np.argmax(r * np.sqrt(np.where(considered, overlap, 0.0))))
     if r[best] < LEAST_CORRELATION:
         raise NoCommonMovement(f"the best correlation of their movements is {max(r[best], 0.0):.2f}")
@@ -363,8 +366,8 @@ def _normal_equations(
 
 
 def _without_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return each signal (column) without its weighted mean: the two systems define joints differently by a
-    constant.
+    """Return each signal (column) without its weighted mean, since the definitions of joints in the two systems differ
+    by a constant.
     """
     return np.where(weight > 0, values - (weight * values).sum(axis=0) / weight.sum(axis=0), 0.0)
 

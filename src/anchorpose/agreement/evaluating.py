@@ -38,13 +38,13 @@ STATES: Final = (ALL, INFERRED, *(str(state) for state in JointState if state is
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """One row of agreement; None where undefined. All values are in ``unit``; differences are the value of the results
+    """One row of agreement; None if undefined. All values are in ``unit``; differences are the value of the results
     minus that of the other system.
 
     kind: joint (joint centres), angle (computed from the joints of both systems by this program's formula) or
     given_angle (as the other system computes it). axis: x, y, z of the world, distance, or degrees. state: all,
-    inferred, or one of ``JointState``. offset: as_measured, or with the constant difference of the definitions removed.
-    repeated: the kind of unit that counts as a repetition (subject, or stretch of time).
+    inferred, or one of ``JointState``. offset: ``as_measured``, or ``offset_removed`` for values without the constant
+    difference of the definitions. repeated: the kind of unit that counts as a repetition (subject, or stretch of time).
     """
 
     kind: str
@@ -110,7 +110,7 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A compared quantity, and the function that returns its values for a match (None where the recording lacks it)."""
+    """A compared quantity, and the function that returns its values for a match (None if the recording lacks it)."""
 
     kind: str
     name: str
@@ -306,7 +306,7 @@ def compare_with_reference(
     """Compare results folders with one reference each, in the same order; subjects: the person of each folder; if
     empty, each folder is another person.
 
-    Raises InputError or AnchorposeError where the two do not belong together or cannot be used.
+    Raises InputError or AnchorposeError if the two do not belong together or cannot be used.
     """
     if len(references) != len(results):
         raise AnchorposeError(
@@ -328,7 +328,7 @@ def compare_with_reference(
 
 
 def read_transform(path: Path) -> np.ndarray:
-    """Read T_world_reference (4, 4) from a JSON file; raises InputError where the file has no such matrix."""
+    """Read T_world_reference (4, 4) from a JSON file; raises InputError if the file has no such matrix."""
     document: Any = read_json(path)
     rows = document.get("reference_to_world") if isinstance(document, dict) else None
     try:

@@ -25,12 +25,12 @@ REMEDY: Final = "give rows camera,frame,joint,u,v with the column u and the row 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageErrors:
-    """Distances in the plane of the image, for the joints of one name or for all joints; None where no distance is
+    """Distances in the plane of the image, for the joints of one name or for all joints; None if no distance is
     known.
 
     labelled: number of labels in tracked frames; lost: number of these labels whose joint was lost in the results.
     Millimetres are pixels converted at the distance of the tracked joint. within_50, within_100: share of ``labelled``
-    with a distance of at most 50 or 100 mm; lost joints count as farther.
+    with a distance of at most 50 or 100 mm; a lost joint counts as farther away.
     """
 
     name: str
@@ -54,7 +54,7 @@ class _Label:
 def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[ImageErrors, ...]:
     """Evaluate all joints together, observed and inferred joints separately, and each labelled joint.
 
-    Raises InputError where a file cannot be used, or no labelled frame is among the results.
+    Raises InputError if a file cannot be used, or no labelled frame is among the results.
     """
     require_own(results, (JOINTS_FILE,))
     rows, joints = _read_labels(labels), read_joints(results / JOINTS_FILE)

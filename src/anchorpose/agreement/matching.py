@@ -32,7 +32,7 @@ from anchorpose.results.verify import require_own
 from anchorpose.rotations import fit_rigid_transform
 
 LARGEST_SCALE: Final = 1.3
-"""Largest ratio of body sizes in both systems; different definitions of joints change distances by less."""
+"""Maximum ratio of the body's sizes in the two systems; different definitions of joints change distances by less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,9 +40,9 @@ class Match:
     """A results folder and a reference at the same times: all arrays have a row per frame of ``joints``.
 
     theirs_m (n, 21, 3): the reference's joints in the world of the results, NaN where missing; axes (n, 21, 3, 3): axes
-    of the segments. theirs: angles of the reference's joints by this program's formulas, None where it has no joints.
-    given_names, given_deg (n, a): angles as the other system computes them. placement: None if the reference has only
-    angles.
+    of the segments. theirs: angles of the reference's joints by this program's formulas, None if the reference has no
+    joints. given_names, given_deg (n, a): angles as the other system computes them. placement: None if the reference
+    has only angles.
     """
 
     results: Path
@@ -65,7 +65,7 @@ class Match:
 def match_results(results: Path, reference: Reference, given: np.ndarray | None = None) -> Match:
     """Find clock and frame of the reference. given: T_world_reference (4, 4) if known.
 
-    Raises InputError where lengths have another unit, an axis is mirrored, left and right are exchanged, or no common
+    Raises InputError if lengths have another unit, an axis is mirrored, left and right are exchanged, or no common
     movement is found.
     """
     require_own(results, (JOINTS_FILE,))
@@ -152,7 +152,7 @@ def _median_distance(position_m: np.ndarray, a: int, b: int) -> float:
 
 
 def require_sides(joints: JointTable, ours: AngleTable, reference: Reference) -> None:
-    """Raise InputError where the reference fits much better with a mirrored axis or exchanged labels."""
+    """Raise InputError if the reference fits much better with a mirrored axis or exchanged labels."""
     misfit = _misfits(joints, ours, reference)
     require_as_is(reference.path, misfit, is_length=bool(reference.centres.joints))
 
@@ -184,8 +184,8 @@ def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict
 
 
 def _distance_m(ours_m: np.ndarray, theirs_m: np.ndarray) -> float:
-    """Return the median distance of joints (n, 21, 3), NaN where missing, after the best rigid motion of theirs onto
-    ours.
+    """Return the median distance of joints (n, 21, 3), NaN where missing, after the best rigid motion of the other
+    system's joints onto the results'.
     """
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2)
     T = fit_rigid_transform(theirs_m[both], ours_m[both])

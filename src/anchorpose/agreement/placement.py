@@ -1,8 +1,8 @@
 """Find the frame of another system in the world of the results, and the constant offsets between the joints of both.
 
 Even without errors, two systems differ in their definitions: for example, one places the knee's centre midway between
-two markers, the other computes it from the body's surface. Such an offset is constant in the segment's axes, and is
-separated here from errors, which are not constant. An offset that all joints share looks like another position of the
+two markers, the other computes it from the body's surface. Such an offset is constant in the segment's axes, so it can
+be separated from errors, which are not constant. An offset that all joints share looks like another position of the
 frame unless the person turns; it is attributed to the frame.
 """
 
@@ -20,11 +20,11 @@ from anchorpose.rotations import fit_rigid_transform, rotation_matrices, rotatio
 
 ROUNDS: Final = 15
 LEAST_FRAMES: Final = 10
-"""Least number of common frames of a joint that are needed to find its offset."""
+"""Minimum number of frames in which both systems have a joint, for finding the joint's offset."""
 
 FARTHEST: Final = 4.0
-"""Factor on the typical distance; larger distances get less weight, since one of the two systems has lost the joint
-there.
+"""Multiple of the typical distance above which a distance gets less weight, since one of the two systems has probably
+lost the joint.
 """
 
 TURN_PRIOR_FRAMES: Final = 15.0
@@ -37,7 +37,7 @@ a shift of the frame; so its position comes from a fit with the second value. In
 """
 
 ERROR_M: Final = 0.005
-"""Length in m added to a joint's sigma: the error of the reference, and a reserve for a sigma that is too small."""
+"""Length in m that is added to a joint's sigma. It covers the error of the reference, and sigmas that are too small."""
 
 MOST_FRAMES: Final = 1000
 """Number of frames to which a long recording is thinned, since neighbouring frames contain the same information."""
@@ -101,7 +101,7 @@ def place(
 
     ours_m, sigma_m (n, 21), axes (n, 21, 3, 3): joints of the results, their sigma and ``segment_axes``; theirs_m:
     joints of the reference. given: T_world_reference, if known; then only the offsets are found. Raises
-    DegenerateGeometry where the common joints do not determine a frame.
+    DegenerateGeometry if the common joints do not determine a frame.
     """
     weight = _weights(ours_m, sigma_m, theirs_m)
     both = weight > 0

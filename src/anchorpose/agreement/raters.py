@@ -34,7 +34,7 @@ class RaterAgreement:
 def rater_agreement(paths: Sequence[Path]) -> RaterAgreement:
     """Return the agreement of two or more raters. paths: one file of 'anchorpose view --rate' per rater and session.
 
-    Raises InputError where a file cannot be used, or the raters did not score the same trials.
+    Raises InputError if a file cannot be used, or the raters did not score the same trials.
     """
     files = {path: read_ratings(path) for path in paths}
     if len(files) < len(paths):

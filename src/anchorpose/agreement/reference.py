@@ -49,7 +49,7 @@ _PAIRS: Final = {
     "Elbow": (("{s}ELB", "{s}HLE", "{s}LELB", "{s}ELBOWLAT"), ("{s}ELM", "{s}HME", "{s}MELB", "{s}ELBOWMED")),
     "Wrist": (("{s}WRA", "{s}RSP", "{s}WRISTRAD"), ("{s}WRB", "{s}USP", "{s}WRISTULN")),
 }
-"""By joint, its lateral and medial marker; the joint's centre is taken midway between them."""
+"""The lateral and the medial marker of each joint; the joint's centre is taken midway between the two."""
 
 _PELVIS: Final = {"ASIS": ("{s}ASI", "{s}ASIS", "{s}IAS"), "PSIS": ("{s}PSI", "{s}PSIS", "{s}IPS")}
 
@@ -63,7 +63,7 @@ class Marking:
     """The meaning of the file's labels.
 
     centres: by joint, the label of its centre. midpoints: by joint, the labels whose mean is its centre. pelvis: labels
-    of ASIS left and right, PSIS left and right; None where one is missing. thighs: the markers on the left and the
+    of ASIS left and right, PSIS left and right; None if one is missing. thighs: the markers on the left and the
     right thigh.
     """
 
@@ -145,15 +145,15 @@ def _thigh(own: dict[str, str], midpoints: dict[str, tuple[str, ...]], side: str
 
 
 LEAST_SWING: Final = 0.02
-"""Least ratio of the smallest to the largest singular value of the equations of the spheres. With less, the thigh moved
-in one plane or hardly at all, so the centre is undetermined along one direction.
+"""Minimum ratio of the smallest to the largest singular value of the equations of the spheres. Below it, the thigh
+moved in one plane or hardly at all, so the centre is undetermined along one direction.
 """
 
 
 FARTHEST_M: Final = 0.04
-"""Largest distance in metres of the functional centre from that of the regression, which is accurate to 15 mm. Farther
-away, markers moved with the skin over the bone: in a recording of walking (ezc3d's example of Qualisys), both hips were
-67 mm away.
+"""Maximum distance in metres of the functional centre from the centre given by the regression, which is accurate to 15
+mm. At a larger distance, markers moved with the skin over the bone: in a recording of walking (ezc3d's example of
+Qualisys), both hips were 67 mm away.
 """
 
 
@@ -173,7 +173,7 @@ class CentreTrack:
 
 
 def joint_centres(captured: Captured, marking: Marking, hip: HipCentre) -> CentreTrack:
-    """Compute all joints that the labels determine; raises InputError where ``hip`` cannot be used."""
+    """Compute all joints that the labels determine; raises InputError if ``hip`` cannot be used."""
     position = np.full((len(captured.time_s), JOINT_COUNT, 3), np.nan)
     origin: list[str | None] = [None] * JOINT_COUNT
 
@@ -259,7 +259,7 @@ def _functional_centre(
     pelvis: tuple[np.ndarray, np.ndarray],
     regression_m: np.ndarray,
 ) -> np.ndarray:
-    """Return the functional centre in the pelvis; raises InputError where the thigh has no markers or its movement does
+    """Return the functional centre in the pelvis; raises InputError if the thigh has no markers or its movement does
     not determine it.
     """
     axes, origin_m = pelvis
@@ -324,7 +324,7 @@ def read_reference(
 ) -> Reference:
     """Read the joints and angles of a file; names: a table ``joint,label`` in place of the names in common use.
 
-    Raises InputError where the file gives none of this program's joints and angles.
+    Raises InputError if the file gives none of this program's joints and angles.
     """
     captured = read_captured(path, unit)
     marking = known_marking(captured.points) if names is None else given_marking(names, captured.points)

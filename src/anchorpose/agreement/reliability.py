@@ -152,8 +152,8 @@ REMEDY: Final = (
 )
 
 OTHER_UNIT: Final = 100.0
-"""Ratio between values of two sessions from which on they are taken to be in different units, such as metres and
-centimetres: no person changes by as much.
+"""Minimum ratio between values of two sessions that are taken to be in different units, such as metres and centimetres,
+since no person changes by this ratio.
 """
 
 Key = tuple[str, str | None, str]  # measure, side, unit
@@ -163,7 +163,7 @@ Values = dict[tuple[str, str], dict[Key, float]]  # by subject and repeat
 def session_reliability(path: Path) -> tuple[Reliability, ...]:
     """Return every measure in a table of sessions, in the order in which measures first occur.
 
-    Raises InputError where the table or a results folder cannot be used, or measures are defined differently.
+    Raises InputError if the table or a results folder cannot be used, or measures are defined differently.
     """
     rows = _read(path)
     repeated = next(name for name in REPEATED if name in rows[0])
@@ -183,7 +183,7 @@ def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str
     """Return a clause on the session, or on the session of one subject, whose values differ by orders of magnitude;
     None if all are alike. grid (subjects, repeats): the values.
 
-    Single values may be near zero for good reasons, so only a whole session counts as too small.
+    A single value may be near zero without an error, so only a whole session counts as too small.
     """
     size = np.abs(grid[np.isfinite(grid).all(axis=1)])
     names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]

@@ -17,14 +17,16 @@ from scipy import stats
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_UNITS: Final = 3
-"""Least number of subjects for subjects to be the units; with fewer, the interval would be too wide to be of use."""
+"""Minimum number of subjects for which each subject is a unit; with fewer subjects, the interval would be too wide to
+be of use.
+"""
 
 CONFIDENCE: Final = 0.95
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A number with its 95 % interval; low and high are None where there are too few units for an interval."""
+    """A number with its 95 % interval; low and high are None if there are too few units for an interval."""
 
     value: float
     low: float | None = None
@@ -40,7 +42,7 @@ class Limits:
     bias: Estimate
     lower: Estimate
     upper: Estimate
-    # standard deviation of differences within a unit; None where no unit has two differences
+    # standard deviation of differences within a unit; None if no unit has two differences
     within_sd: float | None
     # standard deviation of the units' means, without sampling error; None for a single unit
     between_sd: float | None
@@ -143,7 +145,7 @@ def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple
 
 
 LEAST_SAMPLES: Final = 10
-"""Least number of samples; with fewer, agreement has no meaning, and a waveform no shape."""
+"""Minimum number of samples; with fewer samples, neither agreement nor the shape of a curve is defined."""
 
 LEVELS: Final = np.linspace(0.05, 0.95, 19)
 """Nominal shares, from 0.05 to 0.95, at which coverage is tested."""

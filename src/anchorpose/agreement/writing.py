@@ -139,7 +139,7 @@ class Plot:
 
 
 MOST_POINTS: Final = 400
-"""Largest number of points of a recording in a plot; more would only darken the same cloud."""
+"""Maximum number of points of a recording in a plot; more points would only darken the same cloud."""
 
 
 def difference_plot(series: Sequence[Compared], row: Agreement) -> Markup:

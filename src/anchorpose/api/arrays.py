@@ -24,7 +24,7 @@ LARGEST_GREY: Final = 65535
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setup:
-    """Cameras, and statements about the patient and the room.
+    """The cameras of a recording, and optional prior knowledge about the patient and the room.
 
     subject: the patient. equipment: path of an equipment.json. empty_room_m: by camera name, a depth image (height,
     width) of the room without people, metres.
@@ -39,7 +39,7 @@ class Setup:
     def writers(self, folder: Path) -> Iterator[list[CameraWriter]]:
         """Make a recording in an existing empty folder, and open its cameras' folders for writing images.
 
-        Raises InputError where the description of a camera, the patient or the equipment is wrong.
+        Raises InputError if the description of a camera, the patient or the equipment is wrong.
         """
         plans = [CameraPlan(camera=camera) for camera in self.cameras]
         document = self._document([plan.document() for plan in plans])
@@ -81,7 +81,7 @@ class DepthImages(Setup):
     def write(self, folder: Path) -> Path:
         """Write the recording into an existing empty folder, and return the folder.
 
-        Raises AnchorposeError where images are missing, or do not fit their camera or their times.
+        Raises AnchorposeError if images are missing, or do not fit their camera or their times.
         """
         series = [(camera, self._images(camera), self._times(camera)) for camera in self.cameras]
         with self.writers(folder) as writers:
@@ -110,7 +110,7 @@ class DepthImages(Setup):
 def grey_of(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
     """Convert a depth image in metres to grey values (height, width) uint16, the form of the camera's files.
 
-    Raises AnchorposeError where the shape is not the camera's, or a reading is negative or too large for the format.
+    Raises AnchorposeError if the shape is not that of the camera, or a reading is negative or too large for the format.
     """
     depth = np.asarray(depth_m)
     if depth.shape != (camera.height, camera.width):

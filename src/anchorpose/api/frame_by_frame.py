@@ -37,7 +37,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 
-START_S: Final = 6.0  # s, as in ``anchorpose live``: in this time a patient moves enough to show where the joints are
+START_S: Final = 6.0  # s, as in ``anchorpose live``; in this time a patient moves enough to locate the joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Pose:
 
     joints_m (21, 3): in the order of ``JOINT_NAMES``, metres in the world (X forward, Y up, Z to the patient's right),
     NaN where a joint is lost. sigma_m (21,): one standard deviation along each axis. states: how each joint was
-    determined.
+    determined (``JointState`` names).
     """
 
     frame: int
@@ -103,7 +103,7 @@ class Tracker:
         and equipment are used.
 
         subject, equipment (an equipment.json) and empty_room_m (by camera name, (height, width) metres): prior
-        knowledge. start_s: duration of the first seconds, from which the body is learnt. Raises InputError where an
+        knowledge. start_s: duration of the first seconds, from which the body is learnt. Raises InputError if an
         argument cannot be used.
         """
         known = _setup_of(Path(cameras)) if isinstance(cameras, Path | str) else Setup(cameras=tuple(cameras))
@@ -143,11 +143,12 @@ class Tracker:
         return standing_height(body_points().asset, self._prepared.learnt.shape)[0]
 
     def step(self, depth_m: Mapping[str, np.ndarray], time_s: float) -> Pose | None:
-        """Return the pose in the next frame; None while the patient is not found, or is lost (``why``).
+        """Return the pose in the next frame; None while the patient is not found, or is lost (``why`` gives the
+        reason).
 
         depth_m: by camera name, (height, width) metres along the optical axis; 0, NaN and infinite mean no reading; a
         missing camera has no image in this frame. time_s: later than that of the previous frame. The step that ends the
-        first seconds also learns the body, so it takes much longer. Raises AnchorposeError where an argument does not
+        first seconds also learns the body, so it takes much longer. Raises AnchorposeError if an argument does not
         fit.
         """
         if not time_s > self._last_s:
@@ -191,7 +192,9 @@ class Tracker:
                 self._begin()
 
     def _learn(self) -> Estimate | None:
-        """Learn from the first seconds; return the newest estimate, None where nobody is found (``why``)."""
+        """Learn from the first seconds; return the newest estimate, or None if nobody is found (``why`` gives the
+        reason).
+        """
         inputs, room = new_room(open_recording(self._folder), self._options)
         self._prepared = learn_in(room, inputs)
         if self._prepared is None:

@@ -15,7 +15,8 @@ class Watcher:
     """A listener to progress and notes that ignores both. The command line has a subclass that draws bars and prints
     notes.
 
-    how_to_resume: the advice in the message of a stopped run; None: to repeat the command with --resume.
+    how_to_resume: advice in the message of a stopped run. If None, the message advises repeating the command with
+    --resume.
     """
 
     def __init__(self, how_to_resume: str | None = None) -> None:
@@ -36,7 +37,7 @@ class Watcher:
 def as_recording(path: Path, watcher: Watcher) -> Path:
     """Return the recording folder for a path; a recorder's file or folder is first converted, beside it.
 
-    Raises InputError where the conversion is refused. A path that no reader knows is returned unchanged.
+    Raises InputError if the conversion is refused. A path that no reader knows is returned unchanged.
     """
     from anchorpose.sources.convert import look_at, make_recording
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATIENT: Final = "patient"
-WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of a smaller error. Larger errors affect clinical measures
-EVEN: Final = 0.01  # frames are evenly spaced if their intervals differ by less than this share of an interval
+WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of an error below this. Larger errors affect measures
+EVEN: Final = 0.01  # share of an interval; frames count as evenly spaced if their intervals differ by less
 
 
 class Results:
@@ -35,7 +35,7 @@ class Results:
     folder: Path
 
     def __init__(self, folder: Path, kept: TemporaryDirectory[str] | None = None) -> None:
-        """Open a results folder; raises InputError where it has no results."""
+        """Open a results folder; raises InputError if it has no results."""
         self.folder, self._kept = folder, kept
         if not (folder / RUN_FILE).is_file():
             raise InputError(folder, "is not a results folder", "give a folder that 'anchorpose track' has written")

@@ -41,7 +41,7 @@ def track(
     recording: a recording folder, a recorder's file, or depth images in memory. results: the folder to write, which
     appears when tracking is complete; without it, the results are kept as long as the returned object lives. config:
     settings that differ from the defaults. Other arguments are as the options of ``anchorpose track``. Raises
-    InputError where the recording cannot be used, or the folder exists and may not be overwritten.
+    InputError if the recording cannot be used, or the folder exists and may not be overwritten.
     """
     options = Options(config, calibration, corrections, events, overwrite, threads=threads)
     return track_watched(recording, results, options, Watcher())
@@ -71,5 +71,5 @@ def track_watched(
 
 
 def open_results(results: Path | str) -> Results:
-    """Open a results folder; raises InputError where it is not a results folder."""
+    """Open a results folder; raises InputError if it is not a results folder."""
     return Results(Path(results))

@@ -29,8 +29,8 @@ if find_spec("distributed") is None:
 SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
 CONNECT_S: Final = 20.0
-# number of times that a job's worker may die before the job is given up; more deaths are the job's fault, such as too
-# little memory
+# number of times that a job's worker may die before the job is given up; further deaths are the fault of the job, which
+# may need too much memory
 DEATHS: Final = 3
 
 SCHEDULING: Final = {
@@ -70,10 +70,10 @@ def cores() -> int:
 def connected(place: Place, jobs: int) -> Iterator[Client]:
     """Yield a client of the scheduler; processes that were started for it end with the block.
 
-    jobs: largest number of workers to start. Raises AnchorposeError where the scheduler cannot be reached.
+    jobs: maximum number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
     """
     import dask
-    import distributed  # noqa: F401  its defaults: those that come while others are set go with them
+    import distributed  # noqa: F401  defaults that are loaded while other values are set are lost with these values
 
     with dask.config.set(SCHEDULING):
         logging.getLogger("distributed").setLevel(logging.ERROR)  # important errors also come with the outcomes
@@ -149,7 +149,7 @@ def _slurm(place: Place, jobs: int) -> Any:
     return cluster
 
 
-POLL_S: Final = 0.5  # s; new workers are noticed after this time
+POLL_S: Final = 0.5  # s between two searches for new workers
 
 KILLED: Final = (
     f"its worker died {DEATHS + 1} times while it ran; give it more memory or time, or run it alone to see why."
@@ -171,7 +171,7 @@ def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambd
     """Run all jobs, beginning with the first listed, and yield the outcome of each as it ends.
 
     tick: called about twice a second while jobs run, to show progress. An exception in the caller's loop, such as a
-    signal, stops the running jobs; their processes have ended when it is raised. Raises AnchorposeError where the
+    signal, stops the running jobs; their processes have ended when it is raised. Raises AnchorposeError if the
     scheduler cannot be used.
     """
     if not jobs:
@@ -219,7 +219,7 @@ def _submit(client: Client, job: Job, number: int, group: str) -> Future:
 
 
 def _why(future: Future) -> str | None:
-    """Return why the scheduler gave up a job; None where it has an outcome."""
+    """Return why the scheduler gave up a job; None if it has an outcome."""
     from distributed.scheduler import KilledWorker
 
     if future.status == "finished":

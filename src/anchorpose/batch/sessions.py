@@ -53,7 +53,7 @@ class Session:
 
     @property
     def place(self) -> Path | None:
-        """Return the whole path of the recording; None where it is at an address."""
+        """Return the whole path of the recording; None if it is at an address."""
         return None if isinstance(self.recording, str) else self.recording.resolve()
 
     @property
@@ -78,11 +78,11 @@ class Session:
 
 
 def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
-    """Find the sessions that a user lists, in the order given; only those from a table have a name yet.
+    """Find the sessions that a user lists, in the order given; only sessions from a table have a name yet.
 
     given: recordings (folders, or files of a recorder), folders that contain recordings, addresses, patterns such as
     ``clinic/*/recording``, and tables (``.csv``). options: for all of them; a row of a table overrides them. Raises
-    InputError where a name leads to no recording, or a table cannot be used.
+    InputError if a name leads to no recording, or a table cannot be used.
     """
     found = [session for text in given for session in _sessions_of(text, options)]
     for session in found:
@@ -167,19 +167,19 @@ def _value(name: str, text: str, path: Path, number: int) -> object:
 BATCH_FILE: Final = "batch.json"
 LOCK_FILE: Final = ".batch.lock"
 LONGEST_NAME: Final = 100
-"""Limit of a name in bytes: encrypted folders allow 143, and a run adds up to 30, for example
+"""Maximum length of a name in bytes. Encrypted folders allow 143 bytes, and a run adds up to 30, for example
 .NAME.json.partial-01234567.
 """
 
 # names that Windows does not allow for files
 DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-BEGINNING: Final = 2**20  # number of first bytes that identify a recorder's file: header and first images
+BEGINNING: Final = 2**20  # number of first bytes (header and first images) that identify a recorder's file
 DAMAGED: Final = "choose another folder for the batch; the results in this one stay as they are"
 
 
 @dataclass(frozen=True, slots=True)
 class NamedRecording:
-    """An entry of batch.json. recording: its whole path or its address; mark: hash of some of its images, None where
+    """An entry of batch.json. recording: its whole path or its address; mark: hash of some of its images, None if
     there are no readable images.
     """
 
@@ -201,7 +201,7 @@ class NamedRecording:
 def open_folder(out: Path, sessions: Sequence[Session]) -> tuple[Session, ...]:
     """Make the folder of a batch, or check that it is one; return the sessions with their names in it.
 
-    Raises InputError where it is another kind of folder, a session's name cannot name a folder, or a given name belongs
+    Raises InputError if it is another kind of folder, a session's name cannot name a folder, or a given name belongs
     to another recording.
     """
     mark = out / BATCH_FILE
@@ -263,8 +263,8 @@ def _named(sessions: Sequence[Session], before: Sequence[NamedRecording], out: P
 def _require_own(
     one: NamedRecording, unnamed: bool, others: Sequence[NamedRecording], holder: NamedRecording | None, out: Path
 ) -> None:
-    """Raise InputError where another session of this call has the same name, where two unnamed sessions are of one
-    recording, or where the name belongs to another recording.
+    """Raise InputError if another session of this call has the same name, where two unnamed sessions are of one
+    recording, or if the name belongs to another recording.
     """
     remedy = "name them in a table with a column 'session'"
     if not unnamed:
@@ -278,7 +278,7 @@ def _require_own(
 
 
 def _given(session: Session) -> str | None:
-    """Return the name from the user's table; raises InputError where no folder can have it."""
+    """Return the name from the user's table; raises InputError if no folder can have it."""
     name = _clean(session.name)
     if len(name.encode()) > LONGEST_NAME:
         problem = f"has a name of {len(name.encode())} bytes ({name[:20]}...)"

@@ -45,10 +45,10 @@ AGAIN: Final = "write it again with 'anchorpose batch --summary'"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionRow:
     """One session. state: one of ``STATES``; why: the sentence on the failure, if it failed. Other fields are None
-    unless it is done.
+    unless the session is done.
 
-    length_s: from the first frame to the last; the shares are of all joints in all frames; work_s: duration of
-    tracking, by run.json.
+    length_s: time from the first frame to the last. The shares refer to all joints in all frames. work_s: duration of
+    tracking according to run.json.
     """
 
     session: str
@@ -104,7 +104,7 @@ def note_outcome(out: Path, outcome: Outcome) -> None:
 
 
 def require_places(out: Path, sessions: Sequence[Session]) -> None:
-    """Raise InputError where a path to be written is a link or something else than expected."""
+    """Raise InputError if a path to be written is a link or something else than expected."""
     for name in (RESULTS_FOLDER, LOGS_FOLDER):
         if (out / name).is_symlink() or (is_there(out / name) and not (out / name).is_dir()):
             raise InputError(out / name, "is a link, or no folder", MOVE_AWAY)
@@ -125,7 +125,7 @@ def row_of(
     """Return a batch folder's row on a session, and its measures if it is done.
 
     A session that failed in its last run counts as failed, whatever results exist. outcomes: by name, why a session
-    that has just run failed, None where it did not fail.
+    that has just run failed, None if it did not fail.
     """
     results = out / RESULTS_FOLDER / session.name
     who: dict[str, Any] = {"session": session.name, "recording": session.shown, "subject": session.subject}
@@ -141,7 +141,7 @@ def row_of(
 
 
 def _noted(out: Path, name: str) -> str | None:
-    """Return why a session failed in its last run; None where it did not fail or has not run."""
+    """Return why a session failed in its last run; None if it did not fail or has not run."""
     path = _outcome_file(out, name)
     if not is_there(path):
         return None
@@ -178,7 +178,7 @@ def _figures(results: Path) -> dict[str, Any]:
 
 
 def _measures(results: Path) -> tuple[Measure, ...]:
-    """Return the measures of a session that are not about a single person; empty where the session was not measured."""
+    """Return the measures of a session that are not about a single person; empty if the session was not measured."""
     path = results / MEASURES_FILE
     return tuple(measure for measure in read_measures(path) if measure.person is None) if is_there(path) else ()
 
@@ -213,7 +213,7 @@ def _for_spreadsheets(table: pa.Table) -> pa.Table:
     return table
 
 
-MOST_COMPARED: Final = 300  # largest number of sessions whose measures are on the page; the tables hold all
+MOST_COMPARED: Final = 300  # maximum number of sessions whose measures are on the page; the tables have all sessions
 
 UNKNOWN: Final = Markup('<span title="{}">–</span>')
 

@@ -1,4 +1,4 @@
-"""Track the sessions of a batch, each in its own process, then write the tables and the page of all of them."""
+"""Track the sessions of a batch, each in a separate process, then write the tables and the page of all sessions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
     """Track all sessions that are not done and write the tables and index.html; return a row per session.
 
     A failure does not affect other sessions. progress is called with sessions finished and in total. Raises
-    InputError where ``out`` is not the folder of a batch, AnchorposeError where the scheduler cannot be used.
+    InputError if ``out`` is not the folder of a batch, AnchorposeError if the scheduler cannot be used.
     """
     sessions, outcomes = _opened(out, sessions), dict[str, str | None]()
     progress(0, len(sessions))
@@ -46,7 +46,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
 
 
 def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
-    """Track the session with this number, counted from 0, on its own worker; for job arrays."""
+    """Track only the session with this number, counted from 0, on a worker of a job array."""
     if not 0 <= index < len(sessions):
         raise AnchorposeError(f"--index is {index}; there are {len(sessions)} sessions, numbered from 0.")
     session = _opened(out, sessions)[index]
@@ -109,7 +109,7 @@ def track_session(session: Session, results: Path) -> bool:
 
 
 def done_identity(results: Path) -> str | None:
-    """Return the identity in the run.json of a results folder; None where the folder has no such file or identity."""
+    """Return the identity in the run.json of a results folder; None if the folder has no such file or identity."""
     path = results / RUN_FILE
     return read_run(path).get("identity") if path.is_file() else None
 

@@ -1,7 +1,7 @@
-"""Run a job of the scheduler in its own child process, and wait for it.
+"""Run a job of the scheduler in a child process, and wait for it.
 
 The worker itself does none of the work, so a crash, a leak or a killed child does not affect it. If the worker is
-killed, its child ends too. The worker returns only a sentence, so that no result is lost with it.
+killed, its child ends too. The worker returns only a sentence, so no result is lost if the worker is killed.
 
 The work, a pickled call, comes on the child's standard input. (Anyone who may submit a job to dask can run anything on
 its workers anyway.) Nothing is unpickled from a disk. The results of a job are the files that it writes. The input
@@ -27,10 +27,10 @@ from typing import Any, Final
 
 KERNELS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
-"""Settings by which a child uses one core: as many children run at once as there are workers."""
+"""Settings that make a child process use one core only, since several children run at once, one per worker."""
 
 STOP_S: Final = 15.0  # s allowed for a child to end by itself; longer than ``ABANDONED_STOP_S``
-ABANDONED_STOP_S: Final = 10.0  # s allowed to remove half-written files, and for a kernel to return
+ABANDONED_STOP_S: Final = 10.0  # s allowed for a kernel to return, and for removing half-written files
 ABANDONED: Final = 143  # exit code of an abandoned child, the same as after SIGTERM
 TAIL_BYTES: Final = 4096
 
@@ -70,7 +70,7 @@ def run_apart(name: str, work: bytes, log: str | None, group: str) -> Outcome:
 
 @contextmanager
 def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
-    """Yield the started process, in its own session: Ctrl+C in a terminal reaches the first process only."""
+    """Yield the started process. It is in another session, so Ctrl+C in a terminal does not reach it."""
     if group in _stopped:
         yield None
         return

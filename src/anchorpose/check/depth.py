@@ -24,17 +24,17 @@ from anchorpose.isolation.depth_noise import LIMB_M, measure_detail
 from anchorpose.isolation.room_planes import find_planes
 from anchorpose.isolation.view import View
 
-NOISY_PER_M: Final = 2 * 1.425e-3  # sigma / depth^2: twice that of a Kinect v1 (Khoshelham and Elberink 2012)
-# shares of the image without readings; indoors, windows and far walls leave 0.05 to 0.35
+NOISY_PER_M: Final = 2 * 1.425e-3  # maximum sigma / depth^2; twice a Kinect v1's (Khoshelham and Elberink 2012)
+# shares of the image without readings; indoors, windows and far walls cause shares of 0.05 to 0.35
 SOME_GONE, MOST_GONE = 0.40, 0.70
-HOLED: Final = 0.15  # share of the patient's outline without readings; hair and shoes leave less
-# noise of a disturbed frame over the usual noise; undisturbed frames differ by up to 10 %
+HOLED: Final = 0.15  # share of the patient's outline without readings; hair and shoes cause a smaller share
+# ratio of a disturbed frame's noise to the usual noise; undisturbed frames deviate by up to 10 %
 BURST: Final = 1.3
-GONE: Final = 0.05  # share of the image that loses its readings in a disturbed frame; a passing person's shadow is less
-OFTEN_BURST: Final = 0.25  # share of the frames that are disturbed
-UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # shares of the image that gain or lose readings; edges and people cause 0.03
+GONE: Final = 0.05  # share of the image that a disturbance leaves without readings; a passing person covers less
+OFTEN_BURST: Final = 0.25  # share of disturbed frames above which the finding is more severe
+UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # shares of pixels that gain or lose a reading; edges and people cause 0.03
 SPECK_PX: Final = 7  # pixels; a smaller hole or gap in the patient's pixels is closed to find the outline
-LEAST_SAMPLES: Final = 5  # number of frames needed to measure changes between them
+LEAST_SAMPLES: Final = 5  # minimum number of frames for measuring changes between frames
 
 
 def check_depth(material: Material) -> list[Finding]:
@@ -103,7 +103,7 @@ def _steady(
     """Return findings on frames with more noise or fewer readings than usual, and on readings that appear and disappear
     between frames.
 
-    The light of an unsynchronised camera disturbs the whole image at once.
+    The infrared light of another, unsynchronised camera disturbs the whole image at once.
     """
     if len(frames_m) < LEAST_SAMPLES:
         return OfCamera(camera.name, Level.GREEN, "too few frames to compare")
@@ -117,8 +117,8 @@ def _steady(
 
 
 def _disturbed(camera: Camera, frames_m: Sequence[np.ndarray]) -> np.ndarray:
-    """Return (n,) bool: frames with more noise, or fewer readings, than the others. People change both only
-    slightly.
+    """Return (n,) bool: frames with more noise, or fewer readings, than the others. People change noise and readings
+    only slightly.
     """
     noise = np.array([noise_per_m([frame]) if np.count_nonzero(frame) else np.inf for frame in frames_m])
     missing = np.array([_missing(frame, camera) for frame in frames_m])
@@ -135,7 +135,7 @@ def _holes(camera: Camera, views: Sequence[View]) -> OfCamera:
         return OfCamera(camera.name, Level.GREEN, "the patient is not in view")
     holed = float(np.mean(shares))
     remedy = "other clothes (dark, shiny or very loose ones return no light); keep sunlight off the patient"
-    level = level_of(holed, HOLED, MOST_MISSING)  # red, as in tracking, if most of the skin has no usable reading
+    level = level_of(holed, HOLED, MOST_MISSING)  # as in tracking, red if most of the skin has no usable reading
     return OfCamera(camera.name, level, f"{100 * holed:.0f} % of the outline without a reading", remedy)
 
 
@@ -150,18 +150,19 @@ def _hole_share(view: View) -> float:
 NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0
 # distance of the principal point from the middle, as a share of the image's size; real lenses have up to 0.03
 OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25
-UNEQUAL: Final = 0.10  # largest relative difference of fx and fy, since pixels are square
-BENT_M, STRONGLY_BENT_M = 0.03, 0.08  # m; floors are flat to 2 cm; a lens that bends them by 8 cm moves feet by 8 cm
-ON_FLOOR_M: Final = 0.12  # m, largest distance from the plane; higher readings are objects on the floor
+UNEQUAL: Final = 0.10  # maximum relative difference of the focal lengths fx and fy; pixels are nearly square
+BENT_M, STRONGLY_BENT_M = 0.03, 0.08  # m; real floors are flat to 2 cm; bending by 8 cm shifts feet by 8 cm
+ON_FLOOR_M: Final = 0.12  # m, maximum distance of a floor reading from the plane; higher readings are objects
 RINGS: Final = 6
-LEAST_READINGS: Final = 300  # least number of readings in a ring, for its median
-LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # limits of the deviation from a right angle; walls are measured to 1 degree
-UPRIGHT_DEG: Final = 35.0  # largest tilt of a wall; a steeper plane is a ramp or a sloping ceiling
-# least cosine between a wall's normal and the view; other walls stay at right angles with any lens
+LEAST_READINGS: Final = 300  # minimum number of readings in a ring for computing its median
+LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # a wall's deviation from a right angle with the floor
+UPRIGHT_DEG: Final = 35.0  # maximum tilt of a wall from the vertical; a more tilted plane is a ramp or a ceiling
+# minimum cosine between a wall's normal and the viewing direction; other walls look upright with any lens
 FACING: Final = 0.5
-# largest cosine of that angle, 5 degrees; apparent walls at the sensor's range are within 2 degrees
+# maximum cosine between a wall's normal and the viewing direction, 5 degrees; the end of the sensor's range looks like
+# a wall at less than 2 degrees
 PARALLEL: Final = 0.996
-SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # height; adults have 1.4 to 2.1 m standing, 1.1 to 1.4 m sitting
+SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # a person's height; adults: 1.4 to 2.1 m standing, 1.1 to 1.4 sitting
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"
 NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # m, range in which depth cameras measure
@@ -195,7 +196,7 @@ def _angle_deg(rays: np.ndarray) -> float:
 
 
 def _room_through_lens(material: Material) -> list[Finding]:
-    """Return findings on how flat the floor and how upright the walls are; empty where no camera sees a floor."""
+    """Return findings on how flat the floor and how upright the walls are; empty if no camera sees a floor."""
     flat, upright = list[OfCamera](), list[OfCamera]()
     for scene in material.floor_scenes:
         room, camera = scene.background, scene.camera
@@ -236,8 +237,8 @@ def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float
     floor; NaN without such a wall.
 
     A wrong focal length shears a room seen from above; furniture may lean, so one upright wall is enough. Walls
-    parallel to the image are left out: they stay parallel with any lens, and where the sensor's range ends, the end of
-    the readings looks like such a wall.
+    parallel to the image are left out: they stay parallel with any lens, and the end of the sensor's range looks like a
+    wall of this kind.
     """
     planes = find_planes(room.depth_m, camera, room.sensor.noise_per_m, most_beyond=1.0)
     facing = [plane[:3] for plane in planes if FACING < plane[2] < PARALLEL]
@@ -280,8 +281,8 @@ def _heights_m(material: Material) -> Sequence[float]:
 
 
 def _tallest_m(material: Material) -> Sequence[float]:
-    """Return the height of the highest person in each sampled frame: a person is never found too tall in the patient's
-    search, where a giant may count as several people.
+    """Return the height of the highest person in each sampled frame: this measure is needed because the search for the
+    patient may split a person who is too tall into several people.
     """
     if material.floor_m is None or material.look is None:
         return []

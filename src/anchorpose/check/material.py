@@ -36,7 +36,7 @@ from anchorpose.tracker.sighting import see_people_apart
 
 
 class Level(IntEnum):
-    """The severity of a finding, by its effect on tracking."""
+    """The severity of a finding, defined by its effect on tracking."""
 
     GREEN = 0  # the value is in the expected range
     YELLOW = 1  # results will be less accurate, or have gaps
@@ -70,9 +70,7 @@ class OfCamera(NamedTuple):
 
 
 def level_of(value: float, yellow: float, red: float) -> Level:
-    """Return the level of a value with limits above which it is yellow and red; NaN is green, since nothing speaks
-    against it.
-    """
+    """Return the level of a value: yellow or red above the limit of this name; NaN (not measured) is green."""
     return Level.RED if value > red else Level.YELLOW if value > yellow else Level.GREEN
 
 
@@ -92,19 +90,19 @@ def of_cameras(check: str, parts: Sequence[OfCamera]) -> Finding:
     return Finding(check, level, "; ".join(named), "; ".join(remedies))
 
 
-LOOKS: Final = 6  # number of frames in which the patient is examined closely, each up to a second of work
+LOOKS: Final = 6  # number of frames in which the patient is examined closely; each takes up to 1 s of computing
 PAIRS: Final = 6  # number of pairs of successive frames, to find readings that come and go
-BODIES: Final = 8  # number of frames in which all people get a body, each a second of work for three people
-SHORT: Final = 300  # number of frames, ten seconds at 30 per second, up to which a recording is not thinned
-ENOUGH_HZ: Final = 14.5  # Hz needed for clocks and poses; recorders often just miss the 15 of the guide
-BORDER_PX: Final = 4  # rows at the upper border; filters leave the first rows without a reading
-REACH_M: Final = 0.10  # m, largest distance of skin from a rough body for the body to represent it
+BODIES: Final = 8  # number of frames in which a body is fitted to each person; 1 s of computing for three people
+SHORT: Final = 300  # maximum number of frames of a recording that is not thinned; 10 s at 30 frames per second
+ENOUGH_HZ: Final = 14.5  # Hz, frame rate needed for clocks and poses; recorders often just miss the guide's 15 Hz
+BORDER_PX: Final = 4  # number of rows that count as the upper border; filters remove the readings of the first rows
+REACH_M: Final = 0.10  # m, maximum distance between a point of skin and a rough body that represents this point
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPatient:
-    """The patient in one sampled frame: the place over the ground, and the labelled pixels of each camera (None without
-    a frame); hidden (cameras,): share of the skin facing each camera that is hidden, NaN where no body was fitted.
+    """The patient in one sampled frame: the place on the floor, and the labelled pixels of each camera (None without a
+    frame). hidden (cameras,): share of the skin facing each camera that is hidden; NaN if no body was fitted.
     """
 
     person: Person
@@ -122,9 +120,9 @@ class SeenPatient:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
-    """The material of the checks. recording: on one clock where clocks were settled; settled, look: None where
-    ``refusal`` states why the cameras' poses are unknown; successive: pairs of successive frames, in which people
-    hardly move; patient: in some of the frames that show the patient, empty where nobody was found.
+    """The material of the checks. recording: has one clock for all cameras if clocks were settled. settled, look: None
+    if the cameras' poses are unknown, for the reason in ``refusal``. successive: pairs of successive frames, between
+    which people hardly move. patient: the patient in some of the sampled frames; empty if nobody was found.
     """
 
     recording: Recording
@@ -142,7 +140,7 @@ class Material:
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
-        """Return the scene of each camera; empty where poses are unknown."""
+        """Return the scene of each camera; empty if poses are unknown."""
         return () if self.look is None else self.look.scenes
 
     @property
@@ -154,7 +152,7 @@ class Material:
 
     @property
     def floor_m(self) -> float | None:
-        """Return the height of the floor in the world; None where no camera sees it."""
+        """Return the height of the floor in the world; None if no camera sees it."""
         return None if self.settled is None else self.settled.calibration.floor_height_m
 
     def by_camera(self) -> Iterator[tuple[Camera, list[np.ndarray]]]:
@@ -182,7 +180,7 @@ class Material:
 def gather_material(recording: Recording, config: TrackConfig) -> Material:
     """Find clocks, poses, the empty room and the patient in sampled frames; without poses, only gather the frames.
 
-    Raises InputError where the cameras never overlap in time, or where a camera has no readable depth image.
+    Raises InputError if the cameras never overlap in time, or if a camera has no readable depth image.
     """
     pair_frames(recording)
     try:

@@ -35,18 +35,18 @@ from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy
 from anchorpose.tracker.look import Look
 from anchorpose.tracker.room import NOBODY_SEEN
 
-TOO_SLOW_HZ: Final = 5.0  # frames per second; with fewer, people move by a step between two frames
-# shares of missing frames; single gaps are bridged, but with a quarter missing the rate is halved in places
+TOO_SLOW_HZ: Final = 5.0  # frames per second; at a lower rate, people move by a whole step between two frames
+# shares of missing frames; single gaps are bridged, but if a quarter is missing, the rate is halved in places
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
-SHORT_S: Final = 4.0  # s, duration from which the patient's body is learnt at least
-# shares of steps between frames off the camera's period; at 30 Hz, a hand at 2 m/s is then 2 cm off
+SHORT_S: Final = 4.0  # s, minimum duration of a recording for learning the patient's body
+# shares of intervals between frames that deviate from the camera's period; a hand at 2 m/s is then 2 cm off at 30 Hz
 SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5
 
 
 def check_frames(material: Material) -> list[Finding]:
     """Return findings on number, rate and completeness of frames, on even time stamps, and on the cameras' clocks.
 
-    Raises InputError where cameras never overlap in time.
+    Raises InputError if cameras never overlap in time.
     """
     gaps, streams = find_gaps(material.recording), material.recording.streams
     found = [
@@ -185,12 +185,12 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
     return OfCamera(floor.camera, max(tilted, uneven), measured, "; ".join(remedies))
 
 
-SELDOM: Final = 0.5  # least share of the sampled frames in which the patient should be found
-CUT_PX: Final = 3  # pixels of the patient at a border from which the body counts as cut off; a resolved hand is wider
-SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off: sometimes (a raised hand), mostly
-NEAR_M, FAR_M = 1.2, 4.0  # m; nearer, no lens shows feet and head; farther, a forearm is ten pixels wide
+SELDOM: Final = 0.5  # minimum share of the sampled frames in which the patient should be found
+CUT_PX: Final = 3  # minimum number of the patient's pixels at a border for a cut-off body; a resolved hand is wider
+SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off; a raised hand is cut off sometimes
+NEAR_M, FAR_M = 1.2, 4.0  # m from the camera; nearer, no lens shows feet and head; farther, a forearm is 10 pixels wide
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
-# hidden shares of the skin that faces the camera; beyond the second, more is inferred than seen
+# hidden shares of the skin that faces the camera; above the second share, more is inferred than seen
 HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8
 
 
@@ -321,7 +321,7 @@ def check_recording(recording: Path) -> list[Finding]:
     """Return the findings in the order in which people read them; at most a few dozen depth images per camera are
     read.
 
-    Raises InputError where the recording cannot be used at all.
+    Raises InputError if the recording cannot be used at all.
     """
     with one_thread():
         material = gather_material(open_recording(recording), TrackConfig())

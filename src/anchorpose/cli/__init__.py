@@ -1,4 +1,4 @@
-"""The command line: thin commands, called verbs. Heavy imports happen inside them, so that help is instant."""
+"""Define the command line: thin commands. Heavy imports happen inside them, so that help is printed at once."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from anchorpose.cli.viewing_verbs import inspect, view
 from anchorpose.errors import AnchorposeError, InputError, is_utf8
 
 EXIT_CANNOT: Final = 2
-EXIT_SIGNAL: Final = 128  # plus the signal's number: 130 after Ctrl+C, 143 if the system ends the process
+EXIT_SIGNAL: Final = 128  # added to the signal's number: 130 after Ctrl+C, 143 if the system ends the process
 STOPPING: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.table import Column
     from rich.text import Text
 
-ACTING: Final = frozenset(("Cc", "Zl", "Zp", "Cs"))  # categories: controls, line breaks, undecodable bytes
+ACTING: Final = frozenset(("Cc", "Zl", "Zp", "Cs"))  # Unicode categories: controls, line breaks, undecodable
 BIDIRECTIONAL: Final = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 
 

@@ -39,7 +39,7 @@ class MeasureOptions:
     """With --fill: the longest gap that is filled, in seconds; 0.2 by default."""
 
     def settings(self) -> ProcessingConfig:
-        """Return the settings; raises AnchorposeError where the options do not fit together."""
+        """Return the settings; raises AnchorposeError if the options do not fit together."""
         from anchorpose.results.processing import ProcessingConfig
         from anchorpose.settings import sentence_of
 

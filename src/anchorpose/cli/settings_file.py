@@ -30,10 +30,10 @@ TABLES: Final = (
     "track",
     "view",
 )
-"""The commands (verbs) that accept a settings file; the file may have a table with the name of each."""
+"""The commands that accept a settings file; the file may have a table with the name of each command."""
 
 COMMAND_ONLY: Final = frozenset({"config", "output", "overwrite"})
-"""Options that must be given on the command line: a file must not decide where results go or what is replaced."""
+"""Options that must be given on the command line, since a file must not decide where results go or what is replaced."""
 
 
 @Parameter(name="*")

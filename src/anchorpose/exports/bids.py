@@ -100,7 +100,7 @@ EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "trial", "part", "per
 def events_of(folder: Path, start_s: float, trials: Trials | None) -> list[tuple[str, ...]]:
     """Return the event rows of the stored trials, contacts and episodes, sorted by onset, in s since ``start_s``.
 
-    A row has ``EVENT_COLUMNS``, then the user's own columns of trials.
+    A row has ``EVENT_COLUMNS``, then the columns that the user added to the trials.
     """
     own = 0 if trials is None else len(trials.columns)
     found: list[tuple[float, float, tuple[str, ...]]] = [] if trials is None else [_trial_row(t) for t in trials.rows]

@@ -23,7 +23,7 @@ from anchorpose.rotations import unit
 
 ROOT: Final = "SpineBase"
 
-# By name of a node: its parent node, the joint at its origin, and the joint that it points to. Where several bones
+# Each node by name: its parent node, the joint at its origin, and the joint that it points to. Where several bones
 # leave a joint, each has a node there, so that every bone keeps its direction.
 _TREE: Final = {
     "LowerSpine": ("SpineBase", "SpineBase", "SpineMid"),
@@ -118,7 +118,7 @@ def skeleton_of_poses(
     """Build nodes named as the body's bones, which are those of the CMU collection, and the root's path (g, 3), metres.
 
     Offsets come from recorded frames. At grid times between them, a rotation is the normalised mean of its neighbours.
-    Raises InputError where poses.parquet has other frames than the joints, ``frame`` (n,).
+    Raises InputError if poses.parquet has other frames than the joints, ``frame`` (n,).
     """
     poses = read_poses(path)
     if not np.array_equal(poses.frame, frame):
@@ -177,7 +177,7 @@ _PLACE, _TURN = "Xposition Yposition Zposition", "Zrotation Xrotation Yrotation"
 
 
 def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """Write motion.bvh, or one file for each stretch without a gap; raises AnchorposeError where there is no such
+    """Write motion.bvh, or one file for each stretch without a gap; raises AnchorposeError if there is no such
     stretch.
     """
     regular = regular_samples(source.samples)

@@ -33,10 +33,10 @@ from anchorpose.results.records import (
 
 STEM: Final = "joints"
 LARGEST_FRAMES: Final = 65535
-"""Largest number of frames in a file: the format counts them in 16 bits. A longer recording is split."""
+"""Maximum number of frames in a file, since the format counts frames with 16 bits. A longer recording is split."""
 
-LARGEST_RESIDUAL: Final = 255.0  # largest residual in mm, since the file stores it in a byte
-NOT_GIVEN: Final = -1.0  # sigma where there is no value, since an analog channel cannot mark it as missing
+LARGEST_RESIDUAL: Final = 255.0  # maximum residual in mm, since the file stores it in one byte
+NOT_GIVEN: Final = -1.0  # value of a missing sigma, since an analog channel has no mark for missing values
 
 
 def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
@@ -148,7 +148,7 @@ def _about(file: Any, samples: Samples) -> None:
 
 
 MOST_EVENTS: Final = 255
-"""Largest number of events in a file, since the dimension of a parameter is one byte."""
+"""Maximum number of events in a file, since the format stores this number in one byte."""
 
 GENERAL: Final = "General"
 

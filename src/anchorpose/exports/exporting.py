@@ -1,4 +1,4 @@
-"""Export a results folder: each format into its own folder, either all formats or none; CSV is written in this module.
+"""Export a results folder: each format into a separate folder, and either all formats or none. CSV is written here.
 
 CSV has every table of the results, wide tables of joints and angles, a long table of the measures of all trials, and a
 dictionary of all columns.
@@ -43,7 +43,7 @@ from anchorpose.results.trial_table import FIXED, TRIALS_FILE, read_trial_table
 _MEANING: Final = {
     row["column"]: (row["unit"], row["meaning"]) for row in read_words("anchorpose.exports", "columns.csv")
 }
-"""Unit and meaning of each column, which are the same in every table."""
+"""The unit and the meaning of each column; a column has the same unit and meaning in every table."""
 
 DICTIONARY_FILE: Final = "data_dictionary.csv"
 DICTIONARY_HEAD: Final = ("file", "column", "type", "unit", "meaning", "missing")
@@ -154,7 +154,7 @@ def _cell(value: Any) -> str:
 
 
 def _rows(path: Path) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of a table; raises InputError where it cannot be read."""
+    """Yield the rows of a table; raises InputError if it cannot be read."""
     with opened_parquet(path) as file:
         for piece in pieces(file):
             yield from zip(*(_cells(column) for column in piece.columns), strict=True)
@@ -247,7 +247,7 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 
 def _own_files(folder: Path) -> tuple[str, ...]:
-    """Return the files of an earlier export in this folder, which may be replaced; empty where there are none."""
+    """Return the files of an earlier export in this folder, which may be replaced; empty if there are none."""
     record = folder / RECORD_FILE
     files = read_json(record).get("files", []) if record.is_file() else []
     return (RECORD_FILE, *(escape(str(file)) for file in files)) if files else ()

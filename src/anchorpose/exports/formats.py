@@ -110,7 +110,7 @@ def _angles(path: Path, joints: JointTable) -> _Angles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
-    """The report of a format's writer for export.json. axes, units: in words.
+    """The report of a format's writer for export.json. axes, units: descriptions in words.
 
     time: how the times were changed; missing: the mark of a missing value; counts: figures to check, such as the frames
     written; notes: further information for people.

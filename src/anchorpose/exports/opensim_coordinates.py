@@ -98,7 +98,7 @@ def bend_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _about_z(axes: np.ndarray, degrees: float) -> np.ndarray:
-    """Return the axes rotated about their own Z."""
+    """Return the axes, rotated about the Z axis among them."""
     cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return axes @ np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
@@ -117,7 +117,7 @@ class HingeAxes:
 
 
 def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
-    """Read the axes from poses.parquet; None where there is no such table. Raises InputError where its frames are not
+    """Read the axes from poses.parquet; None if there is no such table. Raises InputError if its frames are not
     ``frame`` (n,).
     """
     if not path.exists():
@@ -224,11 +224,11 @@ def _axial_rotation_deg(above: np.ndarray, along: np.ndarray, hinge: np.ndarray,
 
 
 STEM: Final = "motion"
-DIGITS: Final = 6  # digits after the point: micrometres, and millionths of a degree
+DIGITS: Final = 6  # number of digits after the point
 
 
 def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """Write motion.mot, or one file for each stretch without a gap; raises AnchorposeError where there is no such
+    """Write motion.mot, or one file for each stretch without a gap; raises AnchorposeError if there is no such
     stretch.
     """
     hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)

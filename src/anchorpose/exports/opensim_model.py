@@ -39,7 +39,7 @@ _LIMBS: Final = {
 
 
 def measure_body(position_m: np.ndarray) -> Places | None:
-    """Return the medians over the frames (n, 21, 3); None where the two ends of a bone are never known together."""
+    """Return the medians over the frames (n, 21, 3); None if some bone's two ends are never known in the same frame."""
     axes = {"pelvis": pelvis_axes(position_m), "torso": torso_axes(position_m)}
 
     def away(start: str, end: str) -> np.ndarray:

@@ -69,14 +69,14 @@ def trc_body(samples: Samples) -> Iterator[list[str]]:
 
 SCALED_MODEL: Final = "scaled.osim"
 
-# Weights of markers; all others have 1. The model has neither shoulder girdle nor wrist, so these fit it less well.
+# Weights of markers; other markers have 1. The model has neither shoulder girdle nor wrist, so their markers fit less.
 _MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 
 # Coordinates that are held near zero: markers do not determine the rotation of a straight limb about its long axis.
 _FREE: Final = ("hip_rotation", "arm_rot")
-_FREE_WEIGHT: Final = 1e-4  # too weak to shift coordinates that markers determine
+_FREE_WEIGHT: Final = 1e-4  # so weak that it does not shift coordinates that markers determine
 
-# By name: the two markers whose distance is measured, the body that is scaled by it, and the scaled axes.
+# Each measurement by name: the two markers whose distance is measured, the body that it scales, and the scaled axes.
 _MEASUREMENTS: Final = {
     "pelvis_width": (("HipLeft", "HipRight"), "pelvis", "Z"),
     "lower_spine": (("SpineBase", "SpineMid"), "pelvis", "X Y"),

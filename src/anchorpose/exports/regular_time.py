@@ -17,13 +17,13 @@ from anchorpose.joints import LOST
 from anchorpose.results.frame_time import LONGEST_STEP, runs_of
 
 NEAR_SHARE: Final = 0.01
-"""Share of the time between frames. A sample that is at most this far from a grid time is used there unchanged: at 30
-frames per second 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
+"""Share of the time between frames. A sample whose time differs from a grid time by at most this share is used there
+unchanged. At 30 frames per second, this is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
 """
 
 
 MOST_ROWS: Final = 20
-"""Largest ratio of grid frames to recorded frames; with more, the recording pauses for most of its time."""
+"""Maximum ratio of grid frames to recorded frames; above it, the recording consists mostly of pauses."""
 
 
 class TimeBase(StrEnum):
@@ -87,9 +87,9 @@ def regular_samples(samples: Samples) -> RegularSamples:
     """Bring the samples to a fixed rate, NaN and lost where there are none.
 
     If all times lie on a grid, they stay bit for bit, and grid frames that were not recorded are added without values.
-    Otherwise all samples are resampled: linearly between the two neighbours where they are near in time and both have
-    the value; the state is the worse of the two, and sigma is interpolated too, as if their errors were the same.
-    Raises AnchorposeError where there is one frame only, or where recording paused for long.
+    Otherwise all samples are resampled: linearly between the two neighbours if these are near in time and both have the
+    value. The state is the worse of both states. Sigma is interpolated too, as if the errors of both were the same.
+    Raises AnchorposeError if there is one frame only, or if recording paused for long.
     """
     time_s = samples.time_s
     rate_hz, slot, on_grid = _grid(time_s)
@@ -188,8 +188,8 @@ def _at(samples: Samples, grid_s: np.ndarray, interpolation: Interpolation) -> S
 
 
 KEPT_SHARE: Final = 0.5
-"""Least share of the frames in which a column must be known to be kept: a rarer column would leave too few whole
-frames.
+"""Minimum share of the frames in which a column must be known to be kept; a column with fewer values would leave too
+few complete frames.
 """
 
 
@@ -215,7 +215,7 @@ def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretch
 def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tuple[int, int], ...]:
     """Return the first and one past the last frame of each run of two or more in ``whole`` (n,) bool.
 
-    joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None where all are.
+    joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None if all are.
     """
     return tuple((run.start, run.stop) for run in runs_of(whole, joined) if run.stop - run.start >= 2)
 

@@ -29,7 +29,7 @@ from anchorpose.sources.plan import CameraPlan, folder_name
 WIDTH, HEIGHT, RATE_HZ = 848, 480, 30
 STALL_S: Final = 5.0  # s; a camera without an image for this time counts as unplugged
 GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system_time")
-"""Clock domains of a device in which its times are on the computer's clock, so that the age of an image is known."""
+"""Names of the clock domains whose times are on the computer's clock, so that the age of an image is known."""
 
 
 @dataclass(slots=True, eq=False)
@@ -65,7 +65,7 @@ class RealSense:
 def open_realsense(serial: str, about: Recording | None) -> RealSense:
     """Open the camera with this serial number, or the first camera if it is empty.
 
-    about: see ``LiveSource``. Raises MissingPackage without pyrealsense2 or the system's libusb, AnchorposeError where
+    about: see ``LiveSource``. Raises MissingPackage without pyrealsense2 or the system's libusb, AnchorposeError if
     no such camera exists.
     """
     try:
@@ -105,7 +105,7 @@ def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> Re
 
 
 def _lens(rs: Any, found: Any) -> Intrinsics:
-    """Return the lens; the depth images of all cameras of this maker are already undistorted."""
+    """Return the lens without distortion: the depth images of all cameras of this maker are already undistorted."""
     if any(found.coeffs) and found.model != rs.distortion.brown_conrady:
         raise AnchorposeError(f"The camera's lens model ({found.model}) is not known: record with its own program.")
     coefficients = tuple(float(value) for value in found.coeffs)
@@ -160,8 +160,8 @@ class Orbbec:
 def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = ()) -> Orbbec:
     """Open the camera with this serial number, or the first camera if it is empty.
 
-    about: see ``LiveSource``; command: replaces the process that reads the camera. Raises AnchorposeError where there
-    is no such camera, or that Python has no pyorbbecsdk2.
+    about: see ``LiveSource``; command: replaces the process that reads the camera. Raises AnchorposeError if there is
+    no such camera, or if the Python of the process has no pyorbbecsdk2.
     """
     python = os.environ.get(PYTHON_VARIABLE, sys.executable)
     command = command or (python, str(Path(orbbec_process.__file__)), *([serial] if serial else []))
@@ -211,7 +211,7 @@ def _why_ended(process: subprocess.Popen[bytes]) -> str:
 
 
 LATE_S: Final = 0.25
-"""Age in s from which an image is dropped, as a camera overwrites images that nobody fetched."""
+"""Minimum age in s of an image that is dropped, as a camera overwrites images that were not fetched."""
 
 
 class Playback:

@@ -21,7 +21,7 @@ from anchorpose.sources.plan import CameraPlan
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveImage:
-    """One depth image. camera: index of the camera; number: number given by the source, with gaps where it lost images;
+    """One depth image. camera: index of the camera; number: count by the source, which also counts images that it lost;
     time_s: time on the device's clock; taken_s: when it was taken, by ``time.monotonic``; grey (height, width) uint16,
     0 = no reading.
     """
@@ -140,8 +140,8 @@ class Intake:
                 self.failures.append(str(error))
 
 
-KEPT: Final = 4  # images kept per camera; the partner of an image is at most one period older than the newest
-SILENT_S: Final = 0.5  # s; the feed does not wait for a camera that was without images for this long
+KEPT: Final = 4  # images kept per camera; an image of the same time is at most one period older than the newest
+SILENT_S: Final = 0.5  # s; the feed does not wait for a camera that has sent no image for this time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,7 +204,7 @@ class Feed:
     def take(self, patience_s: float) -> LiveSet | None:
         """Wait for the newest complete set that is newer than the last one taken, and return it.
 
-        Return None where no more images come, or where no set is complete within ``patience_s``.
+        Return None if no more images come, or where no set is complete within ``patience_s``.
         """
         until_s = time.monotonic() + patience_s
         with self._changed:
@@ -217,7 +217,7 @@ class Feed:
         return found
 
     def silent(self) -> tuple[int, ...]:
-        """Return the cameras (indices) without an image for half a second."""
+        """Return the indices of the cameras that have sent no image for half a second."""
         now_s = time.monotonic()
         with self._changed:
             return tuple(k for k in range(len(self._images)) if self._is_silent(k, now_s))

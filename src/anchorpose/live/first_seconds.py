@@ -34,8 +34,8 @@ from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.start import with_best_initial_frame
 
-FIRST_WAIT_S: Final = 10.0  # s, longest wait for the first image of a source
-# least share of the best score for which a later initial frame is chosen: a later frame leaves less to catch up
+FIRST_WAIT_S: Final = 10.0  # s, maximum waiting time for the first image of a source
+# minimum score of a later initial frame, as a share of the best score; later frames leave less to catch up
 NEARLY_AS_GOOD: Final = 0.5
 
 Say = Callable[[str], None]
@@ -100,7 +100,7 @@ class FirstSeconds:
     def record(self, name: str, whom: str) -> Recording:
         """Record the next seconds. whom: words for the recorded person in messages to the user.
 
-        Raises AnchorposeError where the recording cannot be made.
+        Raises AnchorposeError if the recording cannot be made.
         """
         folder = self.folder / name
         recorder = Recorder(folder, self.intake.cameras, self.about)
@@ -124,7 +124,7 @@ class FirstSeconds:
                 raise AnchorposeError("Stopped before a patient was found; nothing was written.")
 
     def learn(self, recording: Recording) -> Prepared | None:
-        """Learn room and patient from the first seconds; None where nobody is found. Raises where no more images
+        """Learn room and patient from the first seconds; None if nobody is found. Raises where no more images
         come.
         """
         inputs, room = new_room(recording, self.options)
@@ -138,7 +138,7 @@ class FirstSeconds:
     ) -> Prepared | None:
         """Learn the body of the person nearest to a place when a person is first seen there, in a known room.
 
-        before_xz_m (2,): where the present patient stands, None where unknown. Return None where nobody stands there,
+        before_xz_m (2,): where the present patient stands, None if unknown. Return None if nobody stands there,
         where this person is the present patient, or where no human body explains the person.
         """
         inputs, furnished = known_room(recording, self.options, room, place_xz_m)
@@ -160,7 +160,7 @@ class FirstSeconds:
 
 
 def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
-    """Learn the patient of a room, with the body; None where nobody is found."""
+    """Learn the patient of a room, with the body; None if nobody is found."""
     config = inputs.config
     run = Run(room, config, load_motions(config.motion_file, room.recording.rate_hz, config.motion))
     learnt = learn_patient(run, plan_route(room, config, lambda: None).stretches()) if room.initial_frames else None
@@ -189,7 +189,7 @@ def known_room(
     """
     config = replace(options.config, patient_xz_m=place_xz_m, height_m=None)
     inputs = read_inputs(recording.folder, config, UserInputs(options.calibration))
-    # the recording's statements about the patient concern the previous patient
+    # what the recording states about the patient applies to the previous patient
     theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)
     chosen, samples = sample_recording(theirs, config)
     settled = Settled(theirs, room.clocks, room.calibration, tuple(chosen), tuple(samples))
@@ -203,14 +203,14 @@ def in_room(folder: Path, room: Room) -> Recording:
 
 
 STEP_S: Final = 0.2  # s; within this time a patient in a standing frame moves little
-# s, longest gap between tracked frames; after a longer gap, another person may stand in the patient's place
+# s, maximum gap between tracked frames; after a longer gap, another person may stand in the patient's place
 MOST_STEP_S: Final = 1.0
-PACE: Final = 2.0  # least speed relative to real time at which waiting sets are processed: the backlog must shrink
+PACE: Final = 2.0  # minimum speed, relative to real time, of processing waiting sets, so that the backlog shrinks
 PATIENCE_S: Final = 0.5
 
 
 class Backlog:
-    """A thread that collects sets from the feed until its backlog has been emptied."""
+    """A thread that collects image sets from the feed until no set waits any more."""
 
     def __init__(self, feed: Feed, cameras: Sequence[Camera]) -> None:
         self._feed, self._cameras = feed, cameras
@@ -223,8 +223,8 @@ class Backlog:
     def take(self) -> LiveSet | None:
         """Return the oldest waiting set; None when no set waits, after which nothing more is collected.
 
-        If following is slower than the sets, some sets are left out: the next set is later by twice the time spent on
-        the last set, but by at most ``MOST_STEP_S``.
+        If tracking a set takes longer than the interval between sets, some sets are left out: the next set is later by
+        twice the time spent on the last set, but by at most ``MOST_STEP_S``.
         """
         now_s = time.monotonic()
         spent_s = now_s - self._taken_at_s if np.isfinite(self._last_s) else 0.0

@@ -23,7 +23,7 @@ from anchorpose.tracker.frame_record import FrameRecord, TrackedFrame, label_pic
 from anchorpose.tracker.journal import Blocks
 from anchorpose.tracker.room import Run
 
-LONGEST_MS: Final = 60_000  # ms; larger latencies count as this value
+LONGEST_MS: Final = 60_000  # ms, maximum latency that is counted; larger latencies count as this value
 
 
 class LatencyMeter:
@@ -66,7 +66,7 @@ class LatencyMeter:
 
 
 BLOCK: Final = 48  # number of frames per stored block
-ROUNDING_S: Final = 1e-5  # s; recorded times have six decimals
+ROUNDING_S: Final = 1e-5  # s, tolerance in comparing times, which are recorded with six decimals
 
 
 @dataclass(slots=True, eq=False)
@@ -104,7 +104,7 @@ class LiveFollower:
 
     @property
     def patient_xz_m(self) -> np.ndarray | None:
-        """Return where (2,) the patient was last seen; None where the patient is lost."""
+        """Return where (2,) the patient was last seen; None if the patient is lost."""
         tracker = self.follower.tracker
         return None if tracker is None else tracker.last.belief.pose.root_m[[0, 2]]
 
@@ -158,12 +158,12 @@ class LiveFollower:
             region, area_m2 = region_of_points(points), area_of_point(points)
             self._contacts = ContactIntervals(region, area_m2, self.run.config.contacts, parts)
         for _ in self._contacts.push(record.joints.frame, record.joints.time_s, record.near, record.gaps):
-            pass  # ended contacts need not be sent; they are in the results
+            pass  # contacts that have ended are not sent, only stored in the results
         self._touched = None if record.near is None else self._contacts.touched_now(by_equipment=False)
         self._holding = None if record.gaps is None else self._contacts.touched_now(by_equipment=True)
 
     def store(self) -> None:
-        """Store the frames tracked since the last call; raises InputError where the disk is full."""
+        """Store the frames tracked since the last call; raises InputError if the disk is full."""
         if self._kept:
             with on_this_disk():
                 self.blocks.write(self._stored, self._kept)

@@ -27,7 +27,7 @@ HEAD: Final = "onset\tduration\ttrial_type"
 
 BEGIN, END, RATING = "begin", "end", "rating"
 LONGEST_TEXT: Final = 200
-SHORTEST_S: Final = 0.001  # s, shortest trial: two markers sent at once do not make a trial
+SHORTEST_S: Final = 0.001  # s, minimum duration of a trial; two markers sent at once do not form a trial
 
 FIND_S: Final = 5.0
 """Time in s for which a stream is searched on the network."""
@@ -103,10 +103,10 @@ def write_events(folder: Path, end_s: float) -> None:
 
 
 class MarkerInlet:
-    """A reader of a stream of markers in its own thread, from ``start`` to ``stop``."""
+    """A reader of a stream of markers; it reads in a separate thread from ``start`` to ``stop``."""
 
     def __init__(self, name: str) -> None:
-        """Raise MissingPackage without pylsl, AnchorposeError where no stream has this name within ``FIND_S``."""
+        """Raise MissingPackage without pylsl, AnchorposeError if no stream has this name within ``FIND_S``."""
         try:
             import pylsl
         except (ImportError, RuntimeError):  # RuntimeError: the library of pylsl does not load on this system

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pythonosc.osc_bundle_builder import OscBundleBuilder
 
 
-TOP: Final = 0.98  # quantile of the skin's heights that gives the top of the head; the highest may be a flying pixel
+TOP: Final = 0.98  # quantile of the skin's heights taken as the top of the head; the highest point may be an outlier
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class LiveFrame:
     frame, time_s: number and time of the frame, of the first camera; taken_s: when its images were taken, by
     ``time.monotonic``. joints_m (21, 3) world, sigma_m (21,), NaN where a joint is lost; state_code (21,): index into
     ``JointState``. why_lost: why all joints are lost, else empty. touched: parts of the patient (``REGIONS``) that
-    other people touched in the previous frame, and whether the contact was seen; None where unknown. dropped: number of
+    other people touched in the previous frame, and whether the contact was seen; None if unknown. dropped: number of
     images that were not tracked since live tracking began. people: all other people in view; patient: number of the
     patient, first 1, and increased by 1 whenever another person becomes the patient. holding: parts of the patient that
     touch the equipment, in the form of ``touched``.
@@ -106,7 +106,7 @@ class Output(Protocol):
     name: str
 
     def send(self, frame: LiveFrame) -> None:
-        """Send a frame without waiting for its reader; raises OSError where sending is no longer possible."""
+        """Send a frame without waiting for its reader; raises OSError if sending is no longer possible."""
         ...
 
     def close(self) -> None:
@@ -224,7 +224,7 @@ class OscOutput:
     """
 
     def __init__(self, host: str, port: int) -> None:
-        """Raise MissingPackage without python-osc, OSError where there is no such host."""
+        """Raise MissingPackage without python-osc, OSError if there is no such host."""
         try:
             from pythonosc import osc_bundle_builder, osc_message_builder
             from pythonosc.udp_client import UDPClient

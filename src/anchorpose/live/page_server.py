@@ -34,7 +34,7 @@ from anchorpose.viewer.guarded_server import LIVE_PAGE, GuardedHandler, GuardedS
 class Standing:
     """The state of the patient's standing. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN`` in this frame;
     upright_s: total time upright so far. load_left: the left foot's share of the load, 0 to 1, with load_sigma; both
-    are None where the patient is not upright or ``feet_load`` is unknown. inferred, load_inferred: whether a joint on
+    are None if the patient is not upright or ``feet_load`` is unknown. inferred, load_inferred: whether a joint on
     which upright, or the load, depends was not seen.
     """
 
@@ -89,16 +89,16 @@ EVENTS: Final = "events"
 STREAM: Final = "text/event-stream"
 SIGN_OF_LIFE_S: Final = 1.0  # s; something is sent at least this often, to show the page that the program still runs
 CLIENT_PATIENCE_S: Final = 5.0  # s; a client that reads nothing for this long is dropped
-# bytes of the socket's buffer, some frames: in a larger buffer, frames would be seconds old on arrival
+# bytes of the socket's buffer, enough for some frames; from a larger buffer, frames would arrive seconds late
 BUFFER_BYTES: Final = 32 * 1024
-EXACT: Final = 4  # decimal places of positions in metres: a tenth of a millimetre
+EXACT: Final = 4  # number of decimal places of positions in metres (0.1 mm)
 
 
 class PageOutput:
-    """A running server of the page, in its own threads; see ``Output``. address: the address to open, with the token.
+    """A running server of the page, in separate threads; see ``Output``. address: the address to open, with the token.
 
     has_markers: whether the page has keys for conditions and ratings, which only a recording can store. Raises
-    AnchorposeError where it cannot listen on ``host`` and ``port``.
+    AnchorposeError if it cannot listen on ``host`` and ``port``.
     """
 
     name = "the page"
@@ -218,7 +218,7 @@ class _Newest:
             self._changed.notify_all()
 
     def ask(self, number: int) -> None:
-        """Choose a person to become the patient; raises AnchorposeError where the newest frame does not show a person
+        """Choose a person to become the patient; raises AnchorposeError if the newest frame does not show a person
         with this number.
         """
         with self._changed:

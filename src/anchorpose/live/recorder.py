@@ -1,4 +1,4 @@
-"""Record the cameras' images such that a power cut costs at most the last second."""
+"""Record the cameras' images so that a power cut loses at most the last second."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ UNFINISHED_FILE: Final = "recording.unfinished.json"
 
 EMPTY_ROOM_FILE: Final = "background.png"
 IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
-SYNC_S: Final = 1.0  # s, duration of the data that a power cut may cost
+SYNC_S: Final = 1.0  # s, maximum duration of the data that are lost in a power cut
 ROOM_EVERY: Final = 100  # number of images between two checks of the free space
-LEAST_FREE_BYTES: Final = 500_000_000  # the system and the results also need space
+LEAST_FREE_BYTES: Final = 500_000_000  # minimum free disk space; the system and the results also need space
 
 
 class Recorder:
@@ -42,7 +42,7 @@ class Recorder:
 
     def __init__(self, folder: Path, cameras: Sequence[CameraPlan], about: Path | None = None) -> None:
         """folder: absent or empty; about: a recording folder whose equipment, images of the empty room and patient are
-        valid here, too. Raises InputError where it cannot be written."""
+        valid here, too. Raises InputError if it cannot be written."""
         self.folder, self._stack = folder, ExitStack()
         _make_room(folder)
         document = {"format": "rgbd-recording", "version": 1, "cameras": [camera.document() for camera in cameras]}
@@ -63,8 +63,8 @@ class Recorder:
         self._syncing.start()
 
     def put(self, image: LiveImage) -> None:
-        """Write an image; after the end, ignore it. Raises AnchorposeError where less than half a gigabyte is free on
-        the disk.
+        """Write an image; an image that comes after the end is ignored. Raises AnchorposeError if less than half a
+        gigabyte is free on the disk.
         """
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():
@@ -167,7 +167,7 @@ def finish_recording(folder: Path) -> Path:
     """Turn a folder that ``Recorder`` has written into a recording; if the recorder was cut off, the recording has all
     complete images.
 
-    Raises InputError where it is not such a folder, or where no camera has an image.
+    Raises InputError if it is not such a folder, or if no camera has an image.
     """
     path = folder / UNFINISHED_FILE
     if not path.is_file():
@@ -229,7 +229,7 @@ def _remove_without_row(folder: Path) -> None:
             file.unlink()
 
 
-ROOM_IMAGES: Final = 60  # number of images per camera; the median of more is not better
+ROOM_IMAGES: Final = 60  # number of images of the empty room per camera; the median of more images is not better
 REPORT_S: Final = 10.0
 
 
@@ -245,7 +245,7 @@ def record_live(
     """Record all sources into ``out`` until they end, ``stop`` is set or ``seconds`` have passed.
 
     empty_room_s: seconds for which the empty room is recorded first; 0: it is not recorded. markers: the stream whose
-    markers are kept. Raises AnchorposeError where no camera gives an image, or where the stream does not exist.
+    markers are kept. Raises AnchorposeError if no camera gives an image, or if the stream does not exist.
     """
     about = about_folder(sources)
     check_place(out, about)

@@ -34,13 +34,13 @@ from anchorpose.threads import one_thread, worker_threads
 from anchorpose.tracker.following import Follower
 
 PATIENCE_S: Final = 0.5
-REPORT_S: Final = 10.0  # s between two lines about latency
-MOST_THREADS: Final = 4  # more threads would wait for Python's lock
+REPORT_S: Final = 10.0  # s between two messages about latency
+MOST_THREADS: Final = 4  # maximum number of threads; more threads would wait for Python's lock
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A person who is or was the patient, and the tracker that follows them."""
+    """A person who is or was the patient, and the tracker that follows this person."""
 
     patient: LivePatient
     follower: LiveFollower
@@ -52,7 +52,7 @@ def track_live(
     """Track the patient until the sources end or the user stops it, then write everything into the existing folder
     ``results``.
 
-    Raises AnchorposeError where no source delivers images, or the patient is not found before the end.
+    Raises AnchorposeError if no source delivers images, or the patient is not found before the end.
     """
     intake = Intake(sources)
     about = about_folder(sources)
@@ -176,7 +176,7 @@ class _Session:
         self.user.say("Tracking live.")
 
     def _change_patient(self, now: Followed, number: int) -> Followed | None:
-        """Return the person with a number as the new patient, learnt in new first seconds; None where this fails, with
+        """Return the person with a number as the new patient, learnt in new first seconds; None if this fails, with
         nothing changed.
         """
         before, patient = now.follower, now.patient.number + 1
@@ -203,7 +203,9 @@ class _Session:
         return new
 
     def _learn(self, recording: Recording, now: Followed, place_xz_m: tuple[float, float]) -> Prepared | None:
-        """Learn the person at a place; None if nobody can be learnt, or if an error occurs: the session continues."""
+        """Learn the person at a place. Return None if nobody can be learnt or an error occurs, so that the session
+        continues.
+        """
         room, before_xz_m = now.patient.prepared.run.room, now.follower.patient_xz_m
         try:
             return self.first_seconds.learn_named(recording, room, place_xz_m, before_xz_m)

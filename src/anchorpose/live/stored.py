@@ -54,7 +54,7 @@ class LivePatient:
 
 
 def write_patients(results: Path, patients: Sequence[LivePatient], recorded: Path | None, notes: Sequence[str]) -> None:
-    """Write the last patient's results into an existing folder, and those of each earlier patient into a subfolder.
+    """Write the last patient's results into an existing folder, and each earlier patient's results into a subfolder.
 
     recorded: a recording of the session, from which pictures are made; None: they are made from the first seconds.
     notes: sentences on the session, for every ``run.json``.
@@ -94,8 +94,8 @@ class StoredPatient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredSession:
-    """The document ``session.json``. ended: why the session ended early. The default is valid if the program could not
-    write a reason.
+    """The document ``session.json``. ended: why the session ended early. The default is the reason if the program was
+    killed and could not write one.
     """
 
     options: LiveOptions
@@ -146,7 +146,7 @@ def on_this_disk() -> Iterator[None]:
 
 
 def read_session(results: Path) -> StoredSession:
-    """Read the session of an unfinished results folder; raises InputError where the folder has no session yet."""
+    """Read the session of an unfinished results folder; raises InputError if the folder has no session yet."""
     path = results / JOURNAL / SESSION_FILE
     if not is_there(path):
         if any(path.parent.glob("patient-*/*.frames")):
@@ -186,7 +186,7 @@ def _journal(folder: Path) -> Journal:
 def _with_own_files(options: LiveOptions, folder: Path) -> LiveOptions:
     """Return the options with a copy of the calibration, named relative to ``folder``, and other paths absolute.
 
-    Raises InputError where the calibration cannot be used.
+    Raises InputError if the calibration cannot be used.
     """
     if options.record is not None:
         options = replace(options, record=options.record.resolve())
@@ -207,7 +207,7 @@ BEGIN_AGAIN: Final = "begin again with 'anchorpose live' and --overwrite"
 def finish_session(results: Path, overwrite: bool) -> None:
     """Make the results folder of an unfinished session from all stored frames.
 
-    Nothing is tracked again; the room is found again in the first seconds. Raises InputError where the session does not
+    Nothing is tracked again; the room is found again in the first seconds. Raises InputError if the session does not
     exist or has no frames.
     """
     if not is_live_session(results):
@@ -237,7 +237,7 @@ def _remedy_of_live(folder: Path) -> Iterator[None]:
 
 
 def _recorded(folder: Path | None) -> Path | None:
-    """Return the whole recording of the session; None where the session was not recorded."""
+    """Return the whole recording of the session; None if the session was not recorded."""
     if folder is None:
         return None
     with suppress(InputError, OSError):

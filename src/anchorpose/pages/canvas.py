@@ -31,7 +31,7 @@ class Ink:
     WHITE: Final = (255, 255, 255)
     GREY: Final = (150, 150, 150)
     BLACK: Final = (0, 0, 0)
-    NO_READING: Final = (48, 24, 16)  # black with a blue cast
+    NO_READING: Final = (48, 24, 16)  # nearly black, bluish
     PATIENT: Final = SKY
     EQUIPMENT: Final = ORANGE
     # colours of people by their labels; the fifth person has the first colour again
@@ -39,7 +39,9 @@ class Ink:
 
 
 PICTURE_WIDTH: Final = 960
-"""Width in pixels: enough to read the names on a phone held sideways, small enough to embed a dozen in a page."""
+"""Width of a picture in pixels. It is large enough to read the names on a phone held sideways, and small enough to
+embed a dozen pictures in a page.
+"""
 
 
 def colour_of_person(label: int) -> Colour:

@@ -45,8 +45,8 @@ from anchorpose.tracker.inspection import InspectedCamera
 from anchorpose.tracker.observation import Observation
 
 ISO_M: Final = 0.1  # m between two lines of equal distance along the skin
-MAGNIFIED: Final = 3.0  # factor on arrows: a hand moves 3 cm in a frame, nine pixels, too few to see a direction
-LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # direction towards the light, camera frame: from above on the left
+MAGNIFIED: Final = 3.0  # factor on arrows; the nine pixels by which a hand moves in a frame are too few to see
+LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # direction to the light, camera frame; it comes from above left
 SEEN_ONCE: Final = (235.0, 235.0, 235.0)
 SEEN_TWICE: Final = (255.0, 200.0, 130.0)
 
@@ -96,8 +96,8 @@ def draw_people(one: InspectedCamera) -> np.ndarray:
 
 
 def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray | None]:
-    """Turn a drawing of surface nodes into a drawing of one camera, which gets the nodes that the camera saw (``own``);
-    it returns None if the camera saw none.
+    """Turn a drawing of surface nodes into a drawing of one camera. The latter gets the nodes that the camera saw
+    (``own``), and returns None if the camera saw no node.
     """
 
     @wraps(draw)
@@ -198,7 +198,7 @@ def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.nd
 
 
 def draw_registration(one: InspectedCamera) -> np.ndarray | None:
-    """Draw the posed body and the joints; None where the patient was not found."""
+    """Draw the posed body and the joints; None if the patient was not found."""
     estimate = one.inspection.estimate
     if estimate is None or estimate.belief is None or estimate.shape is None:
         return None

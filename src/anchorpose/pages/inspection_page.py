@@ -72,7 +72,7 @@ def write_inspection(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
-    """The description of a stage: ``draw`` makes one camera's picture, None where there is nothing to draw.
+    """The description of a stage: ``draw`` makes one camera's picture, None if there is nothing to draw.
 
     caption: may contain ``{next_frame}`` and ``{rooms}``, which are filled in. legend: (colour, meaning). missing: the
     reason if no camera has a picture.

@@ -77,8 +77,8 @@ class OverlayScene:
 
 
 def draw_scene(scene: OverlayScene) -> np.ndarray:
-    """Draw the scene: filled joints are observed, hollow joints are inferred, crossed joints are unseen for an unknown
-    reason.
+    """Draw the scene: filled dots are observed joints, hollow dots inferred joints, and crossed dots joints that are
+    unseen for an unknown reason.
     """
     scale = scale_of(scene.camera)
     picture = enlarge(shade(scene.depth_m, None if scene.labels is None else _tint(scene.labels)), scale)
@@ -177,7 +177,7 @@ def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[Pictu
 
 
 SPREAD: Final = 4  # number of frames spread evenly over the recording
-TRANSITIONS: Final = 4  # largest number of transitions that are shown; the first are chosen
+TRANSITIONS: Final = 4  # maximum number of transitions that are shown; the first ones are chosen
 
 _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 
@@ -258,7 +258,7 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
 
 
 def _posed_skin(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | None:
-    """Return the skin (v, 3) of the learnt body in the pose of this row, None where the patient is lost."""
+    """Return the skin (v, 3) of the learnt body in the pose of this row, None if the patient is lost."""
     if not np.isfinite(poses.head_m[row]).all():
         return None
     asset = body_points().asset

@@ -18,7 +18,9 @@ import numpy as np
 from anchorpose.report.words import number
 
 MOST_BINS: Final = 600
-"""Largest number of groups of frames: about one and a half pixels each on a page, a third of a millimetre on paper."""
+"""Maximum number of groups of frames. Each is then about one and a half pixels wide on a page, and a third of a
+millimetre on paper.
+"""
 
 PAUSE: Final = 3.0
 """A gap of more than this many usual intervals between frames is a pause, across which no line is drawn."""
@@ -28,8 +30,8 @@ PAUSE: Final = 3.0
 class Bins:
     """Groups of neighbouring frames. start (b,) first row of each group; time_s (n,), frame (n,) of all frames.
 
-    after_pause (b,) bool: no line connects this group with the one before. clock: the name of the session, where a page
-    shows several sessions.
+    after_pause (b,) bool: no line connects this group with the previous group. clock: the name of the session, where a
+    page shows several sessions.
     """
 
     frame: np.ndarray
@@ -67,7 +69,7 @@ class Bins:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Envelope:
-    """The lowest and highest known value of each group, (b,) each, NaN where no frame of it has one.
+    """The lowest and highest known value of each group, (b,) each, NaN if no frame of the group has a value.
 
     rising (b,) bool: the lowest value is earlier than the highest.
     """
@@ -104,8 +106,8 @@ def worst(state_code: np.ndarray, bins: Bins) -> np.ndarray:
 
 
 UNITS: Final = 1000
-"""Side, in units, of the square on which rows are drawn before they are stretched: whole numbers keep the page
-small.
+"""Side, in units, of the square on which rows are drawn before they are stretched. Places are whole numbers of units,
+which keeps the page small.
 """
 MOST_TICKS: Final = 5
 
@@ -211,7 +213,7 @@ def heading(label: str) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of the numbers behind a chart, one cell per group of frames, empty where nothing is known."""
+    """A column of the numbers behind a chart, one cell per group of frames, empty if nothing is known."""
 
     name: str
     cells: Sequence[str]
@@ -308,5 +310,5 @@ def lowest_and_highest(name: str, values: np.ndarray, bins: Bins, decimals: int)
 
 
 def cells(values: np.ndarray, decimals: int) -> list[str]:
-    """Format numbers (b,) for a CSV; empty where NaN."""
+    """Format numbers (b,) for a CSV; empty if NaN."""
     return [f"{value:.{decimals}f}" if np.isfinite(value) else "" for value in values.tolist()]

@@ -22,13 +22,15 @@ from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
 ALIKE: Final = 0.05
-"""Share of the longer span by which two spans may differ. Changes of a twentieth are rarely above the errors."""
+"""Share of the longer span by which two comparable spans may differ. A measure's change by this share rarely exceeds
+its errors.
+"""
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
 
 _LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures whose value is the best of all tries
 
-_AVERAGED: Final = ("hands_on_at_once_mean",)  # the only count that is a mean, so it does not grow with time
+_AVERAGED: Final = ("hands_on_at_once_mean",)  # a count that does not grow with time, since it is a mean
 
 _EXTREMES: Final = (
     "_shortest",
@@ -40,7 +42,7 @@ _EXTREMES: Final = (
 
 
 class Span(NamedTuple):
-    """A span of time over which measures are taken: its name in words, and its length in s, None where unknown."""
+    """A span of time over which measures are taken: its name in words, and its length in s, None if unknown."""
 
     words: str
     seconds: float | None
@@ -100,11 +102,11 @@ def _differ(old_s: float, new_s: float) -> bool:
     return abs(new_s - old_s) > ALIKE * max(old_s, new_s)
 
 
-MOST_NAMES: Final = 8  # largest number of differing settings that are named; more are counted
+MOST_NAMES: Final = 8  # maximum number of differing settings that are named; others are only counted
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:
-    """Raise InputError where two sessions come from the same recording, or where their measures are defined
+    """Raise InputError if two sessions come from the same recording, or if their measures are defined
     differently.
     """
     first = sessions[0]
@@ -140,7 +142,7 @@ def _full_stop(sentence: str) -> str:
 
 
 def _other_definition(first: Session, later: Session) -> str | None:
-    """Return how the definitions of two sessions' measures differ; None where they are the same."""
+    """Return how the definitions of two sessions' measures differ; None if they are the same."""
     old, new = first.definition, later.definition
     if old is None or new is None:
         return "one of them does not state how it was computed"

@@ -56,7 +56,7 @@ def write_comparison(
     labels: one per session; by default the name of its recording, or the name of its folder where two recordings share
     a name. reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide. dates: one
     per session, as 2025-03-28, for trends; by default the labels, where all of them are dates.
-    Raises InputError where a folder is unusable or the sessions cannot be compared; nothing is written then.
+    Raises InputError if a folder is unusable or the sessions cannot be compared; nothing is written then.
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
@@ -106,7 +106,7 @@ def _page(
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change. difference: later minus first; detectable: the least change that exceeds the errors, None where no
+    """A change. difference: later minus first; detectable: the least change that exceeds the errors, None if no
     error is stated.
 
     repeated: whether detectable comes from repeated sessions (MDC95), not from the stated errors.
@@ -118,12 +118,12 @@ class Change:
 
     @property
     def exceeds(self) -> bool | None:
-        """Return whether the change is larger than the errors explain; None where no error is stated."""
+        """Return whether the change is larger than the errors explain; None if no error is stated."""
         return None if self.detectable is None else abs(self.difference) > self.detectable
 
 
 def change_between(first: Measure, later: Measure, repeated: float | None = None) -> Change | None:
-    """Return the change of a measure between two sessions; None where either has no value. repeated: the measure's
+    """Return the change of a measure between two sessions; None if either has no value. repeated: the measure's
     MDC95, in its unit, if known.
 
     Raises ValueError for different measures or units.
@@ -135,7 +135,7 @@ def change_between(first: Measure, later: Measure, repeated: float | None = None
     difference = later.value - first.value
     if repeated is not None:
         return Change(difference, repeated, repeated=True)
-    if not first.sigma or not later.sigma:  # without an error nothing can be concluded; an error of 0 was not measured
+    if not first.sigma or not later.sigma:  # no conclusion without an error; an error of 0 was not measured
         return Change(difference, None)
     return Change(difference, NORMAL_95 * math.hypot(first.sigma, later.sigma))
 
@@ -198,7 +198,7 @@ def _value(measure: Measure | None) -> Markup:
 
 
 def _change(first: Measure | None, later: Measure | None, unlike: str | None, repeated: float | None) -> Markup:
-    """Return the table cell of a change. unlike: why the change is shown but not tested; None where it is tested.
+    """Return the table cell of a change. unlike: why the change is shown but not tested; None if it is tested.
     repeated: as in ``change_between``.
     """
     limit = repeated if later is not None and later.part is None else None

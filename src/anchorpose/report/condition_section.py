@@ -38,7 +38,7 @@ CURVES: Final = (
     "assistance_share_upright",
     RATING,
 )
-"""Measures that are drawn over parameters where the user chose none."""
+"""Measures whose curves over parameters are drawn if the user chose no measures."""
 
 DESIGNS: Final = {
     PAIRS: "Neighbouring trials of two conditions are compared in pairs, since they alternate.",
@@ -48,8 +48,8 @@ DESIGNS: Final = {
 
 
 class ConditionRow(NamedTuple):
-    """A row for one condition: its name, how many of its trials have a value, the mean, the difference and what the
-    difference shows.
+    """A row for one condition: its name, the number of its trials that have a value, their mean, the difference from
+    the reference, and what the difference shows.
     """
 
     condition: str
@@ -80,7 +80,7 @@ class ConditionSection(NamedTuple):
 
 
 def with_reference(session: Session, trials: Trials, reference: str) -> Session:
-    """Return the session whose trials are compared with those of this condition; raises InputError where no trial has
+    """Return the session whose trials are compared with those of this condition; raises InputError if no trial has
     this condition.
     """
     if reference not in trials.conditions:
@@ -92,7 +92,7 @@ def with_reference(session: Session, trials: Trials, reference: str) -> Session:
 def condition_section(
     session: Session, detectable: Detectable | None = None, chosen: Sequence[str] = ()
 ) -> ConditionSection | None:
-    """Return the section on the conditions; None where the session has no trials.
+    """Return the section on the conditions; None if the session has no trials.
 
     detectable: minimal detectable changes from repeated sessions. chosen: names of measures; empty for the main
     measures. Raises InputError for a measure that the session does not have.

@@ -193,7 +193,7 @@ def _runs(known: np.ndarray, bins: Bins) -> list[slice]:
 
 def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
     """Split a run into pieces in which all links between groups are seen, or all are unseen; neighbouring pieces share
-    a group. A link is seen where both of its ends are.
+    a group. A link is seen if both of its ends are seen.
     """
     if run.stop - run.start == 1:
         return [(run, bool(seen[run.start]))]

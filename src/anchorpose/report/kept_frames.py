@@ -23,7 +23,7 @@ folder.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """A picture for the page. size: (width, height) in pixels; data: WebP in base64, empty where it is damaged."""
+    """A picture for the page. size: (width, height) in pixels; data: WebP in base64, empty if it is damaged."""
 
     caption: str
     size: tuple[int, int]

@@ -72,7 +72,7 @@ def unit_of(unit: str) -> tuple[float, str]:
 class MeasureRow:
     """A table row: the left and right value of a measure, or all measures that lack a value for the same reason.
 
-    why: that reason, empty where there is a value; values: one, or left and right.
+    why: that reason, empty if there is a value; values: one, or left and right.
     """
 
     title: str
@@ -182,13 +182,13 @@ def value_and_error(measure: Measure) -> Markup:
 
 
 def inferred_share(measure: Measure, after: str = " %") -> Markup:
-    """Return how much of a measure is inferred; empty where unknown."""
+    """Return how much of a measure is inferred; empty if unknown."""
     if measure.inferred_share is None:
         return Markup()
     return figure(measure.inferred_share, Form(times=100.0, after=after, share=True))
 
 
-ROUNDING_S: Final = 0.001  # s; a shorter unknown time is a rounding error
+ROUNDING_S: Final = 0.001  # s; an unknown time below this is a rounding error
 
 
 def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:

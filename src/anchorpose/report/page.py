@@ -25,10 +25,10 @@ from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import RUN_FILE
 
 MOST_LINES: Final = 60
-"""Largest number of problems listed on the page; the others are counted and left to run.json."""
+"""Maximum number of problems listed on the page; all others are only counted there, and listed in run.json."""
 
 
-# px over which neighbouring readings share their error; below this, each reading's error is almost independent
+# px, minimum stated range over which neighbouring readings share their error; below it, errors are almost independent
 ALIKE_PX: Final = 1.5
 
 
@@ -198,7 +198,7 @@ def write_report(
     reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide about differences
     between conditions; measures: names of the measures that are compared between conditions, empty for the main
     measures; reference: the condition that the others are compared with, empty for that of the first trial. Raises
-    InputError where a table or run.json is missing or unusable, where the reference condition does not exist, and where
+    InputError if a table or run.json is missing or unusable, where the reference condition does not exist, and where
     one of the three arguments is given but there are no trials. Nothing is written then.
     """
     session = read_session(results)

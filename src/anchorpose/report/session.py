@@ -48,7 +48,7 @@ from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
 from anchorpose.results.verify import require_own
 
 MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
-"""What 'anchorpose measure' writes, from the joints."""
+"""Files that 'anchorpose measure' computes from the joints."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,10 +57,10 @@ class Session:
 
     name: name of the session, where a page shows several. run: the content of run.json without the hashes of the
     inputs. inputs: these hashes, as (file, (hash,)), with one hash for all images of a camera. definition: how the
-    measures were computed, None where their file does not state it. posture_seen (n,) bool: whether all joints that
+    measures were computed, None if their file does not state it. posture_seen (n,) bool: whether all joints that
     determine posture were seen. It differs from the state in posture.parquet, which is that of the centre of mass.
-    contacts: None where the folder has no table of contacts, so that touch is unknown. explained: how well each pose
-    explains its frame, None without that table. bins: how frames are grouped in all charts. trials: None where there
+    contacts: None if the folder has no table of contacts, so that touch is unknown. explained: how well each pose
+    explains its frame, None without that table. bins: how frames are grouped in all charts. trials: None if there
     are no trials. trial_measures: measures of all trials, then of all conditions.
     """
 
@@ -90,7 +90,7 @@ class Session:
 def read_session(folder: Path, name: str = "") -> Session:
     """Read all tables of a results folder.
 
-    Raises InputError where a table is missing (except contacts and explained), is damaged, or does not fit the joints.
+    Raises InputError if a table is missing (except contacts and explained), is damaged, or does not fit the joints.
     """
     run = read_run(folder / RUN_FILE)
     for file in MEASURED:

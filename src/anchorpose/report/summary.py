@@ -37,7 +37,8 @@ joint is named. Above the second (mean of all joints), the patient was in plain 
 """
 
 MUCH_LOST, MOSTLY_LOST = 0.1, 0.5
-"""Shares of lost joint positions. Above the first, the summary begins with the loss; above the second, most are lost.
+"""Shares of lost joint positions. Above the first share, the summary begins with the loss; above the second, it states
+that most positions are lost.
 """
 
 
@@ -173,7 +174,7 @@ def _quality(session: Session) -> Markup:
 
 
 def _verdict(session: Session) -> Markup:
-    """Return how much of the joint positions is lost, and how much of the rest was seen: two separate verdicts."""
+    """Return two separate verdicts: how many joint positions are lost, and how many of the others were seen."""
     lost = float(session.joints.lost.mean())
     seen = float(seen_shares(session).mean()) / (1.0 - lost)
     sentences = [_lost_verdict(lost), _seen_verdict(seen, whole=lost <= MUCH_LOST)]
@@ -187,7 +188,9 @@ def _lost_verdict(lost: float) -> str:
 
 
 def _seen_verdict(seen: float, whole: bool) -> str:
-    """Return a verdict on the seen joints. whole: True if so little is lost that the rest represents the session."""
+    """Return a verdict on the seen joints. whole: True if so few positions are lost that the others represent the whole
+    session.
+    """
     if seen < SELDOM_SEEN:
         return "Most of what follows is inferred, not seen: do not rely on it without looking at the pictures."
     if seen < USUALLY_SEEN:
@@ -236,7 +239,7 @@ class MomentSection(NamedTuple):
 
 
 def moment_section(session: Session) -> MomentSection | None:
-    """Return the moments that the fitted body explains worst; None where it explains all frames, or where this is
+    """Return the moments that the fitted body explains worst; None if it explains all frames, or where this is
     unknown.
     """
     table = session.explained

@@ -100,7 +100,7 @@ def short_timeline(session: Session, label: str) -> Chart:
 
 
 MOST_CONDITIONS: Final = 12
-"""Largest number of rows: with more names the page of measures is easier to read than a picture."""
+"""Maximum number of rows of conditions; with more conditions, a table is easier to read than a picture."""
 
 
 def condition_rows(session: Session) -> list[Row]:
@@ -136,7 +136,7 @@ def _trial_files(session: Session) -> tuple[str, ...]:
 
 
 def _event_files(session: Session) -> tuple[str, ...]:
-    """Return the existing tables that posture and contacts come from."""
+    """Return those tables of posture and contacts that exist."""
     return (POSTURE_FILE, EPISODES_FILE, *(() if session.contacts is None else (CONTACTS_FILE,)))
 
 
@@ -266,8 +266,8 @@ POSTURE_WORDS: Final = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN:
 def posture_rows(session: Session) -> list[Row]:
     """Return the posture rows.
 
-    A full column means upright, no column not upright, half a column unknown, a light column inferred. The worst state
-    of a group of frames is drawn: dark only where all its upright frames were seen.
+    A full column means that the patient is upright, no column not upright, a column of half height unknown; a light
+    column is inferred. The worst state of a group of frames is drawn: dark only where all its upright frames were seen.
     """
     bins, upright = session.bins, session.posture.upright
     unknown, standing, inferred = (

@@ -2,8 +2,8 @@
 there is no line.
 
 The line is fitted by ordinary least squares over time. Each session is one observation, and sessions are assumed to
-scatter independently about the line. The scatter counts at least as much as the stated errors of measurement: three
-sessions that happen to lie on a line get no band narrower than their errors.
+scatter independently about the line. The scatter is never taken to be smaller than the stated errors of measurement, so
+three sessions that happen to lie on a line get no band narrower than their errors.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_SESSIONS: Final = 3
 DAYS: Final = 7.0
-"""Days per unit of slope: slopes are per week."""
+"""Number of days to which a slope refers (a week)."""
 
 NO_DATES: Final = "There is no trend: the dates of the sessions are not known. Give --date once for each session."
 TOO_FEW: Final = "There is no trend: it needs {} sessions of different days at least, and these are {}."
@@ -106,7 +106,7 @@ def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
 
 
 class TrendRow(NamedTuple):
-    """A measure: its title, meaning, slope per week, change over the whole time, and what it shows."""
+    """A measure: its title, meaning, slope per week, change over the whole time, and what this change shows."""
 
     title: str
     meaning: str
@@ -116,7 +116,7 @@ class TrendRow(NamedTuple):
 
 
 class TrendSection(NamedTuple):
-    """All trends. why: why there is no trend at all; empty where rows and charts exist."""
+    """All trends. why: why there is no trend at all; empty if rows and charts exist."""
 
     why: str
     rows: list[TrendRow]

@@ -67,8 +67,8 @@ error is enlarged at least four times, so no value is given.
 
 PLANE_UNKNOWN_RAD: Final = np.radians(15.0)
 PLANE_KNOWN_RAD: Final = np.radians(30.0)
-"""Bends of a limb between which its plane of bending becomes known: below the first the plane is mostly noise and the
-bow of the limb, above the second it is reliable.
+"""Two angles of a bent limb. Below the first, the limb's plane of bending is mostly noise and the bow of the limb;
+above the second, the plane is reliable.
 """
 
 Points = Mapping[str, np.ndarray]

@@ -39,10 +39,10 @@ class Effect:
     """The difference of a condition to the reference.
 
     reference, condition: their names; counts: how many trials of each were compared. difference: condition minus
-    reference; low, high: its 95 % interval, None where there are too few trials. p: p value of the permutation test,
-    adjusted for the number of conditions; exact: whether all assignments of conditions to trials were examined, not
-    only a sample. detectable: the difference that errors of measurement alone exceed only 5 times in 100, None where no
-    error is stated. repeated: whether detectable is an MDC95 from repeated sessions. design: ``PAIRS``, ``BLOCKS`` or
+    reference; low, high: its 95 % interval, None if there are too few trials. p: p value of the permutation test,
+    adjusted for the number of conditions; exact: whether p comes from all assignments of conditions to trials, not from
+    a sample. detectable: the difference that errors of measurement alone exceed only 5 times in 100, None if no error
+    is stated. repeated: whether detectable is an MDC95 from repeated sessions. design: ``PAIRS``, ``BLOCKS`` or
     ``FREE``. why: why the difference is not tested; then p is None.
     """
 
@@ -151,8 +151,8 @@ def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """The uncertainty of a difference. half: half of its 95 % interval; detectable: see ``Effect``; None where
-    unknown.
+    """The uncertainty of a difference. half: half the width of its 95 % interval; detectable: see ``Effect``; both None
+    if unknown.
     """
 
     half: float | None
@@ -162,8 +162,8 @@ class Spread:
 def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
     """Return the uncertainty of a weighted difference of values (n,) that have errors sigma (n,), NaN where unknown.
 
-    The scatter of the trials includes their random errors, so it is never taken to be smaller. All trials of a session
-    share their systematic error; only the part by which it differs between the conditions is added.
+    The scatter of the trials includes their random errors, so it is never taken to be smaller than these. All trials of
+    a session share their systematic error; only the part by which it differs between the conditions is added.
     """
     weights = blocks.weights
     random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum((weights * sigma) ** 2))

@@ -20,8 +20,9 @@ FREE_SHARE: Final = 0.5
 """Share of the last touched skin that must be seen without contact for the contact to have ended."""
 
 HIDDEN_M: Final = 0.08
-"""Distance in m between a person's skin and the skin last touched, up to which an unseen contact continues. It is a
-palm's length, since a hand that holds on may show only its back or wrist; a person who let go is farther away.
+"""Distance in m between a person's skin and the skin last touched, up to which an unseen contact continues. It is the
+length of a palm, since cameras may see only the back or the wrist of a holding hand; a person who has let go is farther
+away.
 """
 
 SHOWN_SHARE: Final = 0.2
@@ -34,17 +35,17 @@ joint.
 class ContactConfig:
     """When skin counts as touched, when touched skin becomes a contact, and when the contact ends."""
 
-    # m between the skins of two people: 3 cm, plus 2 cm for the fingers of a holding hand of which the cameras see only
-    # the back, plus half the spacing of the points on other people.
+    # m, maximum distance of touching skins: 3 cm, plus 2 cm for the fingers of a holding hand of which the cameras see
+    # only the back, plus half the spacing of the points on other people.
     reach_m: Positive = 0.06
-    begin_m2: Positive = 0.0025  # m2 touched to begin a contact: a few finger tips; less may be noise
-    keep_m2: Positive = 0.0007  # m2 touched to continue a contact: one skin point
-    begin_s: NotNegative = 0.1  # s, shortest contact; a sleeve that brushes past touches for less
-    release_s: NotNegative = 0.3  # s, longest gap that is bridged; isolation may lose a hand for a few frames
+    begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few finger tips); less may be noise
+    keep_m2: Positive = 0.0007  # m2, minimum touched area to continue a contact (one skin point)
+    begin_s: NotNegative = 0.1  # s, minimum duration of a contact; a sleeve brushes past in less
+    release_s: NotNegative = 0.3  # s, maximum gap in a contact; isolation may lose a hand for a few frames
     # m from the skin to the surface of equipment: the model is accurate to 1 cm, and folds of clothes are as large.
     equipment_touch_m: Positive = 0.01
-    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # least probability of touching to continue a contact
-    equipment_sigma_m: Positive = 0.03  # m, sigma up to which an unseen gap begins one: half a fist
+    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # minimum probability of touching to continue one
+    equipment_sigma_m: Positive = 0.03  # m, maximum sigma of an unseen gap that begins a contact (half a fist)
 
     def __post_init__(self) -> None:
         if self.keep_m2 > self.begin_m2:

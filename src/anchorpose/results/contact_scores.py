@@ -25,14 +25,14 @@ from anchorpose.results.truth import TrueTouch, read_true_support, read_true_tou
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactScore:
-    """Scores of how well contacts were found; a share is None if there is nothing to divide by.
+    """Scores of how well contacts were found; a share is None if its denominator is 0.
 
     precision: share of the reported pairs of part and frame in which a bone of the part is truly touched. recall: share
     of the truly touched pairs of part and frame in which the part, or a part that shares a bone with it, is reported.
     The truth names bones, so a knee held from both sides counts as a touched thigh and a touched shank.
     """
 
-    reported: int  # number of pairs of part and frame
+    reported: int  # number of reported pairs of part and frame
     touched: int
     precision: float | None
     recall: float | None
@@ -52,7 +52,7 @@ class ContactEvaluation:
 def score_contacts(
     table: Path, truth: Path, frame: np.ndarray, rows: np.ndarray
 ) -> tuple[ContactEvaluation | None, ContactEvaluation | None]:
-    """Evaluate the contacts of a contacts.parquet, with people and with equipment. Each is None where the truth does
+    """Evaluate the contacts of a contacts.parquet, with people and with equipment. Each is None if the truth does
     not state such contacts, and for equipment where the result was made without searching them.
 
     rows (t,): the frames of the truth that are compared; frame (t,): number of the result's frame at each of them.

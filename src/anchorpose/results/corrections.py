@@ -30,8 +30,8 @@ CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
 LATEST_FRAME: Final = 2**31 - 1
 SUREST_M: Final = 1e-4
-"""Least sigma of a corrected joint, m: nobody places a joint within a tenth of a millimetre, and squares of smaller
-values overflow when inverted.
+"""Minimum sigma of a corrected joint in m. Nobody places a joint more precisely, and the inverse square of a smaller
+value overflows.
 """
 
 
@@ -126,8 +126,8 @@ Correction = UnusableInterval | JointCorrection | NamedPatient
 
 
 def _subject(entry: Correction) -> tuple[int, str] | str | None:
-    """Return what an entry is about: a joint in a frame, or the patient. At most one entry per subject is valid. None
-    for an interval: several intervals may be valid.
+    """Return the subject of an entry: a joint in a frame, or the patient. At most one entry per subject is valid.
+    Return None for an interval, since several intervals may be valid.
     """
     if isinstance(entry, JointCorrection):
         return entry.frame, entry.joint
@@ -212,7 +212,7 @@ class Corrections:
 
     def taken_back(self, withdrawal: Withdrawal) -> Corrections:
         """Return the corrections without an entry, which moves to ``withdrawn``; the entry that it had replaced is
-        valid again. Raises ValueError where the entry is not valid.
+        valid again. Raises ValueError if the entry is not valid.
         """
         entry = withdrawal.entry
         if entry not in self.valid:
@@ -244,7 +244,7 @@ def now_utc() -> str:
 
 
 def require_recording(path: Path, corrections: Corrections, recording: ReviewedRecording) -> None:
-    """Raise InputError where the corrections read from ``path`` are about another recording or another world."""
+    """Raise InputError if the corrections read from ``path`` are about another recording or another world."""
     theirs = corrections.recording
     if theirs.sha256 != recording.sha256:
         problem = f"is about another recording ('{theirs.name}', other depth images or times)"
@@ -279,7 +279,7 @@ def read_corrections(path: Path) -> Corrections:
 
 def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
     """Return the corrections with which the results of the run.json at ``path`` were tracked, possibly none: the next
-    review begins with them. Raises InputError where they cannot be used.
+    review begins with them. Raises InputError if they cannot be used.
     """
     recording, part = recording_of_run(run), {"corrections": run.get("corrections")}
     held = validate(path, dict[str, CorrectionsRecord | None], part)["corrections"]

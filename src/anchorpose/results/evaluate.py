@@ -27,13 +27,15 @@ from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 
 FAR_M: Final = 0.10
-"""Error in m; a joint farther off is on another part of the body, or on nothing."""
+"""Maximum error in m of a joint that is on the right part of the body."""
 
 CONFIDENT_SIGMAS: Final = 4.0
-"""Error of a joint along an axis, in its stated sigmas. If the sigmas are right, one error in 16 000 is larger."""
+"""Limit of a joint's error along an axis, as a multiple of its stated sigma. If the sigmas are right, one error in 16
+000 is larger.
+"""
 
 PLAIN_VIEW: Final = 0.5
-"""Least share of a limb's skin that one camera must see for the limb to be in plain view."""
+"""Minimum share of a limb's skin that one camera must see for the limb to be in plain view."""
 
 _ENDS: Final = {"arm": ("Elbow", "Wrist", "Hand"), "leg": ("Knee", "Ankle", "Foot")}
 _FREE: Final = {
@@ -51,7 +53,7 @@ LIMBS_JUDGED: Final[Mapping[str, np.ndarray]] = {
 
 
 SEEN_SHARE: Final = 0.25
-"""Share of the skin around a joint that one camera must see for the joint to count as truly seen."""
+"""Minimum share of the skin around a joint that one camera must see for the joint to count as truly seen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,13 +78,13 @@ def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
 
     truth_m (n, 21, 3) metres, NaN where unknown. A lost joint, and a joint without a known truth, is False.
     """
-    wrong = distance_m(joints, truth_m) > FAR_M  # False where either is NaN
+    wrong = distance_m(joints, truth_m) > FAR_M  # False where either position is NaN
     farthest = np.abs(joints.position_m - truth_m).max(axis=2)
     return np.asarray(wrong & (farthest > CONFIDENT_SIGMAS * joints.sigma_m))
 
 
 def seen_joints(truth: Truth) -> np.ndarray | None:
-    """Return (t, 21) bool: whether some camera sees enough of the skin around the joint; None where the truth does not
+    """Return (t, 21) bool: whether some camera sees enough of the skin around the joint; None if the truth does not
     state it.
     """
     return None if truth.seen_share is None else np.asarray((truth.seen_share >= SEEN_SHARE).any(axis=2))
@@ -117,7 +119,7 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInV
 
 
 def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, float]:
-    """Return when the longest unbroken run of True in ``flags`` (n,) begins, None where all are False, and how long it
+    """Return when the longest unbroken run of True in ``flags`` (n,) begins, None if all are False, and how long it
     lasts; time_s (n,).
     """
     period_s = 2.0 * half_period_s(time_s)
@@ -126,8 +128,9 @@ def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, fl
 
 
 LEAST_SHARE: Final = 0.1
-"""Share of the frames of the results, or of the truth, that must have a partner in the other. Fewer match by chance,
-for example if times are in another unit. A truth for every thirtieth frame is accepted, since all of its frames match.
+"""Minimum share of the frames of the results, or of the truth, that must have a partner in the other. A smaller share
+may match by chance, for example if times are in another unit. A truth for every thirtieth frame is accepted, since all
+of its frames match.
 """
 
 
@@ -145,7 +148,7 @@ def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
 
     A frame in which the joint is lost ends the error. Each frame counts as one usual step between frames.
     """
-    off = distance_m(joints, truth_m) > WRONG_M  # False where either is NaN
+    off = distance_m(joints, truth_m) > WRONG_M  # False where either position is NaN
     longest = LongestError(joint=None, start_s=None, seconds=0.0)
     for column, name in enumerate(JOINT_NAMES):
         start_s, seconds = longest_run(off[:, column], joints.time_s)
@@ -156,7 +159,7 @@ def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AngleError:
-    """Error of one angle; None where no frame has both the angle and its truth."""
+    """Error of one angle; None if no frame has both the angle and its truth."""
 
     frames: int
     mean_abs_deg: float | None
@@ -200,21 +203,21 @@ def _angle_summary(error_deg: np.ndarray, within: np.ndarray) -> AngleError:
 
 
 def _mean(values: np.ndarray) -> float | None:
-    """Return the mean; None where there are no values."""
+    """Return the mean; None if there are no values."""
     return float(values.mean()) if len(values) else None
 
 
 HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.OBSERVED, JointState.LOST))
-"""The states of an inferred joint."""
+"""The states that a joint may have if it is inferred."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
-    """Errors of some joints in some frames; each is None where there are no such joints."""
+    """Errors of some joints in some frames; each is None if there are no such joints."""
 
     joint_frames: int  # number of joint positions whose truth is known
     lost_share: float | None  # share of ``joint_frames`` that are lost
-    mean_mm: float | None  # mean error; lost joints are left out of all errors
+    mean_mm: float | None  # mean error; no error includes lost joints
     median_mm: float | None
     p95_mm: float | None
     coverage_95: float | None  # share of axes on which the truth lies within 1.96 sigma; ideally 0.95
@@ -233,28 +236,28 @@ class Evaluation:
     per_state: tuple[tuple[str, ErrorSummary], ...]
     observed: ErrorSummary  # joints that the result calls observed
     hidden: ErrorSummary  # joints that the result calls hidden, for any reason
-    truly_seen: ErrorSummary | None  # joints that some camera truly sees; None where the truth does not state it
+    truly_seen: ErrorSummary | None  # joints that some camera truly sees; None if the truth does not state it
     truly_hidden: ErrorSummary | None
-    confident_errors: float | None  # share of overall.joint_frames with large error but small sigma
+    confident_errors: float | None  # share of overall.joint_frames with a large error but a small sigma
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
     wrong_in_view: tuple[tuple[str, WrongInView], ...]  # by limb
     # whether the truth states what each camera saw; if not, limbs are in plain view except in occluded frames
     view_known: bool
-    longest_off: LongestError  # longest time in which one joint was far off
+    longest_off: LongestError  # longest unbroken time in which one joint was far off
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
-    drift_ratio: float | None  # mean error of the second half of the frames over that of the first
-    contacts: ContactEvaluation | None = None  # contacts with people; None where the truth or the result has none
+    drift_ratio: float | None  # mean error of the frames' second half, divided by that of the first
+    contacts: ContactEvaluation | None = None  # contacts with people; None if the truth or the result has none
     # contacts with equipment; None also where the result was made without searching such contacts
     supports: ContactEvaluation | None = None
-    session: SessionEvaluation | None = None  # None where the truth is not that of a simulated session
+    session: SessionEvaluation | None = None  # None unless the truth is of a simulated session
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     """Compare a results folder with a truth.npz; frames are matched to the nearest time within half a period.
 
-    The first ``skip_s`` seconds of the truth are left out. Raises InputError where a file cannot be used or the two
+    The first ``skip_s`` seconds of the truth are left out. Raises InputError if a file cannot be used or the two
     have no time in common.
     """
     require_own(results, (JOINTS_FILE, CONTACTS_FILE, TRIALS_FILE))
@@ -279,13 +282,13 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
 
 
 CLOSER: Final = 10.0
-"""Times of the truth are taken to be in another unit if its frames are this many times closer together and its whole
-span this many times shorter than those of the results: minutes for seconds make both 60.
+"""Times of the truth are taken to be in another unit if its frames are this many times closer together, and its whole
+span this many times shorter, than the frames and the span of the results. If times are in minutes, both factors are 60.
 """
 
 
 def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:
-    """Raise InputError where times are in minutes or hours; a truth with few frames, or with many more, is accepted."""
+    """Raise InputError if times are in minutes or hours; a truth with few frames, or with many more, is accepted."""
     if min(len(truth_s), len(results_s)) < 2:
         return
     steps, spans = ((each(results_s) / each(truth_s)) for each in (_median_step, np.ptp))
@@ -299,7 +302,7 @@ def _median_step(time_s: np.ndarray) -> float:
 
 
 def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frames: int) -> None:
-    """Raise InputError where too few frames have a partner, or no joint of them has a position."""
+    """Raise InputError if too few frames have a partner, or no joint of them has a position."""
     found = match >= 0
     if found.sum() < LEAST_SHARE * min(len(match), results_frames) or not found.any():
         problem = (
@@ -346,8 +349,8 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames:
 
 
 class _Errors(NamedTuple):
-    """The errors of all joints. error_mm (n, 21); within (n, 21, 3) bool: axes with the truth in 1.96 sigma; known,
-    found (n, 21) bool: joints with a true place, and joints that in addition are not lost.
+    """The errors of all joints. error_mm (n, 21); within (n, 21, 3) bool: axes on which the truth lies within 1.96
+    sigma. known (n, 21) bool: joints with a true place; found (n, 21) bool: known joints that are not lost.
     """
 
     error_mm: np.ndarray

@@ -15,7 +15,7 @@ from anchorpose.results.run_record import as_json
 from anchorpose.results.truth import WRONG_M
 
 MARK: Final = '"matched_frames"'
-"""Stands in the beginning of every file of this kind."""
+"""Text that the beginning of every evaluation file contains."""
 
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:
@@ -50,8 +50,8 @@ def _named(evaluation: Evaluation, *names: str) -> dict[str, Any]:
 
 def contact_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
     """Return rows of text (with, part, frames touched, precision, recall): contacts with people, then with equipment.
-    For each, a row for all parts is followed by a row for each part that was touched or reported. There are no rows
-    without contacts.
+    For people and for equipment, a row for all parts is followed by a row for each part that was touched or reported.
+    There are no rows without contacts.
     """
     return [
         (toucher, name.replace("_", " "), str(score.touched), *_cells((score.precision, score.recall), 100, 0))
@@ -83,7 +83,7 @@ def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text (angle, or axis of a joint, mean error, 95 %, degrees, coverage)."""
+    """Return rows of text: an angle, or the axis of a knee or elbow, with mean error, 95 %, degrees and coverage."""
     axes = ((f"axis of {name}", error) for name, error in evaluation.axes)
     return [
         (name.replace("_", " "), *_cells((error.mean_abs_deg, error.p95_deg)), *_cells((error.coverage_95,), 100))
@@ -93,8 +93,8 @@ def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text (event, true, found, with the onset in time, false, onset late s); no rows where the truth is
-    not that of a session.
+    """Return rows of text, one per kind of event: how many are true, found, found in time and false, and the mean delay
+    in s. There are no rows unless the truth is of a session.
     """
     return [
         (
@@ -107,7 +107,7 @@ def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def independence_sentence(evaluation: Evaluation) -> str | None:
-    """Return a sentence on how many measured times of independence agree with the truth; None where they cannot be
+    """Return a sentence on how many measured times of independence agree with the truth; None if they cannot be
     compared.
     """
     times = evaluation.session and evaluation.session.times

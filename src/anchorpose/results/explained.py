@@ -22,9 +22,9 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # cm2, area of a hand; clothes and grips leave up to half of it uncovered
-SEEN_PAST: Final = 0.3  # share of a part's skin that a camera sees past; a limb in its true place has less
-APART_S: Final = 0.5  # s, least time between two moments: closer moments show the same situation
+UNCOVERED_CM2: Final = 80.0  # cm2, maximum uncovered area (a hand's); clothes and grips cause up to half of it
+SEEN_PAST: Final = 0.3  # maximum share of a part's skin that a camera sees past; in its true place a limb has less
+APART_S: Final = 0.5  # s, minimum time between two moments; closer moments show the same situation
 MOST_MOMENTS: Final = 5
 
 
@@ -56,7 +56,7 @@ class ExplainedTable:
 
 
 LARGEST_CM2: Final = 1e6
-"""Upper limit of an area, a hundred square metres: more than the walls that a camera sees."""
+"""Maximum area in cm2 (a hundred square metres), more than the walls that a camera sees."""
 
 EXPLAINED: Final = FrameTable(
     file="explained.parquet",
@@ -71,7 +71,7 @@ EXPLAINED_FILE, read_explained, write_explained = EXPLAINED.file, EXPLAINED.read
 
 
 def explained_frame(frame: int, time_s: float, explanation: Explanation | None) -> ExplainedFrame:
-    """Return the row of a frame; explanation: None where the patient is lost."""
+    """Return the row of a frame; explanation: None if the patient is lost."""
     if explanation is None:
         return ExplainedFrame(frame, time_s, np.nan, np.full(PARTS, np.nan))
     anything_seen = len(explanation.covered) + len(explanation.node) > 0
@@ -81,7 +81,7 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
     """Return (n,) the uncovered area or the largest share of a part that is seen past, each divided by its limit,
-    whichever is larger. From 1 on, a limb is probably not where it is reported. NaN where neither is known.
+    whichever is larger. At 1 or more, a limb is probably not where it is reported. NaN if neither is known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)
@@ -101,7 +101,7 @@ class ExplainedSummary:
     """The summary in run.json: the share of frames in which more than ``uncovered_limit_cm2`` is uncovered, and the
     worst moments.
 
-    uncovered_share: share of the ``known_frames``, in which the area is known; None where there are no such frames.
+    uncovered_share: share of the ``known_frames``, in which the area is known; None if there are no such frames.
     """
 
     uncovered_limit_cm2: float

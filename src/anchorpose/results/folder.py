@@ -78,7 +78,7 @@ def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
     """Yield a folder beside ``path`` that replaces it when the block ends without an error, and is removed
     otherwise.
 
-    own: patterns of the files that may be replaced; see ``publish``. Raises InputError where nothing can be written
+    own: patterns of the files that may be replaced; see ``publish``. Raises InputError if nothing can be written
     there, or ``path`` is a link.
     """
     if path.is_symlink():
@@ -156,7 +156,7 @@ def _is_own_file(file: str, own: Sequence[str]) -> bool:
 
 
 def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
-    """Delete the command's own files in ``old``, and move the folder to ``kept`` if other files remain."""
+    """Delete the files in ``old`` that the command wrote, and move the folder to ``kept`` if other files remain."""
     for file in [file for file in old.rglob("*") if not file.is_dir() or file.is_symlink()]:
         if _is_own_file(file.relative_to(old).as_posix(), own):
             file.unlink()
@@ -195,7 +195,7 @@ JOURNAL: Final = "journal"
 """The folder in an unfinished results folder that holds the run's progress so far."""
 
 EARLIER: Final = "earlier"
-"""The journal of the run that is being overwritten: it is restored unless the new run stores something."""
+"""The journal of the run that is being overwritten. It is restored if the new run ends before it stores something."""
 
 LIVE: Final = "live session"
 """Prefix of the identity of a live session, which cannot be tracked again, only finished."""
@@ -220,7 +220,7 @@ def unfinished_results(
 
     Otherwise the folder stays, if the run has stored anything in it, and ``resume`` continues the run. An unfinished
     run that ``overwrite`` replaces is kept until the new run has stored something. The folder is locked: a second run
-    into ``path`` at the same time is refused. recording: None where the images come from cameras. go_on: how the user
+    into ``path`` at the same time is refused. recording: None if the images come from cameras. go_on: how the user
     resumes a stopped run. Raises InputError before anything is written where results may not go to ``path``, another
     folder has that name, or an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
     """
@@ -247,7 +247,7 @@ def unfinished_results(
 
 
 def begun_identity(path: Path) -> str | None:
-    """Return the identity of the unfinished run into ``path``; None where there is no such run, or it cannot be
+    """Return the identity of the unfinished run into ``path``; None if there is no such run, or it cannot be
     read.
     """
     work = _work_of(path)
@@ -274,7 +274,7 @@ def _work_of(path: Path) -> Path:
 
 @contextmanager
 def _claimed(work: Path, path: Path) -> Iterator[None]:
-    """Yield the unfinished folder, made if absent, marked and locked; raises InputError where this program did not make
+    """Yield the unfinished folder, made if absent, marked and locked; raises InputError if this program did not make
     it, or another run uses it.
     """
     if os.path.lexists(work) and (work.is_symlink() or not work.is_dir()):
@@ -314,7 +314,7 @@ def _require_own(work: Path) -> None:
 
 
 def _journal_of(work: Path) -> Path:
-    """Return the valid journal: the overwritten run's until the new run has stored something."""
+    """Return the valid journal. Until the new run has stored something, it is the journal of the overwritten run."""
     new, earlier = work / JOURNAL, work / EARLIER
     return earlier if os.path.lexists(earlier) and not _has_stored(new) else new
 
@@ -380,7 +380,7 @@ def clear_beside_journal(work: Path) -> None:
 
 
 def _leave(work: Path, error: BaseException, go_on: str, path: Path) -> None:
-    """Remove the folder where it holds nothing useful, else note how to resume; an InputError has its own remedy."""
+    """Remove the folder if it holds nothing useful, else note how to resume. An InputError already states a remedy."""
     restored = _keep_one_journal(work)
     if _has_stored(work / JOURNAL):
         what = "The unfinished run that was there" if restored else "What was done"
@@ -395,7 +395,7 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
     identity.
 
     identity: hash of inputs, settings and code; inputs: the hash of each file by its path in the recording. Raises
-    InputError where the unfinished run had other inputs, settings or code, or its journal cannot be read; nothing was
+    InputError if the unfinished run had other inputs, settings or code, or its journal cannot be read; nothing was
     changed then.
     """
     journal = results / JOURNAL

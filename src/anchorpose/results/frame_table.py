@@ -18,7 +18,9 @@ from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, re
 Frames = TypeVar("Frames")
 
 FRAMES_PER_ROW_GROUP: Final = 512
-"""Frames per row group, half a megabyte of joints in memory; fixed, since row groups decide the bytes of the file."""
+"""Frames per row group (half a megabyte of joints in memory). It never changes, since the bytes of the file depend on
+it.
+"""
 
 UNKNOWN: Final = -1
 """Value of a flag that is neither 1 (yes) nor 0 (no)."""
@@ -26,9 +28,9 @@ UNKNOWN: Final = -1
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns that are one array (..., names) in memory, or (...) where there is one name; NaN is null in the file.
+    """Columns that are one array (..., names) in memory, or (...) if there is a single name; NaN is null in the file.
 
-    least, most: limits of each number, both allowed.
+    least, most: the minimum and the maximum of each number.
     """
 
     names: tuple[str, ...]
@@ -77,7 +79,7 @@ class Codes:
 
 @dataclass(frozen=True, slots=True)
 class Flags:
-    """A column of yes and no, int8 in memory: 1 yes, 0 no, ``UNKNOWN`` null."""
+    """A column of the values yes and no, int8 in memory: 1 is yes, 0 is no, ``UNKNOWN`` is null in the file."""
 
     name: str
 
@@ -105,7 +107,7 @@ class FrameTable(Generic[Frames]):
 
     arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and one array per
     entry of ``columns``, (n, ...) or (n, subjects, ...). thing: the column that names the subject of a row, such as
-    "joint"; None where there is one row per frame. names: the subjects in their order; None if they differ from file to
+    "joint"; None if there is one row per frame. names: the subjects in their order; None if they differ from file to
     file, and are then in the field ``names`` of ``arrays``. text: a field stored in the file's metadata, and its key
     there. agree: function that tests whether numbers and texts of the table are consistent.
     """
@@ -178,7 +180,7 @@ class FrameTable(Generic[Frames]):
         return frames
 
     def _require_times(self, path: Path, frame: np.ndarray, time_s: np.ndarray) -> None:
-        """Raise InputError where frames (n,) or their times (n,) cannot be those of a recording."""
+        """Raise InputError if frames (n,) or their times (n,) cannot be those of a recording."""
         if frame[0] < 0:
             raise InputError(path, f"has the frame {frame[0]}", self.remedy)
         if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0).all()):

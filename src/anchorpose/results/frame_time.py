@@ -8,21 +8,21 @@ from typing import Final
 import numpy as np
 
 LONGEST_STEP: Final = 1.5
-"""Longest normal step, in usual steps between frames: in a longer step at least one frame is missing."""
+"""Maximum step between frames as a multiple of the usual step; in a longer step, at least one frame is missing."""
 
 LONGEST_GAP_S: Final = 0.5
-"""Gap in s that is too short for sitting down or standing up: if the patient has the same posture before and after it,
-the posture continued. Events in a longer gap are unknown.
+"""Maximum gap in s that is too short for sitting down or standing up. If the patient has the same posture before and
+after such a gap, the posture continued. Events in a longer gap are unknown.
 """
 
 
 FRAMES_AT_ONCE: Final = 4096
-"""Frames processed at once: their intermediate values, also as text, take some megabytes."""
+"""Number of frames processed at once; their intermediate values, also as text, take some megabytes."""
 
 
 def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
-    """Yield slices that cover the rows from 0 to ``frames``, ``at_once`` rows each (None: ``FRAMES_AT_ONCE``). They
-    serve computations that need much more memory than their result.
+    """Yield slices that cover the rows from 0 to ``frames``, ``at_once`` rows each (None: ``FRAMES_AT_ONCE``). Such
+    slices are used in computations that need much more memory than their result.
     """
     at_once = FRAMES_AT_ONCE if at_once is None else at_once
     for first in range(0, frames, at_once):
@@ -56,8 +56,8 @@ def recorded_seconds(time_s: np.ndarray) -> float:
 
 
 def frame_seconds(time_s: np.ndarray) -> np.ndarray:
-    """Return the seconds (n,) that each frame represents: half of the time to both neighbours, or half a usual step
-    towards either end of the recording and towards a gap of unknown time.
+    """Return the seconds (n,) that each frame represents: half of the time to the previous frame plus half of the time
+    to the next. Half a usual step is used towards either end of the recording and towards a gap of unknown time.
 
     All zeros for a single frame, which has no duration. The sum is ``recorded_seconds`` less the unknown time.
     """
@@ -91,7 +91,7 @@ def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float 
 def runs_of(chosen: np.ndarray, joined: np.ndarray | None = None) -> list[slice]:
     """Return runs of True in ``chosen`` (n,) bool.
 
-    joined (n - 1,) bool: whether a row and the next row may be in the same run; None where all may.
+    joined (n - 1,) bool: whether a row and the next row may be in the same run; None if all may.
     """
     together = chosen[:-1] & chosen[1:] & (True if joined is None else joined)
     starts = np.flatnonzero(chosen & ~np.append(False, together)[: len(chosen)])

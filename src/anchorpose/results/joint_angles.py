@@ -285,7 +285,7 @@ ARMS: Final = _sided(
 
 
 AT_ONCE: Final = 128
-"""Frames processed at once: with all their moved joints they fit into a core's cache."""
+"""Number of frames processed at once, which fit into a core's cache with all their moved joints."""
 
 
 def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -294,7 +294,7 @@ def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.nda
 
     position_m (21, 3, n), sigma_m (21, n): errors are assumed independent between joints and axes. Each coordinate is
     moved by its sigma, both ways. A derivative is not used: it is undefined at a straight knee and would give no error
-    there. The formula's own error is added in quadrature.
+    there. The error of the formula itself is added in quadrature.
     """
     angle, sigma = np.empty((2, len(group.names), position_m.shape[-1]))
     for rows in blocks(angle.shape[1], AT_ONCE):

@@ -85,7 +85,7 @@ from anchorpose.settings import settings
 
 
 def inferred_touch_share(touch: Touch) -> float | None:
-    """Return the share of the frames with any contact in which none was seen; None for no frames."""
+    """Return, of the frames with any contact, the share in which no contact was seen; None without such frames."""
     any_of = touch.at_once > 0
     return float(np.mean(1.0 - touch.seen[any_of])) if any_of.any() else None
 
@@ -105,7 +105,7 @@ def assistance_measures(session: Session) -> list[Measure]:
     """Measure assistance in the whole session; then for each person, each part, and each person and part, the time and
     the contacts.
 
-    Only frames in which the patient was found count: in others contacts are unknown.
+    Only frames in which the patient was found count, since contacts are unknown in all other frames.
     """
     contacts = session.helping
     if contacts is None or not session.found.any():
@@ -150,7 +150,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = inferred_touch_share(helped)
-    of_help = (shared, None, None, shared, shared)  # the time without contacts depends on no inferred contact
+    of_help = (shared, None, None, shared, shared)  # the time without contacts does not depend on inferred contacts
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)
@@ -183,9 +183,9 @@ def measure_session(
 ) -> tuple[Session, list[Measure]]:
     """Return the session with its posture and episodes, and every measure of docs/measures.md.
 
-    contacts: with people and equipment; None where unknown, which is not the same as no contact. equipment: the parts
-    with which contacts were searched; if empty, it is unknown whether the patient held on to anything. With trials, the
-    measures of the whole recording are followed by the measures of every trial and of every condition.
+    contacts: contacts with people and equipment; None if unknown, which is not the same as no contact. equipment: the
+    parts with which contacts were searched; if there are none, it is unknown whether the patient held on to anything.
+    With trials, the measures of the whole recording are followed by the measures of every trial and of every condition.
     """
     body = centre_of_mass(joints)
     found = stance(joints, body.position_m)
@@ -283,8 +283,8 @@ def write_measured(
 
     trials: replace the trials in the folder; None keeps them. Angles and measures always come from the joints as
     tracked: ``processing`` makes angles_processed.parquet and nothing else, and without processing that file is
-    removed. All files are written before the first is replaced. Raises InputError where joints or contacts cannot be
-    used, AnchorposeError where the filter does not fit.
+    removed. All files are written before the first is replaced. Raises InputError if joints or contacts cannot be
+    used, AnchorposeError if the filter does not fit.
     """
     require_own(results, (JOINTS_FILE, CONTACTS_FILE, *((TRIALS_FILE,) if trials is None else ())))
     if trials is None and (results / TRIALS_FILE).exists():

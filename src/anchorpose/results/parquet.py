@@ -23,7 +23,7 @@ from anchorpose.recording.regular_file import LARGEST_ARRAYS, require_regular
 Row = TypeVar("Row")
 
 ROWS_AT_ONCE: Final = 1 << 15
-"""Rows read at once from a table: some megabytes."""
+"""Number of rows read at once from a table, which take some megabytes."""
 
 TRACK_AGAIN: Final = "track the recording again"
 MEASURE_AGAIN: Final = "run 'anchorpose measure' on its folder again"
@@ -79,7 +79,7 @@ def _with_columns(table: pa.Table, schema: pa.Schema, later: Mapping[str, Any]) 
 
 
 def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = None) -> pa.Table:
-    """Read a table with all of its columns, or only the named columns; raises InputError where it is damaged or lacks a
+    """Read a table with all of its columns, or only the named columns; raises InputError if it is damaged or lacks a
     named column.
 
     rows: as in ``read_parquet``.
@@ -91,7 +91,7 @@ def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = N
 
 
 def read_parquet_schema(path: Path) -> pa.Schema:
-    """Return the names, types and metadata of a table, without reading it; raises InputError where it is damaged."""
+    """Return the names, types and metadata of a table, without reading it; raises InputError if it is damaged."""
     with refuse_unreadable(path):
         schema = pq.read_schema(path)
         _require_names(schema)
@@ -107,7 +107,7 @@ def _require_names(schema: pa.Schema) -> list[str]:
 
 @contextmanager
 def opened_parquet(path: Path) -> Iterator[Any]:
-    """Open a file for reading it by ``pieces``; raises InputError where reading in the block shows that it is
+    """Open a file for reading it by ``pieces``; raises InputError if reading in the block shows that it is
     damaged.
     """
     with refuse_unreadable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
@@ -150,7 +150,7 @@ def _attribute(column: str) -> str:
 
 @contextmanager
 def refuse_unreadable(path: Path) -> Iterator[None]:
-    """Raise InputError where reading the file at ``path`` in the block shows that it is missing or unreadable."""
+    """Raise InputError if reading the file at ``path`` in the block shows that it is missing or unreadable."""
     try:
         require_regular(path, LARGEST_ARRAYS)
         yield
@@ -170,7 +170,7 @@ def require_columns(path: Path, found: pa.Schema, schema: pa.Schema) -> None:
 
 
 def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[float, float], remedy: str) -> None:
-    """Raise InputError where a value (n,) of a column is missing, or outside the limits, which are themselves
+    """Raise InputError if a value (n,) of a column is missing, or outside the limits, which are themselves
     allowed.
     """
     wrong = values[~((values >= limits[0]) & (values <= limits[1]))]
@@ -183,9 +183,9 @@ class RecordTable(Generic[Row]):
     """A table with one row per record.
 
     record: the dataclass of a row, whose attributes have the names of the columns. known: the allowed texts of a
-    column. limits: the least and the greatest allowed number of a column. rows_per_group: fixed, since row groups
-    decide the bytes of the file. may_be_empty: whether the program ever writes the table without rows. later: columns
-    that files of older versions lack, and the values to use instead.
+    column. limits: the minimum and the maximum of a column's numbers. rows_per_group: never changed, since the bytes of
+    the file depend on it. may_be_empty: whether the program ever writes the table without rows. later: columns that
+    files of older versions lack, and the values to use instead.
     """
 
     file: str
@@ -215,8 +215,8 @@ class RecordTable(Generic[Row]):
             groups.flush()
 
     def read(self, path: Path, rows: Any = None) -> tuple[Row, ...]:
-        """Read all records, or those that the pyarrow expression ``rows`` selects; raises InputError for another
-        table.
+        """Read all records, or those that the pyarrow expression ``rows`` selects; raises InputError if the file is not
+        such a table.
         """
         table = read_parquet(path, self.schema, rows, self.later)
         if rows is None and not self.may_be_empty and not table.num_rows:

@@ -3,10 +3,10 @@ could have been done are compared.
 
 Frames of a recording are not independent, but trials are exchangeable if their condition was drawn at random. If
 conditions make no difference, every assignment of the conditions to the trials of a block is as probable as the
-assignment that was used. p is the share of assignments with a difference at least as large, in either direction (Fisher
-1935, The Design of Experiments, section 21; Edgington and Onghena 2007, Randomization Tests,
-doi:10.1201/9781420011814).
-For several conditions, p is adjusted as in Holm 1979 (Scandinavian Journal of Statistics 6:65-70).
+assignment that was used. p is the share of assignments whose difference, in either direction, is no smaller than the
+observed one (Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena 2007, Randomization Tests,
+doi:10.1201/9781420011814). For several conditions, p is adjusted as in Holm 1979 (Scandinavian Journal of Statistics
+6:65-70).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 ALPHA: Final = 0.05
 
 MOST_EXACT: Final = 200_000
-"""Largest number of assignments that are all examined, which takes a fraction of a second; of more, a sample is drawn.
+"""Maximum number of assignments that are all examined, in a fraction of a second; if there are more, a sample is drawn.
 """
 
 SAMPLED: Final = 9_999
@@ -148,21 +148,21 @@ def holm(p: Sequence[float]) -> list[float]:
 
 
 def pairs_needed(comparisons: int = 1) -> int:
-    """Return the least number of pairs with which p can fall below 0.05 divided by the number of comparisons; n pairs
+    """Return the minimum number of pairs with which p can fall below 0.05 divided by the number of comparisons; n pairs
     have 2^n assignments, of which 2 are extreme.
     """
     return next(n for n in count(1) if 2.0 / 2**n < ALPHA / comparisons)
 
 
 def trials_needed(comparisons: int = 1) -> int:
-    """Return the least number of trials of each condition in one block, as in ``pairs_needed``: 2 of (2n choose n)
-    assignments are extreme.
+    """Return the minimum number of trials of each condition in one block for the p of ``pairs_needed``; 2 of (2n choose
+    n) assignments are extreme.
     """
     return next(n for n in count(1) if 2.0 / math.comb(2 * n, n) < ALPHA / comparisons)
 
 
 def blocks_needed(blocks: Blocks, comparisons: int = 1) -> int:
-    """Return the least number of blocks, as in ``pairs_needed``, if all blocks are like the first of the given
+    """Return the minimum number of blocks for the p of ``pairs_needed``, if all blocks are like the first of the given
     blocks.
     """
     first = blocks.members[0]

@@ -22,7 +22,7 @@ from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.results.uncertainty import random_sigma, systematic_sigma
 from anchorpose.settings import Positive, settings
 
-FIRST_SPEED_M_S: Final = 1.0  # m/s (and m/s2), standard deviation of speed (and acceleration) at the first frame
+FIRST_SPEED_M_S: Final = 1.0  # standard deviation of speed (m/s) and of acceleration (m/s2) at the first frame
 FIRST_ACCELERATION_M_S2: Final = 10.0
 
 
@@ -83,7 +83,7 @@ def _random_walk(step_s: float) -> np.ndarray:
 
 @njit(cache=True)
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the product of two matrices (3, 3), written out: numba takes half a minute to compile a general
+    """Return the product of two matrices (3, 3). It is written out, since numba takes about 30 s to compile a general
     product.
     """
     product = np.zeros((3, 3))
@@ -119,7 +119,7 @@ def highest_cutoff_hz(rate_hz: float) -> float:
 
 
 def shortest_frames(rate_hz: float, cutoff_hz: float) -> int:
-    """Return the least length of a stretch in frames: two periods of the cutoff, and more than the filter's padding."""
+    """Return the minimum number of frames of a stretch: two periods of the cutoff, and more than the filter pads."""
     return max(3 * (2 * _ORDER + 1) + 1, int(np.ceil(2.0 * rate_hz / cutoff_hz)))
 
 
@@ -140,8 +140,8 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
 
 
 MOST_UNEVEN: Final = 0.25
-"""Largest deviation of a step between frames, in usual steps. The filter needs even steps, so time stamps that jitter
-more are refused, not resampled.
+"""Maximum deviation of a step between frames, as a share of the usual step. The filter needs even steps, so time stamps
+that jitter more are refused, not resampled.
 """
 
 
@@ -172,7 +172,8 @@ def filter_stretch(
 Filling = Literal["none", "linear", "spline"]
 
 LEAST_TRIALS: Final = 20
-"""Least number of places at which the same gap is cut into known positions and filled, to measure the error of filling.
+"""Minimum number of places at which the same gap is cut into known positions and filled, to measure the error of
+filling.
 """
 
 
@@ -282,9 +283,9 @@ class ProcessingConfig:
 
     smooth: Smoothing = "none"
     cutoff_hz: Positive = DEFAULT_CUTOFF_HZ
-    jerk: Positive = 30.0  # m/s^2.5, random change of acceleration: a reaching hand reverses within about 0.3 s
+    jerk: Positive = 30.0  # m/s^2.5, random change of acceleration; a reaching hand reverses within about 0.3 s
     fill: Filling = "none"
-    longest_gap_s: Positive = 0.2  # s, longest gap filled: about half the time in which a reaching hand reverses
+    longest_gap_s: Positive = 0.2  # s, maximum length of a filled gap; half the time in which a reaching hand reverses
 
     @property
     def active(self) -> bool:
@@ -322,7 +323,7 @@ class ProcessedJoints:
 def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoints:
     """Fill gaps first, then smooth every unbroken stretch separately.
 
-    Raises AnchorposeError where the chosen filter does not fit the recording.
+    Raises AnchorposeError if the chosen filter does not fit the recording.
     """
     if config.smooth == "butterworth":
         _require_even_steps(joints.time_s, config.cutoff_hz)
@@ -365,7 +366,7 @@ def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAng
 def _smooth(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, config: ProcessingConfig
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return position (n, 3) and sigma (n,) of an unbroken stretch; None where it stays as measured."""
+    """Return position (n, 3) and sigma (n,) of an unbroken stretch; None if it stays as measured."""
     if config.smooth == "butterworth":
         if len(time_s) > 1 and len(time_s) >= shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
             _require_cutoff(time_s, config.cutoff_hz)  # the stretch may have a lower frame rate than the recording

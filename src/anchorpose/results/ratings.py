@@ -2,7 +2,7 @@
 which trials are shown.
 
 The table with the order of trials is written before the first score, so that a rater who was interrupted continues in
-the same order. The table does not name the conditions, so a rater who opens it stays blinded.
+the same order. The table does not name the conditions, so raters who open it stay blinded.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ RATING: Final = "blinded_rating"
 RATING_UNIT: Final = "score"
 
 BEST_SCORE: Final = 10
-"""Scores are whole numbers from 0: a numerical rating scale of 11 points, as for pain or effort."""
+"""Highest score. Scores are whole numbers from 0 on a numerical rating scale of 11 points, as for pain or effort."""
 
 MOST_INITIALS: Final = 8
 COLUMNS: Final = ("shown", "trial", "score", "time", "rater", "seed", "session")
@@ -40,7 +40,7 @@ REMEDY: Final = "give the file that 'anchorpose view --rate' wrote, as it was"
 @dataclass(frozen=True, slots=True)
 class Rating:
     """The score of a trial. shown: place of the trial in the order of showing, from 1. score: 0 to 10; time: when the
-    score was given, in UTC. Both are None where the trial has no score yet.
+    score was given, in UTC. Both are None if the trial has no score yet.
     """
 
     shown: int
@@ -108,7 +108,7 @@ def write_ratings(path: Path, ratings: Ratings) -> None:
 
 
 def read_ratings(path: Path) -> Ratings:
-    """Read the scores of one rater; raises InputError for another table."""
+    """Read the scores of one rater; raises InputError if the file is not such a table."""
     lines = read_rows(path, delimiter="\t", largest_bytes=LARGEST_EVENTS)
     if not lines or tuple(lines[0][1]) != COLUMNS:
         raise InputError(path, "does not have the columns of a rater's scores", REMEDY)
@@ -148,7 +148,7 @@ def _rating(path: Path, line: int, cells: Sequence[str]) -> Rating:
 
 
 def require_session(path: Path, ratings: Ratings, session: str) -> None:
-    """Raise InputError where the scores read from ``path`` are about another session."""
+    """Raise InputError if the scores read from ``path`` are about another session."""
     if ratings.session != session:
         problem = "has scores of another session (other depth images, or other trials)"
         raise InputError(path, problem, "move that file away, or give the results that were rated")

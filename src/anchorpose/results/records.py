@@ -48,8 +48,8 @@ class Contact:
     stays the same as long as this person is followed; None for equipment. first_frame, last_frame and start_s, end_s:
     both included. seen_share: share of the touching skin that some camera saw at that moment; the rest of it was seen
     shortly before. For equipment: share of the frames in which some camera saw the skin beside the part. area_cm2: the
-    patient's skin within reach, mean over the frames. gap_mm: least measured distance between the two surfaces,
-    measured to the outer surface of skin or clothes; negative where the skin was measured inside the equipment.
+    patient's skin within reach, mean over the frames. gap_mm: smallest measured distance between the two surfaces,
+    where the patient's is the outer surface of skin or clothes; negative if the skin was measured inside the equipment.
     """
 
     part: str
@@ -85,7 +85,7 @@ def with_equipment(contacts: Iterable[Contact]) -> tuple[Contact, ...]:
 
 
 LARGEST_VALUE: Final = 1e12
-"""Largest absolute value of a measure and of its sigma that is accepted; no real value in any unit comes near it."""
+"""Maximum absolute value of a measure and of its sigma; no real value in any unit comes near it."""
 
 _SPAN_LIMITS: Final = {
     **dict.fromkeys(("first_frame", "last_frame"), (0, LATEST_FRAME)),
@@ -117,8 +117,8 @@ def write_contacts(path: Path, equipment: Sequence[str] = ()) -> AbstractContext
 def read_equipment_names(path: Path) -> tuple[str, ...]:
     """Read the equipment's parts with which contacts were searched.
 
-    The result is empty where the recording had no model of the equipment, and where the file is from a version that did
-    not search such contacts. Then it is unknown whether the patient held on to the equipment. Raises InputError where
+    The result is empty if the recording had no model of the equipment, and where the file is from a version that did
+    not search such contacts. Then it is unknown whether the patient held on to the equipment. Raises InputError if
     the record cannot be read.
     """
     text = (read_parquet_schema(path).metadata or {}).get(EQUIPMENT_KEY.encode(), b"[]")
@@ -193,7 +193,7 @@ def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
 
 
 def read_episodes(path: Path) -> tuple[Episode, ...]:
-    """Return all rows of an episodes.parquet; raises InputError for another table."""
+    """Return all rows of an episodes.parquet; raises InputError if the file is not such a table."""
     return tuple(replace(episode, state=JointState(episode.state)) for episode in EPISODES.read(path))
 
 
@@ -202,12 +202,12 @@ class Measure:
     """One number of docs/measures.md.
 
     side: "left", "right" or None. part: a region of the body (``REGIONS``); person: a name as in contacts.parquet. Both
-    are None where the measure is not about a single part or person. value: None where it is unknown, with the reason in
-    ``why``. sigma: one standard deviation of the value, None where unknown (counts). frames: number of frames that it
-    is based on. inferred_share: share of these frames in which a joint that it uses was inferred rather than seen.
-    condition, trial: the condition and the trial of events.tsv (numbered from 1) that it is about; both are None for
-    the whole recording, only trial is None for a whole condition. Raises ValueError unless exactly one of value and why
-    is given, and for a trial without a condition.
+    are None if the measure is not about a single part or person. value: None if unknown; ``why`` then states the
+    reason. sigma: one standard deviation of the value, None if unknown (counts). frames: number of frames on which the
+    value is based. inferred_share: share of these frames in which a joint that the measure uses was inferred rather
+    than seen. condition, trial: condition and trial of events.tsv (numbered from 1) to which the value belongs. Both
+    are None for the whole recording; only trial is None for a whole condition. Raises ValueError unless exactly one of
+    value and why is given, and for a trial without a condition.
     """
 
     measure: str
@@ -256,7 +256,7 @@ MEASURES_FILE: Final = MEASURES.file
 
 
 def read_measures(path: Path) -> tuple[Measure, ...]:
-    """Read the measures of the whole recording; raises InputError for another table."""
+    """Read the measures of the whole recording; raises InputError if the file is not such a table."""
     return tuple(row for row in MEASURES.read(path) if row.condition is None)
 
 
@@ -291,9 +291,9 @@ def write_measures(path: Path, measures: Sequence[Measure], config: dict[str, An
 
 
 def read_definition(path: Path) -> Definition | None:
-    """Return the definition of a measures.parquet; None where the file is older than this record.
+    """Return the definition of a measures.parquet; None if the file is older than this record.
 
-    Raises InputError where the record cannot be read.
+    Raises InputError if the record cannot be read.
     """
     text = (read_parquet_schema(path).metadata or {}).get(DEFINITION_KEY.encode())
     if text is None:
@@ -304,13 +304,17 @@ def read_definition(path: Path) -> Definition | None:
         raise InputError(path, "its definition of the measures cannot be read", MEASURE_AGAIN) from None
 
 
-FRAMES_KEPT: Final = 64  # images kept in memory, of all cameras: under a megabyte
+FRAMES_KEPT: Final = 64  # number of images kept in memory, of all cameras together; less than a megabyte
 
 ROOM: Final = 0
-"""Label of pixels that are neither equipment nor a person: the room, small components, pixels without a reading."""
+"""Label of pixels that are neither equipment nor a person, such as the room, small components, and pixels without a
+reading.
+"""
 
 _PNG_SETTINGS: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
-"""Settings of the label images: large areas have one value, so run lengths make the smallest files, 5 kB an image."""
+"""Settings of the PNG encoder for label images. Large areas have one value, so run-length coding makes the smallest
+files, with 5 kB per image.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -343,7 +347,7 @@ def encode_labels(frame: int, camera: str, view: View) -> LabelImage:
 
 
 def decode_labels(image: LabelImage) -> np.ndarray:
-    """Decode labels (height, width) uint8. Raises ValueError where the bytes are not an 8-bit image."""
+    """Decode labels (height, width) uint8. Raises ValueError if the bytes are not an 8-bit image."""
     labels = cv2.imdecode(np.frombuffer(image.labels, np.uint8), cv2.IMREAD_UNCHANGED)
     if labels is None or labels.dtype != np.uint8 or labels.ndim != 2:
         raise ValueError(f"frame {image.frame}, camera {image.camera}: the labels are not an 8-bit image")
@@ -351,7 +355,7 @@ def decode_labels(image: LabelImage) -> np.ndarray:
 
 
 def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[int, str], LabelImage]:
-    """Return the label images of some frames, or of all, still encoded, by frame and camera; raises InputError where a
+    """Return the label images of some frames, or of all, still encoded, by frame and camera; raises InputError if a
     frame and camera occur twice.
     """
     rows = PEOPLE.read(path, None if frames is None else pc.field("frame").isin(frames))
@@ -370,7 +374,7 @@ def frames_of_people(path: Path) -> np.ndarray:
 class StoredPeople:
     """The label images of a people.parquet, read on demand, since all images of an hour would fill the memory.
 
-    Raises InputError where the file is not such a table. Threads may share an object.
+    Raises InputError if the file is not such a table. Threads may share an object.
     """
 
     def __init__(self, path: Path) -> None:
@@ -378,7 +382,7 @@ class StoredPeople:
         self._read = lru_cache(FRAMES_KEPT)(lambda frame: read_people(path, [frame]))
 
     def get(self, frame: int, camera: str) -> LabelImage | None:
-        """Return the image of a frame and camera, still encoded; None where the file has no such image. Raises
-        InputError where it cannot be read.
+        """Return the image of a frame and camera, still encoded; None if the file has no such image. Raises
+        InputError if it cannot be read.
         """
         return self._read(frame).get((frame, camera))

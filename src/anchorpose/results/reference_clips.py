@@ -17,12 +17,12 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own
 
 SUFFIX = ".npz"
-SHORTEST_S: Final = 0.5  # s, shortest clip: motion history, the frames that check it and one predicted step, at 30 Hz
-MOTIONS_MARK: Final = "format.npy"  # the first array of a file of movements
+SHORTEST_S: Final = 0.5  # s, minimum length of a clip: motion history, frames that check it, one predicted step
+MOTIONS_MARK: Final = "format.npy"  # name of the first array in a file of movements
 
 
 def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, overwrite: bool) -> ReferenceClips:
-    """Collect the movements of all sources, write them to ``out`` and return them.
+    """Collect the movements of all sources, write these movements to ``out`` and return them.
 
     sources: results folders, skeleton files and earlier files of reference movements. rate_hz: frames per second of
     skeleton files that do not state it. Raises InputError before anything is written where a source cannot be used.
@@ -49,7 +49,7 @@ def _read(source: Path, rate_hz: float | None) -> ReferenceClips:
 def clips_of_results(folder: Path) -> ReferenceClips:
     """Return the stretches of a results folder, at least half a second long, in which no joint is lost.
 
-    Frames with a lost joint and gaps in time end a stretch. Raises InputError where the table cannot be used or has no
+    Frames with a lost joint and gaps in time end a stretch. Raises InputError if the table cannot be used or has no
     such stretch.
     """
     require_own(folder, (JOINTS_FILE,))

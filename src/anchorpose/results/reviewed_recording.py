@@ -17,7 +17,7 @@ from anchorpose.recording.recording_file import FARTHEST_CAMERA_M, FARTHEST_TIME
 from anchorpose.settings import STRICT, Unfit
 
 LARGEST_DRIFT: Final = 0.1
-"""Largest drift of a camera's clock, seconds per second; real clocks differ by a thousandth at most."""
+"""Maximum drift of a camera's clock in seconds per second; real clocks drift by a thousandth at most."""
 
 
 def _require_clock(clock: Clock) -> Clock:
@@ -34,7 +34,7 @@ _Height = Annotated[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedCamera:
-    """A camera with its pose (4, 4), None where the camera has no pose and was not used, and its clock, None where
+    """A camera with its pose (4, 4), None if the camera has no pose and was not used, and its clock, None if
     unknown.
     """
 
@@ -49,7 +49,7 @@ class ReviewedRecording:
     """The recording and the world that corrections are about. The recording is identified by a hash of its depth images
     and times (its name is for people), the world by the camera poses.
 
-    Clocks and the height of the floor are kept as used in tracking, so that they need not be found again; None where
+    Clocks and the height of the floor are kept as used in tracking, so that they need not be found again; None if
     unknown.
     """
 
@@ -118,6 +118,6 @@ def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None])
 
 
 SAME_WORLD_M: Final = 0.001
-"""Two worlds are the same if no number of any camera's pose matrix differs by more. At 1 m from the camera, such a
-difference moves a joint by one or two millimetres, less than the error of placing a joint by hand.
+"""Maximum difference between the numbers of the cameras' pose matrices for two worlds to count as the same. At 1 m from
+the camera, such a difference moves a joint by one or two millimetres, less than the error of placing a joint by hand.
 """

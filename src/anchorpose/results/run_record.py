@@ -39,7 +39,7 @@ PICTURES: Final = "pictures"
 
 NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 Share = Annotated[float, Field(ge=0, le=1)]
-NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # m, range of depths for which noise is stated
+NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # m, range of depths for which a noise model must have values
 _is_sha256: Final = re.compile("[0-9a-f]{64}").fullmatch
 
 
@@ -59,16 +59,16 @@ class BoneRecord:
 class BodyRecord:
     """The tracked body, and the seconds from which it was learnt.
 
-    Each sigma follows from the fit's equations. It covers noise, poses and hidden parts, but neither clothes nor bodies
-    outside the shape space.
+    Each sigma follows from the fit's equations. It includes the effects of noise, poses and hidden parts, but not of
+    clothes, nor of body shapes outside the shape space.
     """
 
     learnt_from_s: float
-    height_m: NotNegative  # standing, without clothes and shoes
+    height_m: NotNegative  # standing height, without clothes and shoes
     height_sigma_m: NotNegative
     clothes_m: dict[str, float]  # m, thickness by piece of clothing
     bones: tuple[BoneRecord, ...]
-    coefficients: tuple[float, ...]  # of the body asset's shape space
+    coefficients: tuple[float, ...]  # coefficients of the body asset's shape space
 
 
 def _require_noise(noise: DepthNoise) -> DepthNoise:
@@ -97,7 +97,7 @@ class CameraRecord:
     """A camera's pose as used, the source of the pose, and the camera's clock as used."""
 
     name: Text
-    camera_to_world: CameraPose | None  # (4, 4); None where the camera has no pose and was not used
+    camera_to_world: CameraPose | None  # (4, 4); None for a camera without a pose, which was not used
     source: str  # for example "given", "equipment", "floor"
     clock: CameraClock | None = None
     depth: DepthRecord | None = None  # None in older results
@@ -125,7 +125,7 @@ class StageTiming:
 class MatchedShares:
     """The share of the followed points that association found again, per frame.
 
-    Points that were not found stay at their predicted position. The share is None where there was nothing to match: in
+    Points that were not found stay at their predicted position. The share is None if there was nothing to match: in
     the first frame of a track, and in frames that do not show the patient.
     """
 
@@ -146,7 +146,7 @@ class MatchedShares:
 
 @dataclass(frozen=True, slots=True)
 class DroppedFrame:
-    """A frame, or one camera's depth image of it, that was not used, and why."""
+    """A frame, or one camera's depth image in a frame, that was not used, and the reason."""
 
     frame: Frame
     time_s: Seconds
@@ -196,7 +196,7 @@ class PatientRecord:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationUsed:
-    """The calibration.json whose poses replaced those of a recording: its name and hash."""
+    """The name and the hash of the calibration.json whose poses replaced the poses of a recording."""
 
     file: str
     sha256: Sha256
@@ -216,7 +216,7 @@ class PictureRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord:
-    """Everything about a run that its tables do not contain, in the order of run.json."""
+    """All information on a run that its tables do not contain, in the order of run.json."""
 
     format: Literal["anchorpose-run"] = "anchorpose-run"
     version: Version = 1
@@ -228,20 +228,20 @@ class RunRecord:
     recorded: RecordedSpan | None = None  # span of the recording; None if all was tracked, and in older results
     frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
-    floor_height_m: float | None = None  # Y of the floor in the world, None where no camera sees it
+    floor_height_m: float | None = None  # Y of the floor in the world, None if no camera sees it
     residuals: tuple[Residual, ...] = ()
     timings: tuple[StageTiming, ...] = ()
     association: MatchedShares = MatchedShares()
     dropped: tuple[DroppedFrame, ...] = ()
     lost: tuple[LostInterval, ...] = ()
     poor_depth: tuple[PoorInterval, ...] = ()
-    explained: ExplainedSummary | None = None  # None where no frame was tracked
-    body: BodyRecord | None = None  # None where the patient was never found
-    patient: PatientRecord | None = None  # None where nobody was tracked
+    explained: ExplainedSummary | None = None  # None if no frame was tracked
+    body: BodyRecord | None = None  # None if the patient was never found
+    patient: PatientRecord | None = None  # None if nobody was tracked
     corrections: CorrectionsRecord | None = None
-    calibration: CalibrationUsed | None = None  # None where the poses come from the recording or were found
+    calibration: CalibrationUsed | None = None  # None if the poses come from the recording or were found
     pictures: tuple[PictureRecord, ...] = ()
-    notes: tuple[str, ...] = ()  # sentences for people: assumptions and cautions
+    notes: tuple[str, ...] = ()  # sentences for people on assumptions, and cautions
     config: Any = None  # the resolved configuration, a dataclass of stage configurations
     inputs_sha256: dict[str, Sha256]  # hashes by the file's path in the recording folder
     outputs_sha256: dict[str, Sha256] = field(default_factory=dict)  # hashes by the file's path in the results folder
@@ -340,8 +340,8 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
-    """Return the content without the hashes that have a valid form. An hour's inputs have 324,000 hashes, whose check
-    as part of the record would take longer than everything else.
+    """Return the content without the hashes that have a valid form. The inputs of an hour have 324,000 hashes; checking
+    these as part of the record would take longer than everything else.
     """
     hashes = run.get("inputs_sha256")
     if not isinstance(hashes, dict):

@@ -21,24 +21,24 @@ from anchorpose.results.true_session import TrueEvent, read_true_contacts, read_
 from anchorpose.results.uncertainty import NORMAL_95
 
 NEAR_S: Final = 0.5
-"""Largest time in s between a found and a true onset of the same event; a knee needs longer to give way twice."""
+"""Maximum time in s between the found and the true onset of an event; a knee needs more time to give way twice."""
 
 IN_TIME_S: Final = 0.1
-"""Largest time in s between found and true onset at which an event counts as found in time: three frames of a camera.
+"""Maximum time in s between found and true onset for an event to count as found in time (three frames of a camera).
 """
 
 EXACT_M: Final = 1e-6
 """Sigma in m that is assigned to true joints: practically zero."""
 
 INDEPENDENCE: Final = ("_extended_", "hands_free_upright_", "_hands_time", "_hand_time")
-"""Parts of names: a measure whose name contains one of them is a time of independence."""
+"""Parts of the names of measures. A measure whose name contains one of these parts is a time of independence."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EventScore:
     """Scores of the events of one kind. found: number of true events that were found, with an onset within ``NEAR_S``;
     in_time: with an onset within ``IN_TIME_S``. false: number of reported events that match no true event. late_s: mean
-    delay of the found onsets after the true onsets; None where no event was found.
+    delay of the found onsets after the true onsets; None if no event was found.
     """
 
     true: int
@@ -70,7 +70,7 @@ class SessionEvaluation:
 
     seconds: float
     events: tuple[tuple[str, EventScore], ...]
-    times: TimeScore | None  # None where the result has no contacts
+    times: TimeScore | None  # None if the result has no contacts
 
 
 def score_session(
@@ -111,7 +111,7 @@ def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
 def score_events(session: Session, true_events: Sequence[TrueEvent]) -> tuple[tuple[str, EventScore], ...]:
     """Return the score of each kind of event that occurs in the truth within the recorded time, or in the result.
 
-    The result is empty if the frames are too far apart to find events.
+    There are no scores if the frames are too far apart to find events.
     """
     if not fast_enough(session.joints.time_s):
         return ()

@@ -20,8 +20,8 @@ _STATES: Final = tuple(str(state) for state in JointState)
 
 LARGEST_DEG: Final = 360.0
 LARGEST_SIGMA: Final = 1e6
-"""Largest accepted sigma (m, degrees or radians): an angle that a pose hardly determines may have a sigma of many
-turns.
+"""Maximum sigma (m, degrees or radians). It is large, since an angle that a pose hardly determines may have a sigma of
+many turns.
 """
 
 
@@ -29,9 +29,9 @@ turns.
 class JointFrame:
     """The 21 joints at one time of the reference clock, order of ``JOINT_NAMES``, world frame.
 
-    position_m (21, 3) float64, NaN where lost; sigma_m (21,) float64, one standard deviation along each axis, NaN where
-    lost. Raises ValueError where position, sigma and state disagree: a lost joint must have neither position nor sigma,
-    any other joint must have both.
+    position_m (21, 3) float64, NaN for lost joints; sigma_m (21,) float64, one standard deviation along each axis, NaN
+    for lost joints. Raises ValueError if position, sigma and state disagree: a lost joint must have neither position
+    nor sigma, any other joint must have both.
     """
 
     frame: int
@@ -60,7 +60,7 @@ class JointFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTable:
-    """The joints in all frames of a result. NaN and ``lost`` where a joint has no position.
+    """The joints in all frames of a result. A joint without a position has NaN and the state ``lost``.
 
     frame (n,) int32, time_s (n,) float64, position_m (n, 21, 3) float64 world, state_code (n, 21) int8 index into
     ``JointState``, sigma_m (n, 21) float64.
@@ -109,7 +109,7 @@ JOINTS_FILE, read_joints, write_joints = JOINTS.file, JOINTS.read, JOINTS.open
 class AnchorFrame:
     """Head, hands and feet in one frame: position_m (5, 3) world and sigma_m (5,), order of ``ANCHOR_NAMES``.
 
-    Anchors are extrema of the surface, not joints; they are NaN where missed.
+    Anchors are extrema of the surface, not joints. An anchor that was not found is NaN.
     """
 
     frame: int
@@ -120,8 +120,8 @@ class AnchorFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnchorTable:
-    """The anchors of all frames: frame (n,) int32, time_s (n,), position_m (n, 5, 3), sigma_m (n, 5) float64, NaN where
-    missed.
+    """The anchors of all frames: frame (n,) int32, time_s (n,), position_m (n, 5, 3), sigma_m (n, 5) float64, NaN for
+    anchors that were not found.
     """
 
     frame: np.ndarray
@@ -146,8 +146,8 @@ ANCHORS_FILE, read_anchors, write_anchors = ANCHORS.file, ANCHORS.read, ANCHORS.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AngleTable:
-    """The angles of all frames. frame (n,) int32, time_s (n,) float64, names (a,) of docs/angles.md; defined in
-    ``angle_definition``.
+    """The angles of all frames. frame (n,) int32, time_s (n,) float64, names (a,): the angles' names in docs/angles.md.
+    The angles are defined in ``angle_definition``.
 
     degrees and sigma_deg (n, a) float64, NaN where a joint is lost or the pose leaves the angle undetermined;
     state_code (n, a) int8 index into ``JointState``, the worst of the joints involved.
@@ -178,7 +178,7 @@ ANGLES_FILE, read_angles, write_angles = ANGLES.file, ANGLES.read, ANGLES.write
 
 
 PROCESSING: Final = ("measured", "smoothed", "filled")
-"""How an angle's joints were processed; the most processed joint decides. The index is the code in
+"""Ways in which an angle's joints were processed; the most processed joint decides. The index is the code in
 ``ProcessedAngles.processing``.
 """
 
@@ -214,9 +214,10 @@ class PostureTable:
     """A table with one row per frame: the estimated centre of mass of the whole body, and whether the patient is
     upright.
 
-    frame (n,) int32, time_s (n,) float64. com_m (n, 3) float64 world, NaN where a joint that it needs is lost;
-    com_sigma_m (n,) float64, one standard deviation along each axis. upright (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT`` or
-    ``UNKNOWN``. state_code (n,) int8 index into ``JointState``: worst state of the joints used.
+    frame (n,) int32, time_s (n,) float64. com_m (n, 3) float64 world: the centre of mass, NaN if a joint that
+    determines it is lost; com_sigma_m (n,) float64, one standard deviation along each axis. upright (n,) int8:
+    ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN``. state_code (n,) int8 index into ``JointState``: worst state of the
+    joints used.
     """
 
     frame: np.ndarray
@@ -247,8 +248,8 @@ class BodyPose:
 
     head_m (21, 3): the bone's head, world. quaternion (21, 4): w, x, y, z of the rotation from the rest pose (X
     forward, Y up, Z to the right) to the world; w is not negative. axial_sigma_rad (21,): standard deviation of the
-    rotation about the bone's long axis relative to its parent, from the registration's posterior; NaN where unknown. It
-    is not calibrated: for thighs, simulations had errors of 12 degrees at a sigma of 3.
+    rotation about the bone's long axis relative to its parent, from the registration's posterior; NaN where unknown.
+    This sigma is not calibrated; for example, thighs in simulations had errors of 12 degrees at a sigma of 3.
     """
 
     frame: int

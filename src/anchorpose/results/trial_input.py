@@ -16,7 +16,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]:
     """Read the trials. Return them, and by name the SHA-256 of the events file and of the file with its units.
 
-    Raises InputError where a file cannot be used, or where it is unknown when the recording began.
+    Raises InputError if a file cannot be used, or if it is unknown when the recording began.
     """
     trials = read_trials(events, _span_of(results))
     files = [file for file in (events, sidecar_of(events)) if is_there(file)]

@@ -25,7 +25,7 @@ Table = TypeVar("Table")
 Found = TypeVar("Found")
 
 LEAST_FRAMES: Final = 2
-"""Least number of frames in a trial, since a single frame has no duration."""
+"""Minimum number of frames in a trial, since a single frame has no duration."""
 
 TOO_FEW_FRAMES: Final = "fewer than two frames of this trial were tracked"
 
@@ -64,8 +64,8 @@ def _of_trial(
 
 
 def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
-    """Return the measure of time or count for a part or person without contact in a trial: 0, or unknown where contacts
-    are unknown.
+    """Return a measure of time or count for a part or person without contact in a trial: 0, or no value if contacts are
+    unknown.
     """
     general = found.get((like.measure, None, None, None))
     if general is None or like.unit not in ("s", "count"):
@@ -172,7 +172,7 @@ def condition_measures(trials: Trials, rows: Sequence[Measure]) -> list[Measure]
 
 
 def _mean(rows: Sequence[Measure]) -> Measure:
-    """Return the mean of a measure over trials; unknown where no trial has a value."""
+    """Return the mean of a measure over trials, without a value if no trial has a value."""
     known, first = [row for row in rows if row.value is not None], rows[0]
     if not known:
         reasons = dict.fromkeys(str(row.why) for row in rows)
@@ -189,14 +189,14 @@ def _mean(rows: Sequence[Measure]) -> Measure:
 
 
 def _inferred(rows: Sequence[Measure]) -> float | None:
-    """Return the inferred share over the frames of all rows; None where no row has a share."""
+    """Return the inferred share over the frames of all rows; None if no row has a share."""
     shares = [(row.inferred_share, row.frames) for row in rows if row.inferred_share is not None and row.frames]
     frames = sum(count for _, count in shares)
     return sum(share * count for share, count in shares) / frames if frames else None
 
 
 def sigma_of_trial_mean(sigma: Sequence[float | None]) -> float | None:
-    """Return sigma of the mean over trials of one recording; None where a trial has no sigma.
+    """Return sigma of the mean over trials of one recording; None if a trial has no sigma.
 
     The systematic share of the variance is common to all trials; the random share is averaged.
     """

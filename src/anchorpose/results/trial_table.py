@@ -51,7 +51,7 @@ def write_trials(path: Path, trials: Trials) -> None:
 
 
 def read_trial_table(path: Path) -> Trials:
-    """Read the trials of a results folder; raises InputError for another table."""
+    """Read the trials of a results folder; raises InputError if the file is not such a table."""
     table = read_any_parquet(path)
     columns = _columns(path, table.schema.metadata or {})
     own = [pa.field(column.name, _type_of(column)) for column in columns]
@@ -113,8 +113,8 @@ class TrialInterval:
     """The part of an episode or a contact that lies in a trial.
 
     table: ``episodes`` or ``contacts``; row: its row in this table, from 0. kind: the kind of the episode, or the
-    touched part of the body; person: who touches, None for an episode. first_frame, last_frame and start_s, end_s: ends
-    of the part in the trial, both included. seconds: the time that its frames represent.
+    touched part of the body; person: who touches, None for an episode. first_frame, last_frame and start_s, end_s:
+    beginning and end of the part in the trial, both included. seconds: the time that the part's frames represent.
     """
 
     trial: int

@@ -36,9 +36,9 @@ class TrueEvent:
 
 
 def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
-    """Return the true events in the order of the file; None where the file is not the truth of a session.
+    """Return the true events in the order of the file; None if the file is not the truth of a session.
 
-    Raises InputError where its arrays do not fit each other.
+    Raises InputError if its arrays do not fit each other.
     """
     arrays = read_arrays(path, _EVENTS, REMEDY)
     if not arrays:
@@ -53,8 +53,8 @@ def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
 
 @dataclass(frozen=True, slots=True)
 class TrueContacts:
-    """True contacts. contacts: each of a region with a person or with a part of the equipment; equipment: names of all
-    parts of the equipment.
+    """True contacts. contacts: contacts of a region of the body with a person or with a part of the equipment;
+    equipment: names of all parts of the equipment.
     """
 
     contacts: tuple[Contact, ...]
@@ -65,7 +65,7 @@ def read_true_contacts(path: Path, rows: np.ndarray, frame: np.ndarray, time_s: 
     """Return the contacts in the frames ``rows`` (t,) of the truth, with the numbers (t,) and times (t,) of the
     result's frames.
 
-    Raises InputError where the arrays do not fit each other.
+    Raises InputError if the arrays do not fit each other.
     """
     arrays = read_arrays(path, _TOUCH, REMEDY)
     touched, on_equipment = arrays.get("touched_regions"), arrays.get("on_equipment")

@@ -26,7 +26,7 @@ class Truth:
     """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where unknown; occluded (t,) bool.
 
     seen_share (t, 21, cameras), 0 to 1, with the number type of the file: share of the skin around the joint that the
-    camera sees; None where the file does not state it.
+    camera sees; None if the file does not state it.
     """
 
     time_s: np.ndarray
@@ -44,7 +44,7 @@ def read_truth(path: Path) -> Truth:
     """Read a truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and optionally ``occluded`` (t) and
     ``seen_share`` (t, n, cameras).
 
-    Joints may come in any order and some may be missing (NaN). Raises InputError where the content differs.
+    Joints may come in any order and some may be missing (NaN). Raises InputError if the content differs.
     """
     remedy = "give a truth.npz with joints (t, 21, 3), names (21) and time (t)"
     arrays = read_arrays(path, _READ, remedy)
@@ -74,7 +74,7 @@ def read_truth(path: Path) -> Truth:
 
 
 def _checked_shares(path: Path, seen: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Raise InputError where the shares do not fit the joints (t, n) or are invalid."""
+    """Raise InputError if the shares do not fit the joints (t, n) or are invalid."""
     remedy = "give seen_share (t, n, cameras) with shares from 0 to 1, or leave it out"
     if seen.ndim != 3 or seen.shape[:2] != shape or seen.shape[2] == 0 or seen.dtype.kind not in "fiu":
         raise InputError(path, f"its seen_share {seen.shape} does not fit its joints {shape}", remedy)
@@ -119,7 +119,7 @@ def read_true_support(path: Path) -> TrueTouch | None:
     """Return the contacts with equipment in a truth.npz, ``on_equipment`` (t, parts, b) and ``part_names`` (b); None
     where the file has no such arrays. Feet are left out, as in contacts.parquet.
 
-    Raises InputError where the two arrays do not fit each other.
+    Raises InputError if the two arrays do not fit each other.
     """
     arrays = read_arrays(path, ("on_equipment", "part_names", "time"), SUPPORT_REMEDY)
     if "on_equipment" not in arrays or "part_names" not in arrays:
@@ -136,10 +136,10 @@ SUPPORT_REMEDY: Final = "give on_equipment (t, parts, b) and part_names (b)"
 
 
 def read_true_touch(path: Path) -> TrueTouch | None:
-    """Return the contacts in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None where the file has no such
+    """Return the contacts in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None if the file has no such
     arrays.
 
-    Raises InputError where the two arrays do not fit each other, or where none of the bones belongs to the body.
+    Raises InputError if the two arrays do not fit each other, or if none of the bones belongs to the body.
     """
     remedy = "give touched (t, b) and part_names (b)"
     arrays = read_arrays(path, ("touched", "part_names", "time"), remedy)
@@ -154,8 +154,7 @@ def read_true_touch(path: Path) -> TrueTouch | None:
 
 
 WRONG_M: Final = 0.15
-"""Error in m, half a forearm. If a joint is farther off, its position is useless for the patient, and its limb counts
-as wrong.
+"""Maximum error in m of a usable joint (half a forearm). If the error is larger, the joint's limb counts as wrong.
 """
 
 CLEARLY_BETTER: Final = 0.7
@@ -164,8 +163,7 @@ ratio of right to wrong was at most 0.1.
 """
 
 LARGEST_DEFINITION_M: Final = 0.03
-"""Misfit in m up to which axes and labels are accepted: the joint centres of two systems differ by as much by
-definition.
+"""Maximum misfit in m of accepted axes and labels; different definitions of the joint centres cause this misfit.
 """
 
 
@@ -196,7 +194,7 @@ WRONG: Final = {
 
 
 def require_as_is(path: Path, misfit: Mapping[Sides, float], is_length: bool) -> None:
-    """Raise InputError where the file fits much better with a mirrored axis or exchanged labels.
+    """Raise InputError if the file fits much better with a mirrored axis or exchanged labels.
 
     misfit: the misfit for each reversal that can be compared. is_length: whether misfits are lengths in metres.
     """
@@ -218,8 +216,8 @@ _EXCHANGED: Final = [
 
 
 MOST_SCALE: Final = 1.5
-"""Largest factor between bone lengths of truth and results. A wrong body differs by tens of percent, feet for metres by
-3.3.
+"""Maximum ratio between bone lengths of truth and results. For a wrong body they differ by tens of percent; for feet in
+place of metres, the ratio is 3.3.
 """
 
 UPRIGHT_DEG, LYING_DEG = 45.0, 60.0
@@ -237,11 +235,12 @@ _BONES: Final = np.array(LIMBS)
 
 
 def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> None:
-    """Raise InputError where the truth (n, 21, 3) is in another unit or other axes than the results' joints (n, 21, 3)
+    """Raise InputError if the truth (n, 21, 3) is in another unit or other axes than the results' joints (n, 21, 3)
     of the same frames.
 
     As far as possible, the truth alone is tested for properties that every correct truth has. If the patient was
-    tracked back to front or in another place, that is an error of the results, which is to be measured, not refused.
+    tracked back to front or in another place, this is an error of the results; the evaluation must measure it, not
+    refuse it.
     """
     scale = _ratio(_bone_lengths(truth_m), _bone_lengths(ours_m))
     if not 1 / MOST_SCALE <= scale <= MOST_SCALE:
@@ -258,7 +257,7 @@ def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> N
 
 
 def _ratio(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the median ratio of two arrays (k,), 1 where nothing can be compared."""
+    """Return the median ratio of two arrays (k,); 1 if no values can be compared."""
     known = np.isfinite(first) & (second > 0)
     return float(np.median(first[known] / second[known])) if known.any() else 1.0
 
@@ -291,8 +290,8 @@ def _trunk_tilt_deg(joints_m: np.ndarray) -> float:
 
 
 def _handedness(joints_m: np.ndarray) -> float:
-    """Return 1 if toes and knees point forward, given up and the patient's right, -1 if they point backward (the joints
-    are mirrored or exchanged), NaN if no direction is seen.
+    """Return 1 if toes and knees point forward, given the directions up and to the patient's right, -1 if they point
+    backward (the joints are mirrored or exchanged), NaN if no direction is seen.
     """
     joint = {name: _joint(joints_m, name) for name in JOINT_NAMES}
     right = joint["HipRight"] - joint["HipLeft"] + joint["ShoulderRight"] - joint["ShoulderLeft"]

@@ -1,6 +1,6 @@
 """Compute the uncertainty of a mean over frames from systematic and random errors.
 
-Most of a joint's error is systematic, so a mean over more frames is hardly more certain.
+Most of a joint's error is systematic, so a mean over more frames is not much more certain.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ NORMAL_95: Final = 1.96
 """Half width, in standard deviations, of the interval that holds 95 of 100 values of a normal distribution."""
 
 SYSTEMATIC_SHARE: Final = 0.7
-"""Share of an error's variance that stays the same through a recording: errors of the learnt body's lengths, of
-clothes, and of the joints' places in it. On simulated recordings it is 0.6 for angles and 0.8 for joints
+"""Share of the variance of errors that stay the same through a recording, such as errors of the learnt body's lengths,
+of clothes, and of the joints' places in the body. On simulated recordings it is 0.6 for angles and 0.8 for joints
 (docs/measures.md).
 """
 
@@ -46,6 +46,6 @@ def random_sigma(sigma: np.ndarray) -> np.ndarray:
 def sigma_of_difference(first: float, second: float) -> float:
     """Return sigma of the difference between values at two times of one recording, from the sigma of each value.
 
-    The systematic errors are common to both values: they cancel completely if the two sigmas are equal, else in part.
+    The systematic errors are common to both values, so they cancel completely if both sigmas are equal, else in part.
     """
     return float(np.sqrt(first**2 + second**2 - 2.0 * SYSTEMATIC_SHARE * first * second))

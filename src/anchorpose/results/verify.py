@@ -2,8 +2,8 @@
 
 log.jsonl has one line for the command that made the folder and one for everything done with it later; lines are only
 added. Each line holds a hash of itself and of the previous line, so a line that was changed, removed or inserted is
-detected. This is not a signature: whoever changes the log can compute all hashes again. Only a copy of the last hash,
-kept elsewhere, shows that.
+detected. This is not a signature: whoever changes the log can compute all hashes again. Only a copy of the last hash
+that is kept elsewhere would show such a change.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def add_event(
     """Add a line to the log of a results folder.
 
     what: the command; files: files of the results that it wrote or removed; by: the person or program that did it, as
-    text for readers. Raises OSError where the log cannot be written.
+    text for readers. Raises OSError if the log cannot be written.
     """
     names = sorted(files)
     hashes = dict(hash_files([results / name for name in names if (results / name).is_file()], results))
@@ -100,7 +100,7 @@ def add_event(
 
 
 def read_log(results: Path) -> Log | None:
-    """Return the log of a results folder, None where it has none; raises InputError where a line is not a log entry."""
+    """Return the log of a results folder, None if it has none; raises InputError if a line is not a log entry."""
     path, events, broken, previous = results / LOG_FILE, list[Event](), list[str](), ""
     if not path.exists():
         return None
@@ -149,7 +149,7 @@ MEASURED: Final = frozenset(
 
 
 def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | None = None) -> None:
-    """Raise InputError where a file does not have the hash that the folder's log or run.json states.
+    """Raise InputError if a file does not have the hash that the folder's log or run.json states.
 
     run: the content of run.json if it was already read. Files without a stated hash, as in older results, are accepted.
     """
@@ -165,8 +165,8 @@ def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | No
 
 
 def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
-    """Return the hash of each file as it was written last; the log has newer hashes of tables that were measured
-    again.
+    """Return the hash of each file as it was written last; for tables that were measured again, the log has newer
+    hashes than run.json.
     """
     if run is None:
         run = read_run(results / RUN_FILE) if is_there(results / RUN_FILE) else {}
@@ -193,13 +193,13 @@ class Fits(StrEnum):
 
     @property
     def is_right(self) -> bool:
-        """Return whether the state needs no attention."""
+        """Return whether this state is acceptable."""
         return self in (Fits.SAME, Fits.MEASURED)
 
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """The outcome of the check. results, recording: the state of each file; recording is None where none is given.
+    """The outcome of the check. results, recording: the state of each file; recording is None if none is given.
     program: sentences on the version, code and libraries of the run that differ from the present ones. corrected:
     sentences on each correction and its author. log: its entries. broken: sentences on faults of the log.
     """
@@ -221,7 +221,7 @@ class Verified:
 def verify(results: Path, recording: Path | None) -> Verified:
     """Compare every table and picture, and every file of the recording, with the hashes in run.json and in the log.
 
-    Raises InputError where run.json or a line of the log cannot be read, or run.json has no hashes because an older
+    Raises InputError if run.json or a line of the log cannot be read, or run.json has no hashes because an older
     version wrote it.
     """
     path = results / RUN_FILE

@@ -17,7 +17,7 @@ REMEDY: Final = "export it again as continuous EDF or EDF+"
 def read_edf(path: Path) -> OtherFile:
     """Read the signals by their labels, one stream per sampling rate; annotations are markers, named by their texts.
 
-    Raises InputError where it is not EDF, MissingPackage without pyedflib.
+    Raises InputError if it is not EDF, MissingPackage without pyedflib.
     """
     try:
         import pyedflib

@@ -27,12 +27,13 @@ SEGMENTS: Final = {
         for side in ("Left", "Right")
     },
 }
-"""Upper and lower joint of each segment. The sensor is assumed midway between them; axes are those of the lower joint.
+"""Upper and lower joint of each segment. The sensor is assumed to be midway between them; the segment's axes are the
+axes of the lower joint.
 """
 
 DIRECTION_ERROR_RAD: Final = 0.07
-"""Error of a segment's direction: four degrees. In twelve real recordings, tracked thighs were off by 2.7 degrees in
-the median and by 4.8 in the worst.
+"""Standard deviation of the error of a segment's direction (four degrees). In twelve real recordings, tracked thighs
+were off by 2.7 degrees in the median and by 4.8 in the worst.
 """
 
 GRAVITY_M_S2: Final = 9.81
@@ -67,7 +68,7 @@ def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float
     """Return the sigma that errors of the segment's direction add to an offset found from ``from_s`` to ``to_s``.
 
     If a segment is tracked too far forward in the middle of a movement, it seems early; when it moves back, it seems
-    late, so the two errors cancel. Only the change from the first to the last posture remains, for example in sitting
+    late, so both errors cancel. Only the change from the first to the last posture remains, for example in sitting
     down. It is NaN where the segment is unknown.
     """
     time_s, _, axes = _motion(joints, segment)

@@ -1,8 +1,8 @@
 """Find another clock from the movement of one segment and the sensor that is strapped to it.
 
-The sensor's mounting is unknown. So at each lag, the best rotation of the sensor's axes to those of the segment is
-found (Schönemann 1966, doi:10.1007/BF02289451), and the correlation does not depend on the mounting. A sensor whose
-axes are left-handed is accepted, and a single axis is enough.
+The sensor's mounting is unknown. So at each lag, the best rotation of the sensor's axes to the segment's axes is found
+(Schönemann 1966, doi:10.1007/BF02289451), and the correlation does not depend on the mounting. A sensor whose axes are
+left-handed is accepted, and a single axis is enough.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from anchorpose.agreement.clock import (
 )
 
 LEAST_DRIFT_S: Final = 60.0
-"""Least common time in s for which the drift is fitted. With less, the prior of the drift (100 parts in a million) is
-more precise than the fit, since offsets are known to 5 ms.
+"""Minimum common time in s for which the drift is fitted. For a shorter time, the prior of the drift (100 parts in a
+million) is more precise than the fit, since offsets are known to 5 ms.
 """
 
 LEAST_OVERLAP_S: Final = 1.5
-"""Least common time in s: that of one movement, such as standing up."""
+"""Minimum common time in s, in which one movement such as standing up takes place."""
 
 SHORT_S: Final = 10.0
 LEAST_SHORT_CORRELATION: Final = 0.9
-"""Correlation required if the common time is below ``SHORT_S`` (s), since a short movement may match others by chance.
+"""Minimum correlation if the common time is below ``SHORT_S`` (s), since a short movement may match others by chance.
 In four real recordings of 2.5 to 5 s, the correlation with the right file was 0.90 to 0.99.
 """
 
 LARGEST_MISFIT: Final = 0.7
-"""Largest misfit of the mean acceleration if the common time is below ``SHORT_S``, as a share of gravity. Other
+"""Maximum misfit of the mean acceleration, as a share of gravity, if the common time is below ``SHORT_S``. Other
 movements may correlate after a rotation, but then gravity seldom has the right direction and size. In fourteen real
 recordings, the misfit of the right file was 0.15 to 0.67.
 """
@@ -56,9 +56,9 @@ def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = Non
     """Find the sensor's clock.
 
     ours (g, 3): signals of the tracked segment, in its axes; theirs (h, k), k from 1 to 3: signals of the sensor, in
-    its axes. Units are arbitrary. near_s: an offset that is correct within half a second, None where unknown.
-    has_gravity: whether both are accelerations of three axes. Raises NoCommonMovement where the best offset explains
-    too little, or where another offset explains as much.
+    its axes. Units are arbitrary. near_s: an offset that is correct within half a second, None if unknown.
+    has_gravity: whether both are accelerations of three axes. Raises NoCommonMovement if the best offset explains too
+    little of the movement, or another offset explains equally much.
     """
     r, overlap = rotated_correlations(ours.values[::COARSE], theirs.values[::COARSE])
     clock = starting_clock(*offset_of_peak(ours, theirs, r, overlap, LEAST_OVERLAP_S, near_s))
@@ -115,7 +115,7 @@ def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray,
     """Return the rotation and scale (k, 3) from the sensor's axes and unit to the segment's, and the correlation after
     it.
 
-    clock: a clock that is nearly correct. Raises NoCommonMovement where the two signals have no time in common.
+    clock: a clock that is nearly correct. Raises NoCommonMovement if the two signals have no time in common.
     """
     x, y = (each - each.mean(axis=0) for each in _in_common(ours, theirs, clock))
     u, common, vt = np.linalg.svd(y.T @ x, full_matrices=False)

@@ -11,37 +11,41 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.recording.recording import nearest_within
 
 MOST_PULSES: Final = 1000
-"""Largest number of pulses in a file. A signal with more has no pulses, or triggers a camera, which does not determine
-offsets.
+"""Maximum number of pulses in a file. A signal with more onsets has no pulses, or triggers a camera, which does not
+determine offsets.
 """
 
 LEAST_PULSES: Final = 3
-"""Least number of matched pulses if the offset is unknown: two pulses at the same distance often occur by chance."""
+"""Minimum number of matched pulses if the offset is unknown, since two pulses at the same distance often occur by
+chance.
+"""
 
 ANCHORS: Final = 20
 """Number of onsets on the recording's clock with which offsets are tried; some may be missing in the other file."""
 
 TOLERANCE_S: Final = 0.02
-"""Largest difference in s of matched onsets: the jitter of markers from another program, or of a signal with few
-samples.
+"""Maximum difference in s of matched onsets, caused by the jitter of markers from another program, or of a signal with
+few samples.
 """
 
 LEAST_SHARE: Final = 0.5
-"""Least share of the pulses in the common time that must be matched, in each of the two files."""
+"""Minimum share of the pulses in the common time that must be matched, in each of the two files."""
 
 RIVAL_SHARE: Final = 0.75
-"""Largest share of the matched pulses that another offset may match; with more, the pulses are too evenly spaced to
+"""Maximum share of the matched pulses that another offset may match; above it, the pulses are too evenly spaced to
 decide.
 """
 
 LEAST_SIGMA_S: Final = 0.001
-"""Least standard deviation of an onset, s: it lies anywhere between two samples of a signal at 300 Hz."""
+"""Minimum standard deviation of an onset in s, for an onset anywhere between two samples of a signal at 300 Hz."""
 
 ROUNDS: Final = 5
 """Number of rounds in which line and sigma are fitted in turn."""
 
 HIGH, LOW = 0.6, 0.4
-"""Levels between the lowest value (0) and the highest (1): a pulse rises above the first, and ends below the second."""
+"""Levels on a scale from the lowest value (0) to the highest (1). A pulse begins above the first level and ends below
+the second.
+"""
 
 
 def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -70,7 +74,7 @@ def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | N
     """Find the other clock, and the number of matched pulses. ours_s (n,), theirs_s (m,): increasing onsets of the
     pulses on the recording's and on the other clock.
 
-    near_s: an offset that is right within half a second, None where unknown. Raises NoCommonMovement where too few
+    near_s: an offset that is right within half a second, None if unknown. Raises NoCommonMovement if too few
     pulses match, or another offset matches nearly as many.
     """
     if not len(ours_s) or not len(theirs_s):

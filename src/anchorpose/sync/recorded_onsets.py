@@ -24,7 +24,7 @@ def recorded_onsets(path: Path, results: Path, joints: JointTable, column: str, 
 
     path: an events.tsv, whose onsets count from the recording's first frame; or a .csv on the recording's clock, either
     with the signal ``column``, or with a single column of times, one per pulse. kind: the trial_type to take, None for
-    all. Raises InputError where the file cannot be used.
+    all. Raises InputError if the file cannot be used.
     """
     if path.suffix.lower() == ".tsv":
         return np.unique(_events(path, kind) + first_frame_s(results, joints))
@@ -70,7 +70,7 @@ def _number(path: Path, text: str) -> float:
 
 
 def first_frame_s(results: Path, joints: JointTable) -> float:
-    """Return when the recording began on the clock of its first camera; raises InputError where unknown."""
+    """Return when the recording began on the clock of its first camera; raises InputError if unknown."""
     run: dict[str, Any] = read_run(results / RUN_FILE)
     if run.get("recorded"):
         return float(run["recorded"]["first_s"])

@@ -14,7 +14,8 @@ from anchorpose.errors import InputError
 from anchorpose.options import DAY_S
 
 LARGEST_BYTES: Final = 2 * 2**30
-"""Limit in bytes of a file in XDF or EDF: 16 channels of EMG at 2 kHz take half a gigabyte per hour as floats."""
+"""Maximum size in bytes of a file in XDF or EDF; 16 channels of EMG at 2 kHz take half a gigabyte per hour as floats.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +86,7 @@ class OtherFile:
 
 
 def checked(path: Path, stream: Stream) -> Stream:
-    """Return the stream; raises InputError where its times cannot be those of a recording, or it has no values."""
+    """Return the stream; raises InputError if its times cannot be those of a recording, or it has no values."""
     where = f" of {stream.name}" if stream.name else ""
     if len(stream.time_s) < 2:
         raise InputError(path, f"has {len(stream.time_s)} samples{where}", "give the file of a movement")

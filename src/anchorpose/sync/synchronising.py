@@ -29,7 +29,7 @@ MOVEMENT, PULSES, STAMPS = "movement", "pulses", "stamps"
 """Ways in which a clock was found, as in clock.json."""
 
 STAMP_SIGMA_S: Final = 0.02
-"""Sigma of a time stamp, s: an image is stamped when it arrives, 10 to 50 ms after it was taken."""
+"""Sigma of a time stamp in s; an image is stamped when it arrives, 10 to 50 ms after it was taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +49,7 @@ class Synchronised:
 
 
 def synchronise(results: Path, other: Path, settings: SyncSettings) -> Synchronised:
-    """Find the clock of ``other``; raises InputError where a file cannot be used or the two have no movement, pulses or
+    """Find the clock of ``other``; raises InputError if a file cannot be used or the two have no movement, pulses or
     time in common.
     """
     way = _way(settings)
@@ -123,7 +123,7 @@ def _by_pulses(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def other_onsets(other: OtherFile, name: str) -> np.ndarray:
-    """Return the onsets (p,) of a stream of markers, or of a signal's pulses; raises InputError where neither
+    """Return the onsets (p,) of a stream of markers, or of a signal's pulses; raises InputError if neither
     exists.
     """
     markers = [each for each in other.markers if each.name == name]
@@ -157,7 +157,7 @@ def _by_stamps(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def _common(joints: JointTable, other: OtherFile, offset_s: float) -> tuple[float, float]:
-    """Return the times on the recording's clock between which both devices recorded; raises InputError where they have
+    """Return the times on the recording's clock between which both devices recorded; raises InputError if they have
     no time in common.
     """
     times_s = [*(each.time_s for each in other.streams), *(each.time_s for each in other.markers)]

@@ -35,11 +35,13 @@ SIGNALS_FILE: Final = "signals.parquet"
 SYNC: Final = FolderKind("a synchronisation", (CLOCK_FILE,), (CLOCK_FILE, JOINTS_FILE, SIGNALS_FILE, EVENTS_FILE))
 
 SEVERAL: Final = 2.0
-"""Number of samples per frame from which a signal is averaged over the frame's time; with fewer it is interpolated."""
+"""Minimum number of samples per frame of a signal that is averaged over the frame's time; a signal with fewer samples
+is interpolated.
+"""
 
 
 def write_sync(folder: Path, found: Synchronised, overwrite: bool = False) -> None:
-    """Write all files into a new folder, or over those of an earlier one; raises as ``check_results_path``."""
+    """Write all files into a new folder, or replace an earlier synchronisation; raises as ``check_results_path``."""
     check_results_path(folder, None, overwrite, SYNC)
     signals, events = signal_table(found), list(_events(found))
     with whole_or_nothing(folder, SYNC.own if overwrite else ()) as work:
@@ -87,7 +89,7 @@ def signal_table(found: Synchronised) -> pa.Table:
     missing.
 
     A signal with several samples per frame has its mean over the frame's time, and a column NAME_rms with the root mean
-    square, as is usual for EMG; other signals are interpolated. Raises InputError where the table already has a column
+    square, as is usual for EMG; other signals are interpolated. Raises InputError if the table already has a column
     of that name.
     """
     time_s = found.joints.time_s

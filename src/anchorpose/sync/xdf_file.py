@@ -23,7 +23,7 @@ def read_xdf(path: Path) -> OtherFile:
     """Read streams of numbers as signals, streams of texts as markers; times are corrected by the file's clock
     offsets.
 
-    Raises InputError where it is not XDF or is empty, MissingPackage without pyxdf.
+    Raises InputError if it is not XDF or is empty, MissingPackage without pyxdf.
     """
     try:
         import pyxdf

@@ -30,7 +30,7 @@ class Guard:
     loopback: bool
 
     def path_within(self, path: str) -> str | None:
-        """Return the rest of a request's path after the token, without the query; None where the token is missing."""
+        """Return the rest of a request's path after the token, without the query; None if the token is missing."""
         first, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
         return rest if hmac.compare_digest(first.encode(), self.token.encode()) else None
 
@@ -54,7 +54,7 @@ def new_token() -> str:
 
 
 def _name_in(host: str) -> str:
-    """Return the name in a Host header without its port; empty where it is malformed."""
+    """Return the name in a Host header without its port; empty if it is malformed."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:
@@ -71,16 +71,16 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-MOST: Final = 48  # largest number of open connections; some systems allow 256 open files, and depth images need some
-MOST_PER_CLIENT: Final = 24  # from one address: four windows, each with the six connections of a browser
-CLOSING_S: Final = 1.0  # s; time allowed for a connection to close after shutdown
+MOST: Final = 48  # maximum number of open connections; some systems allow only 256 open files
+MOST_PER_CLIENT: Final = 24  # the same for one address: four windows, each with a browser's six connections
+CLOSING_S: Final = 1.0  # s allowed for a connection to close after shutdown
 
 
 @dataclass(slots=True, eq=False)
 class _Connection:
     request: socket.socket
     client: str
-    known: bool = False  # whether it has sent a request with the token
+    known: bool = False  # whether the connection has sent a request with the token
     leaving: bool = False
 
 
@@ -118,7 +118,7 @@ class Connections:
             self._changed.notify_all()
 
     def _in_the_way(self, client: str) -> list[_Connection]:
-        """Return the connections of which one must be closed before ``client`` may open another; empty if there is
+        """Return the connections, one of which must be closed before ``client`` may open another; none if there is
         space.
         """
         if len(self._open) >= MOST:

@@ -1,6 +1,6 @@
 """Provide the depth images behind the results: labelled points of all cameras, and the patient's surface.
 
-The clocks are those of the run, so that images shown together are those tracked together.
+The cameras' clocks are taken from the run, so images that were tracked together are shown together.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
     return tuple(Clock(**clocks[camera]) for camera in cameras)
 
 
-# pixels to either side over which slopes are computed: 5 cm at 2 m. Over fewer pixels, noise would be visible
+# number of pixels to either side over which slopes are computed (5 cm at 2 m); over fewer, noise would be visible
 REACH_PX: Final = 4
-JUMP_M: Final = 0.15  # m; a larger step is the edge of another surface
+JUMP_M: Final = 0.15  # m, maximum step in depth within a surface; a larger step is the edge of another surface
 
 _LIGHT: Final = np.array(
     [0.35, -0.5, -0.79]
@@ -69,10 +69,12 @@ UNLABELLED: Final = 255
 """Label of all pixels if there is no people.parquet."""
 
 ROOM_STEP: Final = 3
-"""Step in rows and columns at which pixels of the room are sent: enough for orientation."""
+"""Step in rows and columns at which pixels of the room are sent, which is fine enough for orientation."""
 
 UNLABELLED_STEP: Final = 2
-"""Step in rows and columns of images without person labels: most of their pixels are room."""
+"""Step in rows and columns at which pixels of images without person labels are sent, since most of these pixels show
+the room.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +82,7 @@ class DepthFrames:
     """A recording on the clocks and in the world of a run.
 
     pairs (n, cameras): for each frame of the results, the index of each camera's depth image in its stream, -1 = none.
-    people: None where the results have no person labels.
+    people: None if the results have no person labels.
     """
 
     recording: Recording
@@ -167,7 +169,7 @@ class DepthFrames:
         return picture.depth_m, f"the picture {picture.problem}" if picture.problem else ""
 
     def labels(self, position: int, camera: int) -> np.ndarray | None:
-        """Return the labels (height, width) uint8; all ``ROOM`` in a frame without people, None where the results have
+        """Return the labels (height, width) uint8; all ``ROOM`` in a frame without people, None if the results have
         no labels.
         """
         if self.people is None:
@@ -179,7 +181,7 @@ class DepthFrames:
 
 
 def open_depth_frames(folder: Path, results: Path, run: dict[str, Any], frame: np.ndarray) -> DepthFrames:
-    """Open the recording from which the results were made; raises InputError where it is another recording.
+    """Open the recording from which the results were made; raises InputError if it is another recording.
 
     frame (n,): the numbers of the results' frames.
     """

@@ -28,9 +28,9 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.document import parse_json
 from anchorpose.viewer.access import Connections, Guard, is_loopback, new_token
 
-MOST_BYTES: Final = 64 * 1024  # bytes, largest body of a request: a correction has some hundred
-IDLE_S: Final = 20.0  # s; a connection without a request for so long is closed; the browser opens another
-PATIENCE_S: Final = 120.0  # s; a browser that reads nothing of an answer for so long is gone
+MOST_BYTES: Final = 64 * 1024  # bytes, maximum body of a request; a correction has some hundred bytes
+IDLE_S: Final = 20.0  # s; a connection without a request for this time is closed; the browser then opens another
+PATIENCE_S: Final = 120.0  # s; a browser that reads nothing of an answer for this time is treated as disconnected
 
 
 BYTES: Final = "application/octet-stream"
@@ -56,7 +56,7 @@ class Response:
 
 
 def json_response(value: Any) -> Response:
-    """Return a JSON response; raises ValueError where a number is NaN, which JSON does not have."""
+    """Return a JSON response; raises ValueError if a number is NaN, which JSON does not have."""
     return Response(json.dumps(value, allow_nan=False).encode(), JSON)
 
 
@@ -74,7 +74,7 @@ class GuardedServer(ThreadingHTTPServer):
     """A server that listens as soon as it is made, and answers in ``serve_forever``.
 
     address: the address to open; page: the name of the page that the address shows; program: name of the command that
-    printed the address, for refusals. Raises AnchorposeError where it cannot listen on ``host`` and ``port``.
+    printed the address, for refusals. Raises AnchorposeError if it cannot listen on ``host`` and ``port``.
     """
 
     daemon_threads = True
@@ -143,7 +143,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.answer_get(name)
 
     def answer_get(self, name: str) -> None:
-        """Answer a request for anything that is not a file."""
+        """Answer a request for data, that is, for a name that is not a file."""
         raise NotImplementedError
 
     def do_POST(self) -> None:
@@ -200,7 +200,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.wfile.write(response.content)
 
     def send_head(self, status: HTTPStatus, kind: str, more: Mapping[str, str]) -> None:
-        """Send status and headers. more: headers besides those of every answer."""
+        """Send status and headers. more: headers in addition to the headers of every answer."""
         self.send_response(status)
         self.send_header("Content-Type", kind)
         for name, value in more.items():

@@ -33,7 +33,7 @@ class Progress(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class WorkStatus:
-    """The state of the work for the page: the row of the results for which hypotheses are computed, the number of
+    """The state of the work, for the page: the row of the results for which hypotheses are computed, the number of
     frames read so far, and messages.
     """
 
@@ -66,7 +66,7 @@ class HypothesisWorker:
             return self._data
 
     def start(self, position: int, recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None) -> None:
-        """Start the work on the frame with this number; patient_xz_m: the patient's place in the results, None where
+        """Start the work on the frame with this number; patient_xz_m: the patient's place in the results, None if
         lost.
         """
         self.cancel()

@@ -23,7 +23,7 @@ from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.review import Review
 
 MAGIC: Final = b"APV1"
-ALIGNED: Final = 8  # bytes: a browser's typed array begins at a multiple of its item size
+ALIGNED: Final = 8  # bytes; a browser's typed array must begin at a multiple of its item size
 
 TYPES: Final = ("uint8", "uint16", "int16", "int32", "uint32", "float32", "float64")
 
@@ -54,9 +54,9 @@ def _up(place: int) -> int:
     return place + -place % ALIGNED
 
 
-MOST_FRAMES: Final = 32  # largest number of frames of points or surfaces in one answer
+MOST_FRAMES: Final = 32  # maximum number of frames of points or surfaces in one answer
 SAMPLED: Final = 2000  # number of frames from which the middle of the view is computed
-MOST_ROWS: Final = 512  # largest number of frames of the tables in one answer: some hundred kilobytes
+MOST_ROWS: Final = 512  # maximum number of frames of the tables in one answer; they take some hundred kilobytes
 
 
 def overview_payload(review: Review) -> bytes:
@@ -131,11 +131,12 @@ def curves_payload(review: Review, first: int, count: int) -> bytes:
 
 
 INTERVALS: Final = 800
-"""Number of intervals of the drawn time: a chart is some 400 pixels wide."""
+"""Number of intervals into which the drawn time is divided, for a chart some 400 pixels wide."""
 
 KEPT: Final = 5
-"""Largest number of frames kept per interval and angle: those with the least and the largest value, the widest sigma,
-the first unknown angle and the first inferred angle. So no peak, no gap and no inferred frame disappears.
+"""Maximum number of frames kept per interval and angle: the frames with the smallest value, the largest value, the
+largest sigma, the first unknown angle and the first inferred angle. So no peak, no gap and no inferred frame
+disappears.
 """
 
 
@@ -212,7 +213,7 @@ def _rows(frames: int, first: int, count: int, most: int) -> slice:
     return slice(first, min(first + count, frames))
 
 
-INFLUENCES: Final = 4  # number of bones per point on the graphics card; without the rest, points move by at most 5 mm
+INFLUENCES: Final = 4  # number of bones that move a point on the graphics card; more would shift it by 5 mm at most
 
 
 def moving_ancestor(asset: BodyAsset) -> np.ndarray:
@@ -225,7 +226,7 @@ def moving_ancestor(asset: BodyAsset) -> np.ndarray:
 
 
 def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
-    """Return the arrays of the page's body; None where no body was learnt.
+    """Return the arrays of the page's body; None if no body was learnt.
 
     vertices (v, 3) and normals (v, 3) float32 at rest, faces (f, 3) uint32, bones (v, 4) uint8 rows of
     ``MOVING_BONES``, weights (v, 4) float32, heads (21, 3) float32: the centres of rotation at rest. Posed:

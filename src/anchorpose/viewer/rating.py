@@ -1,7 +1,7 @@
 """Serve the page for blinded raters: it shows trials in random order, and nothing that reveals their condition or
 number.
 
-For the page, the trials in the order shown are a single recording with its own frame numbers and a time from 0. So no
+To the page, the trials in the order shown are a single recording with other frame numbers and a time from 0. So no
 request of the page states a trial, a frame of the recording, or a time of the session.
 """
 
@@ -97,7 +97,7 @@ class ScoreFile:
     """A writer of scores to one rater's file. The file is locked and read again for each score. If it does not exist,
     it is made with the order of trials.
 
-    Raises InputError where the file cannot be used, or is about another session or rater.
+    Raises InputError if the file cannot be used, or is about another session or rater.
     """
 
     def __init__(self, path: Path, rater: str, session: str, trials: Sequence[int]) -> None:
@@ -164,7 +164,7 @@ class RatingServer(ReviewServer):
 def open_rating(results: Path, recording: Path | None, rater: str, host: str, port: int) -> RatingServer:
     """Return a server that listens; the scores go to ``ratings_beside`` the results.
 
-    Raises InputError where results, recording or scores cannot be used or there are no trials, AnchorposeError where it
+    Raises InputError if results, recording or scores cannot be used or there are no trials, AnchorposeError if it
     cannot listen on ``host`` and ``port``.
     """
     initials = require_initials(results, rater)
@@ -197,7 +197,7 @@ def _trials_of(results: Path, review: Review) -> Trials:
 
 
 def _shown(results: Path, trials: Trials, review: Review) -> list[int]:
-    """Return the numbers of the trials that have at least two tracked frames; raises InputError where no trial has."""
+    """Return the numbers of the trials that have at least two tracked frames; raises InputError if no trial has."""
     parts = {trial.number: trial_rows(trial, review.joints.time_s) for trial in trials.rows}
     found = [number for number, part in parts.items() if part.stop - part.start >= LEAST_FRAMES]
     if not found:

@@ -62,7 +62,7 @@ class Review:
 
 
 def open_review(results: Path, recording: Path | None) -> Review:
-    """Open a review; raises InputError where the results are unreadable, or were made from another recording."""
+    """Open a review; raises InputError if the results are unreadable, or were made from another recording."""
     if not results.is_dir():
         raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
     joints, run = JOINTS.read(results / JOINTS.file), read_run(results / RUN_FILE)
@@ -159,9 +159,9 @@ def _equipment(depth_frames: DepthFrames) -> dict[str, Any] | None:
     return {"vertices": vertices.round(4).ravel().tolist(), "faces": faces.ravel().tolist()}
 
 
-APART_S: Final = 1.0  # s; two frames closer than this show the same situation
-MOST_OF_A_KIND: Final = 12  # largest number of listed frames with the same kind of reason
-FEW_MATCHED: Final = 0.9  # share of matched points; good recordings have 0.95 to 1
+APART_S: Final = 1.0  # s, minimum time between two listed frames; closer frames show the same situation
+MOST_OF_A_KIND: Final = 12  # maximum number of listed frames with the same kind of reason
+FEW_MATCHED: Final = 0.9  # share of matched points below which a frame is listed; good recordings have 0.95 to 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +215,9 @@ def _lost(lost: np.ndarray) -> str:
 
 
 PATIENCE_S: Final = 10.0
-"""Longest wait in s for the lock. A change takes milliseconds: a program that holds the lock this long is stuck."""
+"""Maximum waiting time in s for the lock. A change takes milliseconds, so a program that holds the lock this long is
+stuck.
+"""
 
 POLL_S: Final = 0.005
 
@@ -225,7 +227,7 @@ def locked(path: Path) -> Iterator[None]:
     """Keep out other threads and programs that lock the same file until the block ends.
 
     The operating system holds the lock, so that a program that dies leaves no lock behind; the empty lock file stays.
-    Raises InputError where another program holds it for ``PATIENCE_S``, or where no lock is possible.
+    Raises InputError if another program holds it for ``PATIENCE_S``, or if no lock is possible.
     """
     lock = FileLock(path.with_name(f".{path.name}.lock"))
     try:
@@ -247,7 +249,7 @@ class CorrectionFile:
 
     It is locked and read again for each change, so that several viewers can work on it at once. initial: the
     corrections that are valid while the file does not exist. The first change writes them too, so that a second review
-    keeps the corrections of the first. Raises InputError where the file cannot be used, or is about another recording
+    keeps the corrections of the first. Raises InputError if the file cannot be used, or is about another recording
     or world.
     """
 
@@ -265,7 +267,9 @@ class CorrectionFile:
         return found
 
     def add(self, given: dict[str, Any]) -> Corrections:
-        """Add a correction. Its times and its ``when`` are not given but filled in here; raises InputError."""
+        """Add a correction. Its times and its field ``when`` are filled in here. Raises InputError if it cannot be
+        added.
+        """
         timed = {**given, "when": now_utc()}
         for frame, time_key in (("first_frame", "start_s"), ("last_frame", "end_s"), ("frame", "time_s")):
             if frame in given:
@@ -278,7 +282,7 @@ class CorrectionFile:
 
     def take_back(self, given: dict[str, Any]) -> Corrections:
         """Move an ``entry``, given exactly as in the file, to the withdrawn entries, with the name ``who``; raises
-        InputError, or ValueError where the entry does not exist.
+        InputError, or ValueError if the entry does not exist.
         """
         withdrawal = parse_withdrawal(Path("correction"), {**given, "when": now_utc()})
         with locked(self.path):

@@ -77,7 +77,7 @@ class ReviewApi:
 
 
 class ViewerApi(ReviewApi):
-    """The answers to the viewer's requests: those of ``ReviewApi``, and curves, corrections and hypotheses."""
+    """The answers to the viewer's requests: in addition to ``ReviewApi``, curves, corrections and hypotheses."""
 
     def __init__(self, review: Review, corrections: CorrectionFile, who: str) -> None:
         super().__init__(review)
@@ -173,8 +173,8 @@ def open_viewer(
 ) -> ViewerServer:
     """Return a server that listens; corrections: the file to extend, by default ``corrections_beside`` the results.
 
-    A new file begins with the corrections that the results were tracked with. Raises InputError where results,
-    recording or corrections cannot be used, AnchorposeError where it cannot listen on ``host`` and ``port``.
+    A new file begins with the corrections that the results were tracked with. Raises InputError if results,
+    recording or corrections cannot be used, AnchorposeError if it cannot listen on ``host`` and ``port``.
     """
     review = open_review(results, recording)
     if corrections is not None and not corrections.exists():

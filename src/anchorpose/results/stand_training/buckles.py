@@ -41,8 +41,8 @@ STILL_DEEPER_S: Final = 0.4
 
 
 LEAD_SHARE: Final = 0.33
-"""Least lead of the knee over the other knee, as a share of the depth. If the other knee flexes by two thirds as much,
-the movement is a squat.
+"""Minimum lead of the knee over the other knee, as a share of the depth. If the other knee flexes by two thirds as
+much, the movement is a squat.
 """
 
 

@@ -113,7 +113,8 @@ SCALE_ERROR: Final = 0.03
 """Standard deviation of the relative error of sway, measured on simulated recordings."""
 
 STEPS_PER_PERIOD: Final = 4.0
-"""Least number of frames per period of the cutoff, since noise is measured between the cutoff and half the frame rate.
+"""Minimum number of frames per period of the cutoff frequency, since noise is measured between this frequency and half
+the frame rate.
 """
 
 UNITS: Final = {
@@ -129,10 +130,10 @@ UNITS: Final = {
 class SwayConfig:
     """Settings of which bouts, and which part of their movement, count as sway."""
 
-    cutoff_hz: Positive = 1.5  # low-pass; a standing body sways below 1 Hz, the joints' noise lies above
+    cutoff_hz: Positive = 1.5  # cutoff of the low-pass; a standing body sways below 1 Hz
     shortest_bout_s: Positive = 5.0
-    settle_s: NotNegative = 1.0  # s after standing up that are left out: the body is not at rest yet
-    times_noise: Annotated[float, Field(ge=1)] = 2.0  # least path reported, in paths of noise alone
+    settle_s: NotNegative = 1.0  # s after standing up that are left out, since the body is not at rest yet
+    times_noise: Annotated[float, Field(ge=1)] = 2.0  # minimum reported path as a multiple of the noise's path
 
 
 class Bout(NamedTuple):
@@ -180,7 +181,7 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
 
 
 def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tuple[str, float | None, float | None]]:
-    """Return name, value and sigma of each sway measure, in the units of ``UNITS``; None where most of the value may be
+    """Return name, value and sigma of each sway measure, in the units of ``UNITS``; None if most of the value may be
     noise.
     """
     deviation = 1000.0 * np.concatenate([bout.deviation_m for bout in bouts])
@@ -208,7 +209,7 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
 
 
 def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
-    """Return sigma of a value: the scale error combined with the enlargement by noise, which is added to the value in
+    """Return sigma of a value. It combines the scale error with the enlargement by noise; noise enlarges the value in
     quadrature.
     """
     added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))

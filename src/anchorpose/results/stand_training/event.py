@@ -21,7 +21,7 @@ from anchorpose.results.uncertainty import SYSTEMATIC_SHARE
 from anchorpose.settings import Positive, settings
 
 LEAST_HZ: Final = 10.0
-"""Least frame rate in Hz: with a lower rate, the fast part of an event has fewer than four frames."""
+"""Minimum frame rate in Hz; at a lower rate, the fast part of an event has fewer than four frames."""
 
 TOO_SLOW: Final = f"events need {LEAST_HZ:g} frames a second or more"
 
@@ -38,15 +38,17 @@ error.
 class EventConfig:
     """Settings of how large a buckle, a failed stand or a recovery step must be to count as an event."""
 
-    # degrees, least depth of a buckle: in walking, a knee that takes over the load bends by 5 to 20 degrees, usually 15
+    # degrees, minimum depth of a buckle; in walking, a knee that takes over the load bends by 5 to 20 degrees, usually
+    # 15
     buckle_deg: Annotated[float, Field(gt=0, lt=90)] = 20.0
-    fast_s: Positive = 0.4  # s, longest time for a flexion by buckle_deg
-    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # least lead over the other knee; with less it is a squat
-    # least rise of a failed stand, as a share of the way from the seat to a straight leg: about 12 cm
+    fast_s: Positive = 0.4  # s, maximum time for a flexion by buckle_deg
+    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # minimum lead over the other knee; less is a squat
+    # minimum rise of a failed stand, as a share of the height from the seat to straight legs; about 12 cm
     failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3
-    # m, least distance of the extrapolated centre of mass beyond the feet; less may be an error of the feet's outline
+    # m, minimum distance of the extrapolated centre of mass from the feet's outline; less may be an error of the
+    # outline
     beyond_m: Positive = 0.05
-    # least depth of an event in sigma: of 3000 windows of 0.4 s (two knees, ten minutes) 0.7 exceed it by chance
+    # minimum depth of an event in sigmas; in 3000 windows of 0.4 s (two knees, ten minutes), 0.7 exceed it by chance
     times_sigma: Positive = 3.5
 
 
@@ -104,7 +106,7 @@ def fast_enough(time_s: np.ndarray) -> bool:
 
 
 ROUNDING_S: Final = 0.001
-"""s; time stamps are often rounded to the millisecond."""
+"""Tolerance in s, since time stamps are often rounded to the millisecond."""
 
 
 EARLY, LATE = 0.1, 0.4

@@ -21,7 +21,7 @@ from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
-LEAST_PERCENTILE: Final = 5.0  # of the least flexion (100 less this of the greatest): an extreme frame is mostly error
+LEAST_PERCENTILE: Final = 5.0  # percentile that gives the least flexion (95: the greatest); extremes are mostly error
 
 
 @settings
@@ -92,8 +92,8 @@ def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
 
 
 LEAST_STANCE_M: Final = 0.08
-"""Least distance of the ankles in m: with a smaller distance, the centre of mass shows the load on each foot too
-poorly.
+"""Minimum distance of the ankles in m; at a smaller distance, the centre of mass does not determine the load on each
+foot well enough.
 """
 
 NO_STANCE: Final = (

@@ -55,7 +55,7 @@ def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Ite
 
 
 BACK: Final = 0.5
-"""Factor on the least rise of a failed stand: below it the patient is back on the seat."""
+"""Share of the minimum rise of a failed stand; if the rise is below this share, the patient is back on the seat."""
 
 BEFORE_S: Final = 1.5
 """Time in s before the pelvis leaves the seat, in which the median of its height is measured. Less than a third of this

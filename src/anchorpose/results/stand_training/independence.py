@@ -47,7 +47,7 @@ class IndependenceConfig:
 
     # A knee that takes over the load in walking bends by about 20 degrees, and still carries the body.
     extended_deg: _Degrees = 20.0
-    bent_deg: _Degrees = 25.0  # 5 more, so that errors of an angle, 3 to 5 degrees, do not end an extension
+    bent_deg: _Degrees = 25.0  # 5 more, so that errors of an angle (3 to 5 degrees) do not end an extension
 
     def __post_init__(self) -> None:
         if self.bent_deg < self.extended_deg:

@@ -29,15 +29,15 @@ SMOOTHING_S: Final = 0.05
 """Standard deviation in s of the kernel that smooths the centre of mass, so that its speed is not mostly noise."""
 
 FOOT_M: Final = 0.05
-"""Length in m by which the sole extends beyond a foot's joints: the heel behind the ankle, the toes before the toe
-base.
+"""Length in m by which the sole extends beyond a foot's joints (the heel behind the ankle, the toes in front of the toe
+base).
 """
 
 STILL_S: Final = 1.0
-"""Least time in s without another step before a recovery step: people who walk place a foot all the time."""
+"""Minimum time in s without another step before a recovery step, since people who walk place a foot all the time."""
 
 WITHIN_S: Final = 1.2
-"""Longest time in seconds from the loss of balance to foot strike; a longer fall is not caught by a step."""
+"""Maximum time in seconds from the loss of balance to foot strike; a longer fall is not caught by a step."""
 
 _ANKLES: Final = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
 _FEET: Final = [*_ANKLES, JOINT_INDEX["FootLeft"], JOINT_INDEX["FootRight"]]

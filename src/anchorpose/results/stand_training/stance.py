@@ -135,8 +135,8 @@ def _leg_length(joints: JointTable) -> float:
 
 @settings
 class UprightConfig:
-    """Settings of when the patient is upright. This begins when all three limits are met and ends when one of the wider
-    limits is passed (hysteresis).
+    """Settings of when the patient counts as upright: from when all three limits are met until one of the wider limits
+    is passed (hysteresis).
 
     Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
     doi:10.1123/jpah.2011-0347). By the thigh alone, kneeling and hanging over a rail would count as upright; the
@@ -145,7 +145,7 @@ class UprightConfig:
 
     thigh_enter_deg: Positive = 40.0
     thigh_leave_deg: Positive = 45.0
-    height_enter: Positive = 0.85  # pelvis height in leg lengths: thigh and shank about 30 degrees off the vertical
+    height_enter: Positive = 0.85  # pelvis height in leg lengths; thigh and shank are then tilted by about 30 degrees
     height_leave: Positive = 0.80
     trunk_enter_deg: Positive = 45.0
     trunk_leave_deg: Positive = 50.0
@@ -159,7 +159,7 @@ class UprightConfig:
 
 class Limits(NamedTuple):
     """Three arrays (n,) bool: whether all limits for becoming upright are met; whether one of the wider limits is
-    passed, which ends being upright; whether no needed joint is lost.
+    passed, so that the patient is no longer upright; whether no needed joint is lost.
     """
 
     begins: np.ndarray
@@ -204,8 +204,8 @@ def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
 class Session:
     """A session: joints, angles, posture, stance of the same frames; seconds (n,) that each frame represents.
 
-    contacts: with people and equipment, None where the results folder has no table of them; equipment: the parts with
-    which contacts were searched, empty where the recording has no model of the equipment.
+    contacts: with people and equipment, None if the results folder has no table of them; equipment: the parts with
+    which contacts were searched, empty if the recording has no model of the equipment.
     """
 
     joints: JointTable
@@ -219,12 +219,12 @@ class Session:
 
     @property
     def helping(self) -> tuple[Contact, ...] | None:
-        """Return the contacts with people; None where they are unknown."""
+        """Return the contacts with people; None if they are unknown."""
         return None if self.contacts is None else with_people(self.contacts)
 
     @property
     def supports(self) -> tuple[Contact, ...] | None:
-        """Return the contacts with the equipment; None where they are unknown."""
+        """Return the contacts with the equipment; None if they are unknown."""
         return None if self.contacts is None or not self.equipment else with_equipment(self.contacts)
 
     @property

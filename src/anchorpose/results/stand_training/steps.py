@@ -1,8 +1,8 @@
 """Find steps, by when each foot leaves the floor and comes down again, and compute measures of them.
 
 A foot swings while its ankle moves over the floor and the other ankle rests. Joints do not show forces, so foot off and
-foot strike are taken to be the moments at which the ankle's movement begins and ends. They are some hundredths of a
-second off.
+foot strike are taken to be the moments at which the ankle's movement begins and ends. Both have an error of some
+hundredths of a second.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ EVENT_SIGMA_S: Final = 0.06
 """Standard deviation in s of the error of a foot off or foot strike, measured on simulated steps (docs/measures.md)."""
 
 LONGEST_PAUSE_S: Final = 2.0
-"""Longest time in s between successive steps; steps farther apart do not follow each other."""
+"""Maximum time in s between successive steps; after a longer time, a new series of steps begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +183,7 @@ def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
 def _mean(
     session: Session, name: str, side: str | None, unit: str, found: list[tuple[float, Step]], sigma: float, why: str
 ) -> Measure:
-    """Return the mean of the values; half of the variance of each value's error is assumed to be common to all."""
+    """Return the mean of the values; half of the variance of each value's error is taken to be common to all values."""
     if not found:
         return unknown(name, unit, why, side)
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]

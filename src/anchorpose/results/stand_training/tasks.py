@@ -26,12 +26,12 @@ SIDES: Final = ("left", "right")
 TIMES: Final = 5
 LONGEST_SEATED_S: Final = 2.0
 LONGEST_STOOD_S: Final = 5.0
-"""Longest times in s of sitting and of standing between two changes. A patient who rests longer on the seat does
+"""Maximum times in s of sitting and of standing between two changes. A patient who rests longer on the seat does
 another test; a slow patient may need time to stand steadily.
 """
 
 TOUCH_S: Final = 0.1
-"""Least duration of sitting and standing in s: in the test people only touch the seat and rise again."""
+"""Minimum duration of sitting and standing in s; in the test, people only touch the seat and rise again."""
 
 
 def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measure:
@@ -76,12 +76,14 @@ it exceeds the second.
 """
 
 STRAIGHT: Final = 0.92
-"""Least distance from shoulder to wrist, as a share of the arm's length: the elbow is then bent by less than 45
+"""Minimum distance from shoulder to wrist, as a share of the arm's length; above it, the elbow is bent by less than 45
 degrees.
 """
 
 FORWARD: Final = 0.85
-"""Least forward component of the raised arm, as a share of its length: the arm points at most 32 degrees to a side."""
+"""Minimum forward component of the raised arm, as a share of its length; above it, the arm points at most 32 degrees to
+a side.
+"""
 
 BASE_M: Final = 0.05
 START_S: Final = 0.5
@@ -161,12 +163,12 @@ second.
 """
 
 LEAST_STANCE_S: Final = 1.0
-"""Least duration in s; a shorter stance on one leg is a step."""
+"""Minimum duration in s of a stance on one leg; a shorter stance is part of a step."""
 
 
 def single_leg_stance(session: Session, side: str) -> Measure:
-    """Measure the longest time in seconds on the leg of this side, the other foot off the floor, while upright and in
-    place.
+    """Measure the longest time in seconds on the leg of this side, the other foot off the floor, while the patient is
+    upright and stays in place.
     """
     measure, time_s = "single_leg_stance", session.joints.time_s
     stands, lifted = (JOINT_INDEX[f"Ankle{name.capitalize()}"] for name in (side, _OTHER[side]))

@@ -49,7 +49,7 @@ def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tu
     """Return the time with any contact, and its sigma.
 
     Without contacts there is no sigma, since it is unknown how many were missed. Each beginning and each end may be
-    wrong by a frame, and the unseen part of a contact may not exist.
+    wrong by one frame, and the unseen part of a contact may be wrong altogether.
     """
     any_of = touch.at_once > 0
     if not any_of.any():

@@ -21,10 +21,12 @@ from anchorpose.settings import Positive, settings
 LOWEST_HZ, HIGHEST_HZ = 3.0, 8.0
 
 LEAST_HZ: Final = 20.0
-"""Least frame rate in Hz: 2.5 frames per period of the fastest oscillation."""
+"""Minimum frame rate in Hz, which gives 2.5 frames per period of the fastest oscillation."""
 
 WINDOW_S: Final = 2.0
-"""Length of a window in s: six periods of the slowest oscillation. Frequencies are then half a hertz apart."""
+"""Length of a window in s, which contains six periods of the slowest oscillation. The frequencies of its spectrum are
+half a hertz apart.
+"""
 
 MOVEMENT_HZ: Final = 1.0
 """Frequency in Hz up to which power is posture and slow movement; it does not count against an oscillation."""
@@ -45,8 +47,8 @@ NONE: Final = "no such oscillation was seen"
 class TremorConfig:
     """Settings of when an oscillation counts as tremor or clonus."""
 
-    least_deg: Positive = 1.0  # least amplitude (half of peak to peak); smaller is hardly visible
-    # least share of the power above 1 Hz that the peak holds; errors without rhythm have 0.1 at 30 frames per second
+    least_deg: Positive = 1.0  # minimum amplitude (half of peak to peak); less is hardly visible
+    # minimum share of the peak in the power above 1 Hz; for errors without rhythm it is 0.1 at 30 frames per second
     peak_share: Annotated[float, Field(gt=0, lt=1)] = 0.6
 
 
@@ -106,7 +108,7 @@ def _stepping(session: Session) -> np.ndarray:
 SEEN: Final = STATE_CODE[JointState.OBSERVED]
 
 ROUNDING_S: Final = 0.001
-"""s; time stamps are often rounded to the millisecond."""
+"""Tolerance in s, since time stamps are often rounded to the millisecond."""
 
 
 def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Iterator[Window]:

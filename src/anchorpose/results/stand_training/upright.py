@@ -114,12 +114,12 @@ class TransitionConfig:
 
     seated_enter_deg: Positive = 65.0
     seated_leave_deg: Positive = 55.0
-    behind_feet_m: Positive = 0.07  # m, least distance of the centre of mass behind the ankles: a heel plus errors
+    behind_feet_m: Positive = 0.07  # m, minimum distance of the centre of mass behind the ankles; a heel plus errors
     rest_s: Positive = 1.0  # s for which the pelvis must stay within ``rest_height`` of its seated or standing height
     rest_height: Positive = 0.05  # leg lengths, tolerance of the pelvis's height at rest
-    settle_s: Positive = 3.0  # s of each posture next to the transition, by which the two heights are measured
-    edge: Positive = 0.05  # the transition begins at this share of the rise, and ends this much before its end
-    longest_s: Positive = 20.0  # s; a longer change includes a pause between sitting and standing
+    settle_s: Positive = 3.0  # s next to the transition, before and after it, in which the posture's height is measured
+    edge: Positive = 0.05  # share of the rise; the transition begins after it and ends this share before the end
+    longest_s: Positive = 20.0  # s, maximum duration; a longer change includes a pause between sitting and standing
 
     def __post_init__(self) -> None:
         if not self.seated_leave_deg <= self.seated_enter_deg < 90:
