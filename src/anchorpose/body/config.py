@@ -34,8 +34,9 @@ class RegistrationConfig:
     only the surface.
     """
 
-    least_nodes: Count = 150  # fewest nodes for a registration; a patient has about 3,500, a hand alone has fewer
-    node_count: Count = 2500  # most nodes used: enough for 60 parameters; more only cost time
+    # minimum number of nodes for a registration; a patient has about 3,500, a hand alone has fewer
+    least_nodes: Count = 150
+    node_count: Count = 2500  # maximum number of nodes used: enough for 60 parameters; more only cost time
     surface_sigma_m: Positive = 0.010  # m, standard deviation of a node's distance from the skin: clothes and sensor
     rows_per_observation: Positive = 8.0  # neighbouring nodes that count as one observation, since they share errors
     # sources of alternatives to a pose in doubt; use fewer only for a comparison
@@ -58,13 +59,13 @@ class LearningConfig:
 class VisibilityConfig:
     """Settings of when skin counts as seen."""
 
-    reach_m: Positive = 0.04  # m, largest gap between seen skin and its reading: clothes, sensor and pose error
+    reach_m: Positive = 0.04  # m, maximum gap between seen skin and its reading: clothes, sensor and pose error
 
 
 @settings
 class UncertaintyConfig:
     """Corrections of the posterior's sigma, set on simulated people alone and in clinics (see docs/tracking.md)."""
 
-    # m, smallest sigma of a joint: joints lie inside the body, and the learnt shape is not more accurate
+    # m, minimum sigma of a joint: joints lie inside the body, and the learnt shape is not more accurate
     floor_m: Positive = 0.0035
     inflation: Positive = 0.65  # factor on the posterior's sigma; below 1, as neighbouring nodes share less error

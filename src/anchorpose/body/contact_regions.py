@@ -149,10 +149,10 @@ def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
 SIDES = ("Left", "Right")
 PLACES: Final = 6  # number of skin points that hold a foot's place and rotation
 STILL_S: Final = 0.4  # s that a foot must be seen at rest to count as standing; a step rests for less on a flat sole
-STILL_M: Final = 0.03  # m, largest movement of a standing foot: the noise of a visible ankle
+STILL_M: Final = 0.03  # m, maximum movement of a standing foot: the noise of a visible ankle
 SIGMA_M: Final = 0.02  # m, uncertainty of the foot's place when the foot becomes hidden
 DRIFT_M_S: Final = 0.05  # m/s, growth of SIGMA_M while the foot is hidden: a small step in two seconds
-# m, largest height of a standing foot's sole above the floor, as large as the uncertainty of a hidden foot's place
+# m, maximum height of a standing foot's sole above the floor, as large as the uncertainty of a hidden foot's place
 ON_FLOOR_M: Final = 0.10
 DOUBT_M: Final = 0.10  # m; if the visible knee moves farther, the foot follows it (scale of the robust kernel)
 

@@ -13,7 +13,7 @@ from anchorpose.body.skin_points import SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 
-NEAR_M: Final = 0.12  # m, largest gap that is kept: far above every gap that decides about a contact
+NEAR_M: Final = 0.12  # m, maximum gap that is kept: far above every gap that decides about a contact
 # m, error of the equipment's surface: docs/guide/equipment.md asks for measurements to one centimetre
 MODEL_SIGMA_M: Final = 0.005
 SAMPLING_M: Final = 0.005
@@ -55,7 +55,7 @@ class EquipmentGaps:
 
     part: np.ndarray  # (n,) int16, index into the parts of the equipment model
     region: np.ndarray  # (n,) uint8, index into ``REGIONS``
-    gap_m: np.ndarray  # (n,) float32, least distance from the region's skin to the part's surface, negative inside it
+    gap_m: np.ndarray  # (n,) float32, minimum distance from the region's skin to the part's surface, negative inside it
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
     area_m2: np.ndarray  # (n,) float32, area of the region's skin within reach of the part
     shown: np.ndarray  # (n,) float32, seen share of the camera-facing points of that skin; 0 if none faces a camera

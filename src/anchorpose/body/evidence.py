@@ -22,7 +22,7 @@ from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
 
 OUTLINE_SIGMA_M: Final = 0.020  # m, error of an outline: one to two pixels at 2.5 m, since edges flicker
-# pixels, least width of an object that may hide a limb; the rim of lost readings around a silhouette is thinner
+# pixels, minimum width of an object that may hide a limb; the rim of lost readings around a silhouette is thinner
 THICK_PX: Final = 5
 
 _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint")

@@ -20,7 +20,8 @@ from anchorpose.isolation.components import JumpLimit, label_components
 from anchorpose.isolation.view import PixelLabel, View
 
 HAND_M: Final = 0.2  # m, length of a hand from the finger tips to the wrist
-STANDS_OFF_M: Final = 0.015  # m, least height of fingers above the patient's skin; most errors of the skin are smaller
+# m, minimum height of fingers above the patient's skin; most errors of the skin are smaller
+STANDS_OFF_M: Final = 0.015
 SKIN_REACH_M: Final = 0.10  # m, half a thigh; a reading farther from all skin is not the patient's
 STEP_PX: Final = 2  # pixels, step between the rows and columns that are used: 14 mm at 2.5 m, a finger's width
 STEEPEST: Final = 8.0

@@ -24,7 +24,7 @@ from anchorpose.joints import JOINT_INDEX
 
 REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)  # m, reach of each step; three more steps left the bones unchanged
 REFINING_M: Final = (0.07, 0.06)  # m, reach of each step if the shape is known from earlier frames
-LARGEST_STEP: Final = 1.0  # standard deviations, largest change of a coefficient in one step of the solver
+LARGEST_STEP: Final = 1.0  # standard deviations, maximum change of a coefficient in one step of the solver
 
 
 @dataclass(frozen=True, slots=True, eq=False)

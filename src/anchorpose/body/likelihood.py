@@ -29,8 +29,9 @@ ALIKE_M: Final = 0.05  # m, side of a patch whose readings share one error: of c
 RANGE_M: Final = 4.0  # m, range of a depth camera; an unknown object may be anywhere within it
 CLUTTER: Final = 0.1  # share of the pixels that show an unknown object
 PAST: Final = 0.05  # share of the rendered skin that cameras see past in a correct pose, since outlines are rough
-LEAST_SEEN: Final = 1.0  # fewest explained observations for a part to count as seen: 25 cm2, three fingers
-LEAST_SHARE: Final = 0.15  # least explained share for a part to count as seen; a strip of thigh does not show the knee
+LEAST_SEEN: Final = 1.0  # minimum number of explained observations for a part to count as seen: 25 cm2, three fingers
+# minimum explained share for a part to count as seen; a strip of thigh does not show the knee
+LEAST_SHARE: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,7 +30,7 @@ from anchorpose.geodesics.center import center_field, limb_path
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_INDEX
 
 SIDES: Final = ("Left", "Right")
-NEIGHBOUR_M: Final = 0.05  # m, largest distance between neighbouring nodes of one piece: twice their spacing
+NEIGHBOUR_M: Final = 0.05  # m, maximum distance between neighbouring nodes of one piece: twice their spacing
 SMALLEST_M2: Final = 0.002  # m2, a few fingers: smaller uncovered pieces are clothes
 MOST_PIECES: Final = 3  # pieces examined at a time: two arms and a leg; other pieces follow once these are covered
 TURNS: Final = 4  # rounds of three solver steps: a limb may have to move by half a circle

@@ -24,9 +24,9 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import described
 from anchorpose.isolation.view import View
 
-LEAST_MATCHES: Final = 30  # fewest matches for a pose: 60 cm2 at two metres, a hand
-MATCHES: Final = 800  # most matches used; a person at two metres has 2,000, but more only cost time
-LEAST_SIGMA_M: Final = 0.03  # m, smallest error of a match: the spacing of skin points, and clothes
+LEAST_MATCHES: Final = 30  # minimum number of matches for a pose: 60 cm2 at two metres, a hand
+MATCHES: Final = 800  # maximum number of matches used; a person at two metres has 2,000, but more only cost time
+LEAST_SIGMA_M: Final = 0.03  # m, minimum error of a match: the spacing of skin points, and clothes
 MATCHES_PER_OBSERVATION: Final = 10.0  # matches that count as one, since the network's errors concern whole body parts
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
 """Distance (m) at which a match counts a quarter, per step: from a limb's length down to a limb's width."""

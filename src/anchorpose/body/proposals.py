@@ -21,7 +21,7 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.isolation.view import PixelLabel
 
-# largest increase of the sum of squared deviations from joint ranges, from the pose in doubt to a proposal
+# maximum increase of the sum of squared deviations from joint ranges, from the pose in doubt to a proposal
 MOST_UNUSUAL: Final = 10.0
 
 

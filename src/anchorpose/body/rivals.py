@@ -42,7 +42,7 @@ OWN_MEMORY_S: Final = 4.0
 LEAST_GAIN: Final = 3.0  # nats by which a new pose must be likelier: twenty times as likely
 # nats (a factor of e^6); a rival this much less likely is dropped, a rival this much likelier becomes the best pose
 DECIDED: Final = 6.0
-MOST: Final = 3  # most rivals; each costs as much time as the registration
+MOST: Final = 3  # maximum number of rivals; each costs as much time as the registration
 
 
 @dataclass(frozen=True, slots=True, eq=False)

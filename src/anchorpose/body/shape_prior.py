@@ -18,7 +18,7 @@ from anchorpose.body.standing_off import patches_of
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003  # m, its standard deviation
 PATCH_SIGMA_M: Final = 0.0035  # m, standard deviation of a patch: muscles, fat and folds without a shape direction
-THICKEST_M: Final = 0.03  # m, largest thickness of clothes
+THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
 TAILS: Final = 4.0  # degrees of freedom of Student's t distribution: 1 segment in 20 differs by over 2.8 deviations
 COVERED: Final = 4.0  # factor on the standard deviation of a segment's thickness under an orthosis or a helmet
 _HEIGHT_STEPS: Final = 3  # number of iterations: the highest and the lowest vertex may change with the shape

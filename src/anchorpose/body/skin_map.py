@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from anchorpose.body.skin_points import Body, SkinPoints
 from anchorpose.surface.surface import BodyMap
 
-LEAST_EDGE_M: Final = 1e-6  # m, least length of an edge, for missing limbs: the graph cannot have edges of length 0
+LEAST_EDGE_M: Final = 1e-6  # m, minimum length of an edge, for missing limbs: the graph cannot have edges of length 0
 LANDMARKS: Final = 24  # landmarks, one every 30 cm: enough to resolve the distances of an adult's skin points
 
 

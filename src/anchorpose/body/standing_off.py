@@ -17,8 +17,8 @@ from anchorpose.body.skin_points import CLOTHES, FittedShape, SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
-# m, least distance of a surface that stands off, 95th percentile of the skin points; it was at most 0.010 on ten people
-# without braces, 0.021 to 0.040 with a brace
+# m, minimum distance of a surface that stands off, 95th percentile of the skin points; it was at most 0.010 on ten
+# people without braces, 0.021 to 0.040 with a brace
 LEAST_M: Final = 0.015
 TOO_THICK: Final = 2.0  # deviations of girth above the other side; at most 0.9 without braces, 2.9 to 6.7 with a brace
 ORDINARY: Final = 0.5  # deviations, most that the other side's thickness counts as this person's usual thickness

@@ -26,7 +26,7 @@ TRUNK_RADIUS_M: Final = 0.22  # m, the same for joints of the spine, which are t
 LEAST_SEEN: Final = 0.2  # a joint is seen if this share of the skin around it, facing one camera, covers seen nodes
 # share of the skin around a joint outside the image, above which the joint itself lies outside
 MOST_OUTSIDE: Final = 0.5
-GRAZING: Final = 0.25  # least cosine between normal and ray; skin that is seen more edge-on returns almost no depth
+GRAZING: Final = 0.25  # minimum cosine between normal and ray; skin that is seen more edge-on returns almost no depth
 
 _TRUNK = ("Hips", "Spine")
 _REASONS = (
@@ -218,7 +218,7 @@ def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing
     return facing
 
 
-MOST_MISSING: Final = 0.5  # largest share of the camera-facing skin without a reading in a good depth image
+MOST_MISSING: Final = 0.5  # maximum share of the camera-facing skin without a reading in a good depth image
 
 
 class PoorKind(StrEnum):

@@ -26,14 +26,15 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of, pair_
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
-LEAST_SPAN_S: Final = 8.0  # s, shortest recording; in less, people walk too little, and 4 s once gave a wrong placement
+# s, minimum duration of a recording; in less, people walk too little, and 4 s once gave a wrong placement
+LEAST_SPAN_S: Final = 8.0
 PLACES: Final = 8  # number of search results that are refined; the correct one was always among the first three
-# largest share of one camera's people that lies beside the other camera's; for correct placements it was 0.01 to 0.06
+# maximum share of one camera's people that lies beside the other camera's; for correct placements it was 0.01 to 0.06
 WORST_IMPOSSIBLE: Final = 0.1
-LEAST_COMMON: Final = 0.3  # least overlap of the views; with less, no reading can contradict a wrong placement
-WORST_RESIDUAL_M: Final = 0.008  # largest residual; correct placements had 2 or 3 mm, a front fitted to a back 11 mm
+LEAST_COMMON: Final = 0.3  # minimum overlap of the views; with less, no reading can contradict a wrong placement
+WORST_RESIDUAL_M: Final = 0.008  # maximum residual; correct placements had 2 or 3 mm, a front fitted to a back 11 mm
 WORST_SIGMA_M: Final = 0.005
-WORST_SIGMA_RAD: Final = 0.0052  # largest sigma of the rotation: 0.3 degrees
+WORST_SIGMA_RAD: Final = 0.0052  # maximum sigma of the rotation: 0.3 degrees
 ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0  # factors on the limits above, while the clocks are only known to 50 ms
 DISTINCT_M: Final = 0.05  # m; placements that differ by more are different placements
 

@@ -22,14 +22,16 @@ from anchorpose.camera import Camera
 from anchorpose.recording.depth_image import RecordedFrames
 
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)  # m, edges of the height bands: the floor is below, nobody reaches above
-FAR_JUMP_M: Final = 0.08  # m, largest change within three frames; with more, another surface appears
+FAR_JUMP_M: Final = 0.08  # m, maximum change within three frames; with more, another surface appears
 SIGNAL_STEP_PX: Final = 4  # every fourth pixel of every fourth row is used: a body still has 900 pixels
 NOISE_GATE: Final = 4.0  # sigmas of the difference of two readings; smaller changes are noise
 SMOOTH_S: Final = 0.1  # s, width of smoothing, two frames at 15 Hz; limbs start and stop in 0.2 s
-LEAST_OVERLAP_S: Final = 1.5  # s, least overlap of two signals: the duration of one movement
-LEAST_OVERLAP: Final = 0.6  # least overlap as a share of the shorter signal; with less, chance agrees as well as truth
-PEAKS_APART_S: Final = 0.4  # s, least distance between two peaks of the correlation; nearer peaks count as one
-LEAST_PEAK: Final = 0.4  # least correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
+LEAST_OVERLAP_S: Final = 1.5  # s, minimum overlap of two signals: the duration of one movement
+# minimum overlap as a share of the shorter signal; with less, chance agrees as well as truth
+LEAST_OVERLAP: Final = 0.6
+PEAKS_APART_S: Final = 0.4  # s, minimum distance between two peaks of the correlation; nearer peaks count as one
+# minimum correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
+LEAST_PEAK: Final = 0.4
 CERTAIN_LEAD: Final = 2.0  # factor on the second peak above which a lag is accepted without a check by surfaces
 PEAKS: Final = 4  # number of peaks that are checked by surfaces if none is certain
 
@@ -142,15 +144,15 @@ def _vertex(score: np.ndarray, best: int) -> float:
 
 
 FRAMES_KEPT: Final = 300  # number of frames kept in memory: 260 MB for a Kinect v2
-MOST_AHEAD_S: Final = 5.0  # s, largest difference of clocks that share an epoch
-MOST_LATE_S: Final = 15.0  # s, largest time between the starts of two recorders with unrelated clocks
+MOST_AHEAD_S: Final = 5.0  # s, maximum difference of clocks that share an epoch
+MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
 BLOCK_S: Final = 12.0  # s, duration of the frames for the signals: several movements
 BLOCKS: Final = 3  # number of blocks tried for the signals, the busiest first
 WINDOW_S: Final = 2.0  # s, duration of a window from whose frames surfaces are compared
-REACH_S: Final = 0.12  # s, largest error of a lag from signals: twice the largest error ever found
+REACH_S: Final = 0.12  # s, maximum error of a lag from signals: twice the largest error ever found
 SYSTEMATIC_S: Final = 0.001  # s, systematic error of a window: 1 mm of the sensor at 1 m/s
-LEAST_WINDOWS: Final = 2  # least number of windows that must agree if the signals are not certain
-LEAST_FRAMES: Final = 8  # least number of frames in a window: 4 Hz
+LEAST_WINDOWS: Final = 2  # minimum number of windows that must agree if the signals are not certain
+LEAST_FRAMES: Final = 8  # minimum number of frames in a window: 4 Hz
 
 DRIFT_SIGMA: Final = 1e-4  # s/s; a quartz clock is accurate to 100 parts in a million
 PLACES: Final = 4  # number of times sampled in each tenth of the recording, to find the largest movement
@@ -261,7 +263,7 @@ def _motion(frames: FrameCache, time_s: float) -> float:
 def rough_lags(
     frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
-    """Return the lag of each camera from signals, None where no lag is found. Surfaces decide between a certain lag and
+    """Return the lag of each camera from signals, None if no lag is found. Surfaces decide between a certain lag and
     the lag by the time stamps or, if no lag is certain, among the best lags.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
@@ -342,7 +344,7 @@ def _block_signal(
 def _best_by_surfaces(
     frames: FrameCache, camera: int, possible: Sequence[RoughLag], times_s: Sequence[float]
 ) -> RoughLag | None:
-    """Return the lag at which this camera's surfaces fit the reference camera's best; None where none can be tested."""
+    """Return the lag at which this camera's surfaces fit the reference camera's best; None if none can be tested."""
     best, least_m = None, np.inf
     reference = RoughLag(0.0, 0.0)
     clips = [_clip(frames, 0, at_s, reference) for at_s in times_s]

@@ -21,16 +21,16 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
-APART_M: Final = 0.20  # m, least distance of a reading behind a point that counts as seen through
+APART_M: Final = 0.20  # m, minimum distance of a reading behind a point that counts as seen through
 NOISE_GATE: Final = 4.0
 POINTS: Final = 3000  # number of points of each depth frame
-FRAMES: Final = 6  # largest number of frames that are compared
+FRAMES: Final = 6  # maximum number of frames that are compared
 ABOVE_FLOOR_M: Final = 0.15  # m; lower points are left out, since the floor agrees whatever direction a camera faces
 FLOOR_SIGMA_M: Final = 0.002  # m, error of the floor's height from all cameras together
 FLOOR_SIGMA_RAD: Final = 0.0009  # the same of its direction: 0.05 degrees
-MOST_DISAGREEMENT: Final = 0.25  # largest share of one camera's points that another camera sees through
-LEAST_LEAD: Final = 0.15  # least difference in disagreement between the best and the second of symmetric choices
-LEAST_COMPARED: Final = 300  # least number of points that must be compared
+MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera sees through
+LEAST_LEAD: Final = 0.15  # minimum difference in disagreement between the best and the second of symmetric choices
+LEAST_COMPARED: Final = 300  # minimum number of points that must be compared
 
 REMEDY: Final = (
     "compare equipment.json with the room, add a background.png of the empty room, or give camera_to_world yourself"
@@ -103,7 +103,7 @@ def share_seen_through(
 def _disagreement(
     inputs: EquipmentInputs, cameras: tuple[Camera, Camera], first: int, one: SeenEquipment
 ) -> float | None:
-    """Return the share of points of one of two cameras (``first`` and ``one``) that the other sees through; None where
+    """Return the share of points of one of two cameras (``first`` and ``one``) that the other sees through; None if
     too few can be compared.
     """
     frames = inputs.sample_frames[:: max(1, len(inputs.sample_frames) // FRAMES)]
@@ -130,7 +130,7 @@ def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> Fl
 
 
 def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], seen: Sequence[SeenEquipment]) -> None:
-    """Raise InputError where one camera sees through surfaces that another sees; only pairs in which at least one pose
+    """Raise InputError if one camera sees through surfaces that another sees; only pairs in which at least one pose
     was newly found are checked.
     """
     of_index = {one.index: one for one in seen}

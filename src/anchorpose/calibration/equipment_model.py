@@ -73,7 +73,7 @@ class EquipmentCaster:
         self.part_count = len(corners)
 
     def render(self, camera: Camera, T_camera_model: np.ndarray) -> Rendering | None:
-        """Render the equipment as the camera would see it; None where none of its corners is in the image."""
+        """Render the equipment as the camera would see it; None if none of its corners is in the image."""
         points = transform_points(T_camera_model, self.vertices_m)
         window = _window(camera, points)
         if window is None:
@@ -156,12 +156,12 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
 
 
 SURFACE_POINTS: Final = 2000  # number of points: one per 10 cm^2 of the 2 m^2 of a standing frame
-LEAST_PER_PART: Final = 24  # least number of points of a part; a small part may be what distinguishes front from back
+LEAST_PER_PART: Final = 24  # minimum number of points of a part; a small part may be what distinguishes front from back
 OUTSIDE_POINTS: Final = 1000
 OUTSIDE_M: Final = (0.05, 0.09)  # m from the surface; beyond flying pixels, but so near that a wall would fill it
 
 STEP_DEG: Final = 5
-# m, largest deviation of a part from equipment.json, measured by tape; the frames of two clinics differ by more
+# m, maximum deviation of a part from equipment.json, measured by tape; the frames of two clinics differ by more
 SAME_M: Final = 0.012
 ALIKE_M: Final = 0.10  # m; rotated equipment that differs by less may be confused in the search
 TRIED_POINTS: Final = 400

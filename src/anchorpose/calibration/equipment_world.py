@@ -43,13 +43,13 @@ DOUBT_SHARE: Final = 0.2  # share of the unhidden equipment seen through, above 
 GONE_SHARE: Final = 0.4  # share of the unhidden equipment seen through, above which the equipment is gone
 # m and rad (3 degrees), above which tracking is refused: poses 3 cm and 1 degree off give 7 cm at 2.5 m
 REFUTED_M, REFUTED_RAD = 0.10, 0.052
-LEAST_PIXELS: Final = 100  # least number of pixels of a frame that show the equipment or see through it
+LEAST_PIXELS: Final = 100  # minimum number of pixels of a frame that show the equipment or see through it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moved:
     """A movement of the equipment. first: index of the first frame that shows it elsewhere; T_camera_model: its new
-    pose, None where not found; shift_m, turn_rad: size of the movement, None where the new pose was not found.
+    pose, None if not found; shift_m, turn_rad: size of the movement, None if the new pose was not found.
     """
 
     first: int
@@ -222,7 +222,7 @@ def world_from_equipment(
 
     First each camera is placed separately. Then symmetries of chi_0 are resolved, by comparing cameras and by
     ``choose_heading``. Finally all cameras get a common floor, and it is checked that no two contradict each other.
-    Raises InputError where a pose is not accepted.
+    Raises InputError if a pose is not accepted.
     """
     if recording.equipment is None:
         raise ValueError("the recording has no equipment to find the cameras from")

@@ -16,7 +16,7 @@ from anchorpose.calibration.proposal_shape import LEAST_SUPPORT, REACH_M, Fit
 OFF_LINE_M, LARGEST_CUT_M = 0.02, 0.30  # m, limits for pieces of one bar: off its line, and gap (a leg)
 SEEN_THROUGH: Final = 4  # number of rays through a gap that show that it is empty
 ALONG_M: Final = 0.01  # m; a reading this near to a bar's extension belongs to the bar; also the step along it
-DENSE: Final = 3  # least number of readings in a step; a bar one pixel wide at 3 m has five
+DENSE: Final = 3  # minimum number of readings in a step; a bar one pixel wide at 3 m has five
 LIES_M: Final = 0.06  # m above the floor; a level bar whose unseen lower side is this low lies on the floor
 TO_FLOOR_M: Final = 0.12  # m above the floor; an upright bar that ends this low stands on it, or in a runner
 

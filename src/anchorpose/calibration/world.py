@@ -53,7 +53,7 @@ def find_world(
     equipment, the world has Y up, the origin on the floor below the patient's first place, and X from the patient
     towards the camera: the patient is assumed to face the camera, and a note states this assumption. Other cameras are
     placed relative to the first by the people that both see (``placing``). rough_clocks: whether the clocks are known
-    only to 50 ms, so that these placements may be less accurate. Raises InputError where poses are missing and cannot
+    only to 50 ms, so that these placements may be less accurate. Raises InputError if poses are missing and cannot
     be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]

@@ -28,14 +28,14 @@ FOCAL_PX: Final = 200.0  # pixels, focal length of the images that the network w
 INPUTS: Final = 5  # number of layers of the network's input, see ``inputs_of``
 STEP: Final = 2  # the network has an output for every second pixel
 MULTIPLE: Final = 32  # width and height of the image must be multiples of this: the network halves it five times
-SMALLEST_PX: Final = 32  # pixels, least width and height of the network's image
-WIDEST: Final = 1.2  # largest tangent of a ray's angle to the axis (50 degrees): training images show no wider view
+SMALLEST_PX: Final = 32  # pixels, minimum width and height of the network's image
+WIDEST: Final = 1.2  # maximum tangent of a ray's angle to the axis (50 degrees): training images show no wider view
 FARTHEST_M: Final = 9.0  # m; a farther value counts as no reading
 NEAREST_M: Final = 0.3  # m
 # windows (pixels) in which relief is measured, and the largest relief (m) in each
 WINDOWS: Final = ((9, 0.15), (33, 0.5))
 OFFSET: Final = 0.1  # statures, the unit in which the network gives places within a patch
-LARGEST_BYTES: Final = 64_000_000  # bytes, largest file of weights; the package's file has 4 MB
+LARGEST_BYTES: Final = 64_000_000  # bytes, maximum file of weights; the package's file has 4 MB
 LONGEST_LINE: Final = 4096  # bytes, longest first line of such a file
 REMEMBERED: Final = 8  # number of described images kept in memory: two moments of four cameras
 FORMAT: Final = "anchorpose-learnt-descriptor"

@@ -21,7 +21,7 @@ the votes are nearer than this to the pelvis of their person.
 NEAR_M: Final = 0.2  # m around the middle of one person's votes: twice their median error
 STRAY_M: Final = 0.7  # m; a vote farther than this from every pelvis belongs to nobody
 
-MOST_VOTES: Final = 4000  # most votes that are counted; three cameras give 20,000
+MOST_VOTES: Final = 4000  # maximum number of votes that are counted; three cameras give 20,000
 
 LEAST_AREA_M2: Final = 0.06
 """Least seen surface (m2) of a person: a head with its neck. Clutter that is taken for people can be larger, but has a
@@ -77,7 +77,7 @@ def find_people(
 
 # width of the rim added around a person's rays, in rays (6 cm at two metres): the network leaves out fingers and shoes
 RIM_RAYS: Final = 3
-RIM_M: Final = 0.1  # m, largest depth difference between the person and pixels of the rim
+RIM_M: Final = 0.1  # m, maximum depth difference between the person and pixels of the rim
 
 
 def people_mask(depth_m: np.ndarray, camera: Camera) -> np.ndarray:

@@ -60,10 +60,10 @@ head.
 FROM_HEAD_TOLERANCE: Final = 0.20  # spread of these distances
 # all costs are in tolerances
 MISSED: Final = 4.0  # cost of a missed anchor; if every extremum costs more, the anchor is missed
-PREDICTION: Final = 1.5  # largest cost added for the distance from the predicted place
+PREDICTION: Final = 1.5  # maximum cost added for the distance from the predicted place
 UNPREDICTED: Final = 1.0  # cost added without a prediction, so that an anchor is at most 3 tolerances off
-AT_PREDICTION: Final = 3.5  # largest total cost at the predicted place, so that an end there is the anchor in any pose
-CLEAR: Final = 2.0  # largest distance from its usual place at which an extremum away from the prediction gets the name
+AT_PREDICTION: Final = 3.5  # maximum total cost at the predicted place, so that an end there is the anchor in any pose
+CLEAR: Final = 2.0  # maximum distance from its usual place at which an extremum away from the prediction gets the name
 FARTHEST_OFF: Final = 3.0  # limit of each single measure, for example if an arm is crossed or a path is wrong
 HEADLESS: Final = 1.5  # cost added for hands and feet if no head is found: distances from the head are then missing
 ENTRY: Final = 0.20  # distance from the centre, over the height, at which a path enters the trunk

@@ -32,7 +32,7 @@ BEFORE, CANDIDATE, CANDIDATE_BEND, OWN, OWN_BEND, OWN_RIM, UPDATED, ROW = 66, 74
 WIDE: Final = 4  # number of columns that are copied as one number
 
 AWAY: Any = np.float32(1e6)  # metres; larger than any distance, but its square fits into a float32
-# m2, least squared distance of two nodes (a micrometre), to avoid a division by 0
+# m2, minimum squared distance of two nodes (a micrometre), to avoid a division by 0
 SMALLEST: Any = np.float32(1e-12)
 NOT_FILLED: Any = np.uint8(2)
 

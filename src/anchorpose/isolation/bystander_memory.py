@@ -20,9 +20,9 @@ MEMORY_S: Final = 1.0  # s for which hidden skin is remembered: a person crosses
 SIGMA_M: Final = 0.012  # m, error of remembered points: noise and half of their spacing
 # m/s, growth of the error: skin of people who hold or stand; region growing finds the skin of walking people
 SPEED_M_S: Final = 0.30
-# m, largest gap within one cluster: a bar with its margins, so that a head above a rail still belongs to its body
+# m, maximum gap within one cluster: a bar with its margins, so that a head above a rail still belongs to its body
 CLUSTER_GAP_M: Final = 0.10
-CLUSTER_AREA_M2: Final = 0.25  # m2, least skin of a person, seen by all cameras together; an arm has 0.15
+CLUSTER_AREA_M2: Final = 0.25  # m2, minimum skin of a person, seen by all cameras together; an arm has 0.15
 # mean number of cubes of a grid that a surface passes through, per area of one cube face
 CUBES_PER_FACE: Final = 1.5
 

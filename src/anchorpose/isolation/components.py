@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-SUPPORT: Final = 3  # least supporting neighbours out of eight; a pixel at the corner of a convex outline has three
+SUPPORT: Final = 3  # minimum supporting neighbours out of eight; a pixel at the corner of a convex outline has three
 JUMP_GATE: Final = 4.0  # sigmas by which neighbours on one surface may differ in addition to the slope
 STEEPEST_SLOPE_RAD: Final = 1.40  # rad (80 degrees); steeper surfaces return no reading
 

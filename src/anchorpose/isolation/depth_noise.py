@@ -54,12 +54,12 @@ class DepthDetail:
 
 
 WIDEST_PX: Final = 16  # pixels; a wider edge is a slanting surface
-# m, least depth difference between the sides of a measured edge; clothes, arms and seats are nearer to what is behind
+# m, minimum depth difference between the sides of a measured edge; clothes, arms and seats are nearer to what is behind
 JUMP_M: Final = 0.40
-FLAT: Final = 0.1  # largest difference between two pixels on one side of an edge, as a share of the jump
+FLAT: Final = 0.1  # maximum difference between two pixels on one side of an edge, as a share of the jump
 MIDDLE: Final = (0.2, 0.8)  # shares of the jump between which the ramp's width is measured
-LEAST_EDGES: Final = 1000  # fewest edges in all frames together; real recordings have tens of thousands
-SHARP_PX: Final = 2.0  # pixels, largest width of the middle of a sharp edge; an unfiltered camera has at most one there
+LEAST_EDGES: Final = 1000  # minimum number of edges in all frames together; real recordings have tens of thousands
+SHARP_PX: Final = 2.0  # pixels, maximum width of the middle of a sharp edge; an unfiltered camera has at most one there
 FRAMES: Final = 8  # number of frames that are measured
 ON_RAMP: Final = 0.15  # a pixel that differs from both sides by more than this share of the jump is on the ramp
 
@@ -109,12 +109,13 @@ STILL_GATE: Final = 6.0  # sigmas; readings nearer to the background show the ba
 OUTLIER_GATE: Final = 4.0  # sigmas; 1 in 16,000 readings of a normal distribution is beyond
 ROUNDS: Final = 3  # number of rounds in which outliers are left out
 EDGE_PX: Final = 2  # pixels beside a depth edge, where readings may be flying; they are counted separately
-EDGE_M: Final = 0.10  # m, least depth range of 5x5 pixels at an edge; a slanted surface has less
+EDGE_M: Final = 0.10  # m, minimum depth range of 5x5 pixels at an edge; a slanted surface has less
 BIN_M: Final = 0.5  # m, width of a depth bin
 SLANTS_DEG: Final = (35.0, 60.0)  # degrees between ray and surface normal, limits of facing, slanted and steep surfaces
-# fewest readings per depth and slant: their deviation has an error of a tenth even if 40 readings share one error
+# minimum number of readings per depth and slant: their deviation has an error of a tenth even if 40 readings share one
+# error
 LEAST_READINGS: Final = 2000
-LONGEST_PX: Final = 24  # pixels, largest distance at which errors of neighbours are compared
+LONGEST_PX: Final = 24  # pixels, maximum distance at which errors of neighbours are compared
 UNRELATED: Final = 0.05  # a smaller correlation may be chance
 SMOOTH_PX: Final = 9  # pixels, window over which a surface normal is computed
 

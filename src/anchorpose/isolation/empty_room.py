@@ -40,10 +40,10 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
 BLOCK_PX: Final = 16  # pixels, side of the blocks in which noise is measured; noise changes slowly over the image
-READINGS_NEEDED: Final = 32  # fewest readings per block: the median then has an error of a sixth
+READINGS_NEEDED: Final = 32  # minimum number of readings per block: the median then has an error of a sixth
 LEAST_READ: Final = 0.15  # the room is known at a pixel if this share of the frames agree on its depth
-OFTEN_READ: Final = 0.5  # least share of the frames with a reading; people hide the room, but add no readings of it
-SAME_SIGMAS: Final = 6.0  # largest difference between readings of one surface: ``SAME_M`` plus this many sigmas
+OFTEN_READ: Final = 0.5  # minimum share of the frames with a reading; people hide the room, but add no readings of it
+SAME_SIGMAS: Final = 6.0  # maximum difference between readings of one surface: ``SAME_M`` plus this many sigmas
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room at a pixel that is free for a fifth of the time
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a normal distribution, in sigmas
 

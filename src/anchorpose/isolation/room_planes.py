@@ -17,11 +17,11 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
 
-PLANES: Final = 6  # most planes that are searched: floor, ceiling and the walls in view
+PLANES: Final = 6  # maximum number of planes that are searched: floor, ceiling and the walls in view
 TRIALS: Final = 200  # number of trials per plane; a plane with a fifth of the points is drawn once in 125 trials
 VOTERS: Final = 5000  # number of points that vote on a plane
-LEAST_SHARE: Final = 0.03  # least share of the image; a smaller plane is furniture, or a person's back
-MOST_BEYOND: Final = 0.02  # largest share of the readings on a wall's far side, where nothing should be seen
+LEAST_SHARE: Final = 0.03  # minimum share of the image; a smaller plane is furniture, or a person's back
+MOST_BEYOND: Final = 0.02  # maximum share of the readings on a wall's far side, where nothing should be seen
 
 
 def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.ndarray:
@@ -114,8 +114,8 @@ def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np
     return np.append(normal, normal @ centre)
 
 
-UPRIGHT: Final = 0.2  # largest cosine between an upright plane's normal and the vertical: it may lean by 11 degrees
-FRAMED: Final = 0.6  # least share of a gap's border that is wall; a doorway has no wall at the floor
+UPRIGHT: Final = 0.2  # maximum cosine between an upright plane's normal and the vertical: it may lean by 11 degrees
+FRAMED: Final = 0.6  # minimum share of a gap's border that is wall; a doorway has no wall at the floor
 
 
 @dataclass(frozen=True, slots=True, eq=False)

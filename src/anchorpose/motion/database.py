@@ -46,7 +46,7 @@ class SubLists(NamedTuple):
     summary: np.ndarray  # (w, 2, COLUMNS) float32, mean pose and displacement, in the leading columns of ``turned``
     segment: np.ndarray  # (s + 1,) int64, where each segment (group of neighbours) begins
     centre: np.ndarray  # (s, 2, COLUMNS) float32, mean of the segment's summaries
-    radius: np.ndarray  # (s, 2) float32, largest distance of its mean poses, and of its displacements, from the centre
+    radius: np.ndarray  # (s, 2) float32, maximum distance of its mean poses, and of its displacements, from the centre
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,7 +198,7 @@ _SKELETON_ARRAYS: Final = ("joints_mm", "offsets", "names", "joint_names", "rate
 _SKELETON_REMEDY: Final = (
     "give joints_mm (frames, joints, 3) with Y up, offsets (clips + 1), names (clips) and joint_names (joints)"
 )
-FARTHEST_MM: Final = 10_000  # mm, largest distance from the first frame; larger values are not in millimetres
+FARTHEST_MM: Final = 10_000  # mm, maximum distance from the first frame; larger values are not in millimetres
 
 _TRUNK: Final = {"SpineBase": "Waist", "SpineMid": "Spine", "SpineShoulder": "Chest"}
 _LIMBS: Final = {

@@ -59,7 +59,7 @@ def read_timestamps(path: Path) -> dict[int, float]:
     """Read frame numbers and their times in seconds, in the order of the file.
 
     Recorders sometimes give a frame the time of the previous frame; such a time is kept, and the caller leaves its
-    depth image out. Raises InputError where frame numbers do not increase, where times decrease, or where so many times
+    depth image out. Raises InputError if frame numbers do not increase, if times decrease, or if so many times
     repeat that the clock is too coarse.
     """
     times: dict[int, float] = {}
@@ -92,7 +92,7 @@ def read_timestamps(path: Path) -> dict[int, float]:
 
 
 def require_seconds(path: Path, time_s: np.ndarray) -> None:
-    """Raise InputError where the times (n,) cannot be seconds."""
+    """Raise InputError if the times (n,) cannot be seconds."""
     with np.errstate(over="ignore"):
         step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if step > LONGEST_STEP_S:
@@ -166,11 +166,11 @@ MOST_PIXELS: Final = 1 << 23
 
 LARGEST_SIDE_PX: Final = 16384
 MOST_CAMERAS: Final = 16
-NARROWEST_LENS: Final = 0.01  # least valid radius of rays, in units of z: half a degree from the axis
-FINEST_DEPTH_SCALE_M: Final = 1e-6  # least m per grey value; the largest 16-bit value is then 6 cm
-SLOWEST_HZ: Final = 0.1  # lowest frame rate in Hz; nobody can be followed with fewer images
+NARROWEST_LENS: Final = 0.01  # minimum valid radius of rays, in units of z: half a degree from the axis
+FINEST_DEPTH_SCALE_M: Final = 1e-6  # minimum m per grey value; the largest 16-bit value is then 6 cm
+SLOWEST_HZ: Final = 0.1  # minimum frame rate in Hz; nobody can be followed with fewer images
 
-SAME_HEIGHT_M: Final = 0.03  # m, largest difference of two stated heights that shoes and the time of day explain
+SAME_HEIGHT_M: Final = 0.03  # m, maximum difference of two stated heights that shoes and the time of day explain
 
 
 def _require_in_room(pose: np.ndarray) -> np.ndarray:
@@ -234,8 +234,8 @@ class LensEntry(Entry):
 
 
 class CameraEntry(Entry):
-    """The description of a camera. ``camera_to_world`` is None where unknown, ``fps`` is None where timestamps.csv
-    gives the times, ``model`` and ``serial`` (number) of the device are None where not recorded.
+    """The description of a camera. ``camera_to_world`` is None if unknown, ``fps`` is None if timestamps.csv
+    gives the times, ``model`` and ``serial`` (number) of the device are None if not recorded.
     """
 
     name: Annotated[str, AfterValidator(_require_folder_name)]
@@ -339,7 +339,7 @@ def camera_document(camera: Camera) -> dict[str, Any]:
 def with_height(recording: Recording, height_m: float | None) -> Recording:
     """Return the recording with the given height of the patient or, if None, with the recorded height.
 
-    Raises InputError where the two contradict each other, since either may be wrong.
+    Raises InputError if the two contradict each other, since either may be wrong.
     """
     own_m = recording.subject.height_m
     if height_m is None:
@@ -388,7 +388,7 @@ def read_calibration(path: Path) -> dict[str, np.ndarray]:
 def with_poses(recording: Recording, path: Path) -> Recording:
     """Return the recording with the poses of a calibration file instead of its own.
 
-    Raises InputError where the file lacks the pose of a camera: old and new poses, which are in different worlds,
+    Raises InputError if the file lacks the pose of a camera: old and new poses, which are in different worlds,
     cannot be mixed.
     """
     poses = read_calibration(path)

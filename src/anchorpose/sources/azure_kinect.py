@@ -68,7 +68,7 @@ MODES: Final = (
 
 
 def depth_mode(width: int, height: int) -> DepthMode | None:
-    """Return the mode whose images have this size; None where there is none."""
+    """Return the mode whose images have this size; None if there is none."""
     return next((mode for mode in MODES if (mode.width, mode.height) == (width, height)), None)
 
 
@@ -126,7 +126,7 @@ def _parameters(camera: dict) -> tuple[float, ...]:
 
 
 def _radius(camera: dict) -> float | None:
-    """Return the radius, in units of z, up to which the lens was calibrated; None where the maker gives 0."""
+    """Return the radius, in units of z, up to which the lens was calibrated; None if the maker gives 0."""
     radius = camera.get("MetricRadius")
     if not isinstance(radius, int | float) or not np.isfinite(radius) or radius <= 1e-4:
         return None
@@ -185,7 +185,7 @@ class AzureKinectFile:
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """Yield the depth images by time, one in memory at a time; damaged images are left out, and counted in a note.
 
-        Raises InputError where the file has no depth image that can be read, or reading it fails.
+        Raises InputError if the file has no depth image that can be read, or reading it fails.
         """
         camera = self.cameras[0]
         count = self.left_out = 0
@@ -268,7 +268,7 @@ def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, De
             "is a video without depth: it has no track named DEPTH",
             "give a recording of k4arecorder made with depth, not a colour or infrared video",
         )
-    code = stream.codec_context  # None where the codec is unknown
+    code = stream.codec_context  # None if the codec is unknown
     if code is None or code.name != "rawvideo" or code.pix_fmt != "gray16be":
         problem = "has depth that is not uncompressed in 16 bits, big-endian"
         raise InputError(path, problem, "give the file as the recorder wrote it")

@@ -60,7 +60,7 @@ class Message:
 
 
 class BagFile(ABC):
-    """An opened file of messages. Raises InputError where it cannot be opened, MissingPackage without rosbags."""
+    """An opened file of messages. Raises InputError if it cannot be opened, MissingPackage without rosbags."""
 
     repair: str
 
@@ -86,7 +86,7 @@ class BagFile(ABC):
         return (self._damage,) if self._damage else ()
 
     def count(self, topic: str) -> int | None:
-        """Return the number of messages of a topic; None where they can be counted only by reading the whole file."""
+        """Return the number of messages of a topic; None if they can be counted only by reading the whole file."""
         counts = [self._counts[number] for number in self._on((topic,))]
         return None if None in counts else sum(count or 0 for count in counts)
 

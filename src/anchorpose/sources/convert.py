@@ -183,7 +183,7 @@ def _convert(
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
-    """Raise InputError where ``out`` cannot be written, or an input would be given twice or overwritten."""
+    """Raise InputError if ``out`` cannot be written, or an input would be given twice or overwritten."""
     check_place(out, *inputs)
     sources = [path.resolve() for path in inputs]
     for path, source in zip(inputs, sources, strict=True):
@@ -197,7 +197,7 @@ def check_places(inputs: Sequence[Path], out: Path) -> None:
 
 @contextmanager
 def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
-    """Claim ``out`` with its conversion.json for this program alone; raises InputError where it has other content."""
+    """Claim ``out`` with its conversion.json for this program alone; raises InputError if it has other content."""
     if out.is_dir() and any(file.name != LOCK_FILE for file in out.iterdir()):
         found = read_conversion(out)
         if found is None:
@@ -225,7 +225,7 @@ def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
 def _write_images(
     sources: Sequence[Source], plan: Plan, out: Path, options: ConvertOptions, progress: Progress
 ) -> tuple[dict[str, int], tuple[str, ...]]:
-    """Write all images; return their number by camera, and notes. Raises InputError where no image can be read."""
+    """Write all images; return their number by camera, and notes. Raises InputError if no image can be read."""
     counts, notes = dict[str, int](), list[str]()
     expected = [one.count for own in plan.cameras for one in own]
     total = None if None in expected else sum(count or 0 for count in expected)
@@ -252,7 +252,7 @@ def _write_images(
 
 
 def _require_images(source: Source, cameras: Sequence[CameraPlan], counts: dict[str, int]) -> list[str]:
-    """Return a note for each camera without an image; raises InputError where the source has none at all."""
+    """Return a note for each camera without an image; raises InputError if the source has none at all."""
     empty = [own.camera.name for own in cameras if not counts[own.camera.name]]
     if len(empty) == len(cameras):
         told = source.notes[-1].rstrip(".") if source.notes else "nothing says why"
@@ -288,7 +288,7 @@ class DirectInput:
 def look_at(path: Path) -> DirectInput:
     """Identify the kind of ``path``. A recording, and a path that no reader recognises, is left to ``open_recording``.
 
-    Raises InputError where an earlier recording is there that was converted from other content and contains files added
+    Raises InputError if an earlier recording is there that was converted from other content and contains files added
     by hand.
     """
     if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:

@@ -106,7 +106,7 @@ def grey_size(path: Path) -> Size | None:
 
 
 def first_size(path: Path, files: Sequence[Path]) -> Size:
-    """Return the size of the first image that is 16-bit grey; raises InputError where none is."""
+    """Return the size of the first image that is 16-bit grey; raises InputError if none is."""
     for file in files:
         size = grey_size(file)
         if size is not None:

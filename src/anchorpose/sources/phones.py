@@ -73,7 +73,7 @@ def _is_stray(path: Path, head: bytes) -> bool:
 
 
 def _open_stray(path: Path) -> ImageFiles:
-    """Open a folder of Stray Scanner; raises InputError where the files do not fit each other."""
+    """Open a folder of Stray Scanner; raises InputError if the files do not fit each other."""
     images = images_in(path / "depth")
     size = first_size(path / "depth", images)
     times, positions_m = _odometry(path / "odometry.csv")
@@ -98,7 +98,7 @@ def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> I
     """Scale the lens (3, 3) of a colour image to the depth image that shows the same view with fewer pixels.
 
     Pixel centres have whole-numbered coordinates, so the images are scaled about their common corner at -0.5. Raises
-    InputError where the matrix is not of a picture of that size, or the shapes differ.
+    InputError if the matrix is not of a picture of that size, or the shapes differ.
     """
     wide, high = depth[0] / picture[0], depth[1] / picture[1]
     centre = np.array([matrix[0, 2] / picture[0], matrix[1, 2] / picture[1]])
@@ -144,7 +144,7 @@ def _is_record3d(path: Path, head: bytes) -> bool:
 
 
 def _open_record3d(path: Path) -> ImageFiles:
-    """Open a file of Record3D; raises InputError where the file cannot be used, MissingPackage without lzfse."""
+    """Open a file of Record3D; raises InputError if the file cannot be used, MissingPackage without lzfse."""
     try:
         import lzfse  # noqa: F401
     except ImportError:

@@ -52,7 +52,7 @@ def _is_tum(path: Path, head: bytes) -> bool:
 
 
 def _open_tum(path: Path) -> ImageFiles:
-    """Open a folder with a list; raises InputError where the list names no usable depth image."""
+    """Open a folder with a list; raises InputError if the list names no usable depth image."""
     listing = _list_in(path)
     if listing is None:
         raise InputError(path, "holds no depth.txt", "give the folder that does")
@@ -108,7 +108,7 @@ def _is_exported(path: Path, head: bytes) -> bool:
 
 
 def _open_exported(path: Path) -> ImageFiles:
-    """Open an exported folder; raises InputError where the matrix or the images cannot be used."""
+    """Open an exported folder; raises InputError if the matrix or the images cannot be used."""
     found = _camera_file(path)
     if found is None:
         raise InputError(path, "holds no JSON file with an intrinsic_matrix", "give the folder that does")

@@ -287,6 +287,6 @@ def first(bag: Bag, topic: str, read: Callable[[Message], T]) -> T | None:
 
 
 def first_grey_image(bag: Bag, topic: str, read: Callable[[Message], Image] = read_any_image) -> Image | None:
-    """Return the first image of a topic, or None where its values are not whole numbers of depth."""
+    """Return the first image of a topic, or None if its values are not whole numbers of depth."""
     image = first(bag, topic, read)
     return image if image is not None and encoding_of(image) in INTEGERS else None

@@ -158,7 +158,7 @@ class _Search:
 
 
 def find_streams(bag: Bag, path: Path) -> Streams:
-    """Find the most direct depth images of each camera. Raises InputError where the bag has no depth images."""
+    """Find the most direct depth images of each camera. Raises InputError if the bag has no depth images."""
     notes: list[str] = []
     candidates = _candidates(bag, notes)
     if not candidates:

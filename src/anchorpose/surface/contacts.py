@@ -16,11 +16,13 @@ from anchorpose.surface.links import find_root, unite
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
 CREASE_COST: Any = np.float32(20.0)  # a fold of 3 degrees per node makes the path over it twice as long
-# m on the body, least distance between the ends of an edge of a contact; skin points 3 cm apart blur smaller distances
+# m on the body, minimum distance between the ends of an edge of a contact; skin points 3 cm apart blur smaller
+# distances
 LEAST_APART_M: Any = np.float32(0.07)
-# rad (6 degrees per node), least fold of a contact; smooth skin never folds so much, even if an arm is mispredicted
+# rad (6 degrees per node), minimum fold of a contact; smooth skin never folds so much, even if an arm is mispredicted
 LEAST_CREASE: Any = np.float32(0.10)
-LEAST_STEP: Final = 0.6  # least sine of the angle between an edge and the skin at either end, as at a hand on the trunk
+# minimum sine of the angle between an edge and the skin at either end, as at a hand on the trunk
+LEAST_STEP: Final = 0.6
 # an edge needs no crease if its ends are this far apart on the body (m), and if both ends are this near (m) to the skin
 # point that they show and to that point's plane; along the skin the prediction may have an error of half a limb
 SHOWN_APART_M: Any = np.float32(0.25)

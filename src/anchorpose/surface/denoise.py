@@ -17,7 +17,7 @@ MAX_STEP: Final = 0.02  # share of the depth; a larger step is an edge of the bo
 QUANTISED_SHARE: Final = 0.3  # with a larger share of equal neighbours, differences show depth steps instead of noise
 # standard deviations of the noise at which the biweight ends; twice the usual 3, since the centre pixel is noisy, too
 RANGE_SIGMAS: Final = 6.0
-MAX_SLANT_DEG: Final = 76.0  # largest slant of one surface; steeper skin is few pixels wide, and arms jump by more
+MAX_SLANT_DEG: Final = 76.0  # maximum slant of one surface; steeper skin is few pixels wide, and arms jump by more
 JUMP_SIGMAS: Final = 2.0  # standard deviations of the raw noise; at an edge smoothing leaves about half of the noise
 
 

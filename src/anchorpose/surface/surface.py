@@ -30,11 +30,11 @@ class SurfaceConfig:
     max_join_m: NotNegative = 0.10  # m, widest gap across which pieces are joined: chin to neck; 0 = no joins
     # pixels; a window of 5x5 pixels is below a finger's width at 2.4 m and reduces the path error to about 1 %
     denoise_radius_px: Count = 2
-    # least number of neighbours on the same surface, out of 8; at a fingertip 2 pixels wide, a pixel has 3
+    # minimum number of neighbours on the same surface, out of 8; at a fingertip 2 pixels wide, a pixel has 3
     min_support: Annotated[int, Field(ge=0, le=8)] = 3
     # m, widest bar that is bridged: a knee pad with its shadow; behind wider bars the shape of the skin is unknown
     bridge_max_width_m: NotNegative = 0.15
-    # m, largest distance between nodes of two cameras on the same skin: calibration error, and half a slanted mesh cell
+    # m, maximum distance between nodes of two cameras on the same skin: calibration error, and half a slanted mesh cell
     fusion_max_apart_m: Positive = 0.03
 
 

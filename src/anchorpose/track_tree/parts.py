@@ -20,15 +20,16 @@ from anchorpose.camera import transform_points
 from anchorpose.rotations import COLLINEAR_RATIO, ONE_PLACE_M2, rotate, rotation_matrices
 from anchorpose.surface.surface import Nodes
 
-LEAST_PAIRS: Final = 6  # fewest pairs of a part; with fewer, a rigid motion follows the noise of single nodes
+# minimum number of pairs of a part; with fewer, a rigid motion follows the noise of single nodes
+LEAST_PAIRS: Final = 6
 PAIR_ROUNDS: Final = 8  # rounds of reweighting the pairs; the fit settles in five
-LEAST_SCALE_M: Final = 0.01  # m, least scale of residuals: pairs with less than the spacing of nodes are equally good
+LEAST_SCALE_M: Final = 0.01  # m, minimum scale of residuals: pairs with less than the spacing of nodes are equally good
 # m, sigma of a node's distance from its part's skin: clothes, sensor, and shared errors of neighbours
 SURFACE_SIGMA_M: Final = 0.02
 # rad and m, sigma of the rotation and of the shift of a step: so a part does not slide in unconstrained directions
 TURN_SIGMA: Final = 0.15
 SHIFT_SIGMA_M: Final = 0.02
-ALIKE: Final = 0.5  # least cosine between normals (60 degrees): excludes the other side of a limb
+ALIKE: Final = 0.5  # minimum cosine between normals (60 degrees): excludes the other side of a limb
 
 
 @njit(cache=True)

@@ -20,8 +20,8 @@ class TreeConfig:
     """Settings of the tree."""
 
     missed_cost_m: Positive = 0.10  # m, cost of a frame without a match: twice the anchor bound
-    # most branches visited per tree before it is pruned; on 3650 nodes with ten noisy subsets, exact searches visited
-    # fewer than 50
+    # maximum number of branches visited per tree before it is pruned; on 3650 nodes with ten noisy subsets, exact
+    # searches visited fewer than 50
     max_branches: Count = 200
 
 

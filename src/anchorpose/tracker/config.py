@@ -24,7 +24,8 @@ from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.track_tree.tree import TreeConfig
 
-HEIGHTS_M: Final = (1.2, 2.2)  # m; a height outside is beyond the shape model and probably has the wrong unit
+# m, limits of a height; one outside them is beyond the shape model, and its unit is probably wrong
+HEIGHTS_M: Final = (1.2, 2.2)
 
 
 class Method(StrEnum):

@@ -58,7 +58,7 @@ class Estimate:
     moved: bool = False  # whether limbs were found in another place than earlier frames suggested
     ends: frozenset[int] = frozenset()  # lost hands and feet, as in ``lost_ends``
     rivals: tuple[Rival, ...] = ()  # other poses that explain the images almost as well
-    # joint states from the images alone: a joint that is lost only because its sigma is too large is hidden here
+    # joint states from the images alone; a joint that is lost only because of its large sigma is hidden here
     shown: tuple[JointState, ...] = ()
 
 

@@ -18,7 +18,8 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, find_start
 
-# frames between failed searches, doubled from the first to the longest: a search takes as long as thirty frames
+# number of frames between failed searches, doubled from the first value to the second, since a search takes as long as
+# thirty frames
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15
 
 

@@ -31,7 +31,7 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
-# frames kept per frame used in a window; the frames with the most different poses are used
+# number of frames kept for each frame that a window uses; the kept frames with the most different poses are used
 CANDIDATES: Final = 2
 
 
@@ -61,7 +61,7 @@ class OtherFacing:
 
     pose: Pose
     shape: FittedShape
-    behind: float  # nats by which this facing is less likely than the chosen one
+    behind: float  # nats, by which this facing is less likely than the chosen facing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +70,7 @@ class LearntPatient:
 
     belief: ShapeBelief  # at the end of learning
     first: ShapeBelief  # after the first window
-    seconds: float  # s, length of the stretches learnt from
+    seconds: float  # s, total length of the stretches learnt from
     pose: Pose  # the pose in frame ``frame``
     frame: int  # number of the first frame learnt from
     contradiction: str = ""  # how the user's statements about the patient contradict the images; empty if they agree

@@ -25,8 +25,10 @@ from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-TWIN_M: Final = 0.35  # m, largest distance of a twin from the reflected image: front and back views differ by this
-LEAST_TWINS: Final = 3  # frames with a twin; two people who pass each other may look like twins in one or two frames
+# m, maximum distance of a twin from the reflected image; front and back of a person differ by this
+TWIN_M: Final = 0.35
+# minimum number of frames with a twin; people who pass each other may look like twins in one or two frames
+LEAST_TWINS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +124,7 @@ def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras:
 
 
 def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequence[Camera]) -> bool | None:
-    """Return whether a person stands where a mirror image would come from; None where that place is not visible."""
+    """Return whether a person stands where a mirror image would come from; None if that place is not visible."""
     x, z = image.place_xz_m
     middle = wall.reflected(np.array([x, _middle(image)[1], z]))
     others = [one.place_xz_m for one in sighting.people if one is not image]

@@ -22,10 +22,10 @@ from anchorpose.surface.surface import ExpectedSkin, Surface
 from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
-# anchors; three distances identify a node (paper, Section IV-D), four give two subsets of three anchors; a node with
-# fewer undisturbed distances keeps all its distances
+# minimum number of anchors; a node with fewer undisturbed distances keeps all its distances. Three distances identify a
+# node (paper, Section IV-D); four give two subsets of three anchors
 LEAST_TRUSTED = 4
-# frames from one check by the learnt descriptor to the next; a check takes a third of a frame's time
+# number of frames from one check by the learnt descriptor to the next; a check takes a third of the time of a frame
 DESCRIBED_EVERY: Final = 8
 
 

@@ -39,7 +39,7 @@ from anchorpose.tracker.observing import Window, gather, isolate, see_anchors, s
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
-# least share of the joints inside an image for the patient to count as in view; of all joints, the hips leave last
+# minimum share of the joints inside an image for the patient to count as in view; hips are the last to leave it
 IN_VIEW: Final = 0.25
 # m, half a forearm's width; a frame is observed again if the patient's skin is now expected farther than this from
 # the place expected at the first observation

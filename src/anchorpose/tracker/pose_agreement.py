@@ -24,20 +24,21 @@ from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet, depths_of
 
-# shares of the room's surface in view of both cameras that one camera sees past by more than AWAY_M: above the first, a
+# limits of the share of the common room surface that one camera sees past by more than AWAY_M: above the first limit, a
 # note is written; above the second, the recording is refused
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
 # the share of the room above which the recording is refused if cameras blur depth edges, since outlines of people then
 # cannot confirm the contradiction
 ROOM_ALONE: Final = 0.6
-AWAY_M: Final = 0.10  # m; smaller distances are tolerated: poses wrong by 3 cm and 1 degree displace people by 0.12
-LEAST_SHARED: Final = 500  # least number of points that both cameras see; with fewer, shares are unknown
-POINTS: Final = 20000  # points of the room that are compared
-POINTS_OF_PEOPLE: Final = 3000  # points of the people of one frame that are compared
+AWAY_M: Final = 0.10  # m; smaller distances are tolerated; poses wrong by 3 cm and 1 degree displace people by 0.12 m
+LEAST_SHARED: Final = 500  # minimum number of points that both cameras see; with fewer, shares are unknown
+POINTS: Final = 20000  # number of compared points of the room
+POINTS_OF_PEOPLE: Final = 3000  # number of compared points of the people in a frame
 FRAMES: Final = 8
-OFF_M: Final = 0.015  # m between the common surfaces, above which poses are doubted; correct poses have at most 0.009
-REFUTED_M: Final = 0.15  # m between the common surfaces, above which poses are refused: both cameras 10 cm wrong
+OFF_M: Final = 0.015  # m; if the common surfaces are farther apart, poses are doubted; correct poses have at most 0.009
+# m; if the common surfaces are farther apart, poses are refused; both cameras are then 10 cm wrong
+REFUTED_M: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,9 +36,9 @@ from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
 # factor on the number of samples if the empty room has to be combined from moments in which its parts are free
 BLIND_SAMPLES = 3
-# frames examined before and after the frame in which the user named the patient: half a walking step on each side
+# number of frames examined before and after the frame in which the user named the patient: half a walking step each
 AROUND: Final = 6
-LOOKS: Final = 3  # frames from which the heading is found
+LOOKS: Final = 3  # number of frames from which the heading is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,7 +240,7 @@ def heading_of_patient(
 
 
 def _facing(room: Room, frame_set: FrameSet, look: InitialFrame, config: TrackConfig) -> np.ndarray | None:
-    """Return the level direction (3,) in which the patient faces in a frame; None where too little of them is seen."""
+    """Return the level direction (3,) in which the patient faces in a frame; None if too little of them is seen."""
     isolated = isolate_first(frame_set, look.choice, Run(room, config))
     body = rough_body_of(isolated.views, room.cameras, PixelLabel.PATIENT)
     return None if body is None else np.array([body.facing_xz[0], 0.0, body.facing_xz[1]])

@@ -83,12 +83,13 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
     return mean, float(np.hypot(spread, apart if age_years is None or age_years > 12.0 else 0.0))
 
 
-# statures tried, as factors on the stature estimated from matches: real people are often 5 to 10 % shorter than that
+# factors on the stature from matches that give the tried statures; real people are often 5 to 10 % shorter than by
+# matches
 TALLER = (1.0, 0.92)
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CHILD_HEIGHTS_M = (0.95, 1.55)
-ORDINARY_HEIGHT_M = 1.70  # height of an adult whose height is not given
-CONTRADICTS = 3.0  # standard deviations; a stated height that differs more from the images contradicts them
+ORDINARY_HEIGHT_M = 1.70  # m, assumed height of an adult whose height is not given
+CONTRADICTS = 3.0  # standard deviations; if a stated height differs by more from the images, it contradicts them
 SYSTEMATIC_M = 0.02  # m, systematic error of a height from images: shoes, hair and a body unlike the model
 TRIED_SIGMA_M = 0.01  # m, standard deviation of a tried height, which sets its weight in the fitted shape
 

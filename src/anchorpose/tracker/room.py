@@ -76,12 +76,14 @@ class Review:
     """A reviewer's corrections of earlier results."""
 
     joints: dict[int, CorrectedJoints] = field(default_factory=dict)  # by frame number
-    unusable: tuple[tuple[int, int, str], ...] = ()  # first frame, last frame (both unusable), sentence with the reason
-    clocks: dict[str, Clock] = field(default_factory=dict)  # by camera, from the earlier results; empty = to be found
-    floor_height_m: float | None = None  # from the earlier results; None = to be found
+    # first and last frame of each interval, and the reason, as a sentence
+    unusable: tuple[tuple[int, int, str], ...] = ()
+    # by camera, from the earlier results; empty = to be estimated
+    clocks: dict[str, Clock] = field(default_factory=dict)
+    floor_height_m: float | None = None  # m, from the earlier results; None = to be estimated
 
     def why_unusable(self, frame: int) -> str | None:
-        """Return the reason given for the first unusable interval that contains the frame; None where the frame is
+        """Return the reason given for the first unusable interval that contains the frame; None if the frame is
         usable.
         """
         return next((why for first, last, why in self.unusable if first <= frame <= last), None)

@@ -19,20 +19,21 @@ from anchorpose.body.visibility import Projection, pixels_of, projection_of
 from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Pieces
 
-REACH_M: Final = 0.60  # m, longest step from frame to frame: 3 m/s at 5 frames per second
-GRID_M: Final = 0.05  # m between tried steps: half a limb's width
-SAME_M: Final = 0.06  # m, largest gap between a moved point and the reading: half the grid step, clothes and noise
-PAST_M: Final = 0.15  # m; a reading this far behind a point shows that the point is not there
-POINTS: Final = 250  # most points used per person; the share found is then precise to 0.03
+REACH_M: Final = 0.60  # m, maximum length of a step from frame to frame: 3 m/s at 5 frames per second
+GRID_M: Final = 0.05  # m, distance between tried steps: half a limb's width
+SAME_M: Final = 0.06  # m, maximum gap between a moved point and the reading: half the grid step, clothes and noise
+PAST_M: Final = 0.15  # m; if a reading is this far behind a point, the point is not there
+POINTS: Final = 250  # maximum number of points used per person; the share found then has an error of 0.03
 STAYED: Final = 0.6  # a person with at least this share of points found again in place has not walked
 PLACED: Final = 0.4  # no step is needed if this share of expected skin is found; the person's own limbs hide the rest
 BETTER: Final = 0.2  # a step must find this share of the points more than staying does
-LEAST: Final = 0.25  # least share of the points found after a step; other people may hide the rest
-FAR_COST: Final = 0.2  # share of the points subtracted per metre of step, so that the nearer of two good places wins
+LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
+# share of points subtracted per metre of a step, so that the shorter of two good steps is preferred
+FAR_COST: Final = 0.2
 MOST_WALKERS: Final = 5  # people whose steps are compared jointly; more do not fit into an image
 MOST_STEPS: Final = 4  # steps considered for each person
-APART_M: Final = 0.25  # m, least distance between the axes of two people, and between two considered steps
-LEAST_POINTS: Final = 60  # about the points of a hand; a share of fewer points is not reliable
+APART_M: Final = 0.25  # m, minimum distance between the axes of two people, and between two considered steps
+LEAST_POINTS: Final = 60  # minimum number of points, about those of a hand; a share of fewer points is not reliable
 
 
 def find_steps(
