@@ -16,9 +16,10 @@ class Source(StrEnum):
     """
 
     SURFACE = "surface"  # seen skin that no part of the posed body covers
-    ANCHORS = "anchors"  # hands, feet and free ends of limbs, found by geodesic distances
+    ANCHORS = "anchors"  # free ends of limbs, hands and feet included, found by geodesic distances
     DESCRIPTOR = "descriptor"  # the learnt descriptor, which names places on the body
-    SIDES = "sides"  # left and right limbs exchanged, or the body facing the other way; raises no doubts itself
+    # left and right limbs exchanged, or the body facing the other way; this source raises no doubts itself
+    SIDES = "sides"
 
 
 @settings
@@ -36,9 +37,11 @@ class RegistrationConfig:
 
     # minimum number of nodes for a registration; a patient has about 3,500, a hand alone has fewer
     least_nodes: Count = 150
-    node_count: Count = 2500  # maximum number of nodes used: enough for 60 parameters; more only cost time
-    surface_sigma_m: Positive = 0.010  # m, standard deviation of a node's distance from the skin: clothes and sensor
-    rows_per_observation: Positive = 8.0  # neighbouring nodes that count as one observation, since they share errors
+    node_count: Count = 2500  # maximum number of nodes used; for 60 parameters this is enough, and more only cost time
+    # m, standard deviation of a node's distance from the skin, due to clothes and the sensor's error
+    surface_sigma_m: Positive = 0.010
+    # number of neighbouring nodes that count as one observation, since they share errors
+    rows_per_observation: Positive = 8.0
     # sources of alternatives to a pose in doubt; use fewer only for a comparison
     sources: tuple[Source, ...] = tuple(Source)
 
@@ -48,24 +51,26 @@ class LearningConfig:
     """Settings of learning the shape."""
 
     own_shape: bool = True  # learn the shape; False = use the mean adult of the given or visible height
-    # s, length of a window of frames that are used together; patients move enough in it to show where limbs bend
+    # s, length of a window of frames that are used together; in this time patients move enough to show where limbs bend
     window_s: Positive = 4.0
     longest_s: Positive = 30.0  # s, total time to learn from; more changes nothing, and every second is tracked twice
-    frame_count: Count = 12  # frames of the first window that the fit uses; more frames repeat the evidence
-    height_sigma_m: Positive = 0.01  # m; error of a measured height, which depends on shoes and the time of day
+    frame_count: Count = 12  # number of frames of the first window that the fit uses; more frames repeat the evidence
+    height_sigma_m: Positive = 0.01  # m, error of a measured height, which depends on shoes and the time of day
 
 
 @settings
 class VisibilityConfig:
     """Settings of when skin counts as seen."""
 
-    reach_m: Positive = 0.04  # m, maximum gap between seen skin and its reading: clothes, sensor and pose error
+    # m, maximum gap between seen skin and its reading, due to clothes and to errors of sensor and pose
+    reach_m: Positive = 0.04
 
 
 @settings
 class UncertaintyConfig:
     """Corrections of the posterior's sigma, set on simulated people alone and in clinics (see docs/tracking.md)."""
 
-    # m, minimum sigma of a joint: joints lie inside the body, and the learnt shape is not more accurate
+    # m, minimum sigma of a joint, since joints lie inside the body, and the learnt shape is not more accurate
     floor_m: Positive = 0.0035
-    inflation: Positive = 0.65  # factor on the posterior's sigma; below 1, as neighbouring nodes share less error
+    # factor on the posterior's sigma; below 1, since neighbouring nodes share less error than assumed
+    inflation: Positive = 0.65

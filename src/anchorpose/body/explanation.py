@@ -23,10 +23,10 @@ from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import View
 
-# m, maximum distance from a covered node to the skin: clothes, point spacing and half a forearm
+# m, maximum distance from a covered node to the skin, due to clothes, point spacing and half a forearm
 COVERED_M: Final = 0.06
-NODES: Final = 2500  # nodes that are compared, as many as registration uses
-# minimum number of skin points from which a share is computed; of fewer, it would not be reliable
+NODES: Final = 2500  # number of nodes that are compared; registration uses as many
+# minimum number of skin points from which a share is computed; a share of fewer points would not be reliable
 LEAST_FACING: Final = 8
 
 

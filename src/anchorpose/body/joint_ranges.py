@@ -49,9 +49,10 @@ _SPINE: Final = ("LowerBack", "Spine", "Spine1")
 # standard deviations in degrees about the hinge, about the axis across it, and along the bone
 _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 
-HIP_EXTENSION: Final = 25.0 * DEGREE  # maximum extension: mean 9.4 degrees plus 3 deviations (Roaas and Andersson 1982)
+# rad, maximum extension: mean of 9.4 degrees plus 3 deviations (Roaas and Andersson 1982)
+HIP_EXTENSION: Final = 25.0 * DEGREE
 OWN_VARIANCE: Final = 0.5  # minimum independent share of a joint's variance, so that one raised leg stays probable
-KNEE_EXTENSION: Final = 3.0 * DEGREE  # maximum extension; 0 is the straight leg of the rest pose
+KNEE_EXTENSION: Final = 3.0 * DEGREE  # rad, maximum extension; 0 is the straight leg of the rest pose
 SEEN_SPREAD: Final = 35.0 * DEGREE
 """The standard deviations of a visible bone's rotation are doubled, but only up to this value: a person may hold a limb
 to one side for minutes.
@@ -234,8 +235,8 @@ def turns_together(asset: BodyAsset) -> np.ndarray:
     return found
 
 
-RAISED: Final = 30.0 * DEGREE  # elevation of an arm above which the shoulder girdle moves, too
-# turn of the girdle, as a share of the arm's elevation above RAISED: 30 degrees for an arm that points up (Inman et al.
+RAISED: Final = 30.0 * DEGREE  # rad, elevation of an arm above which the shoulder girdle moves, too
+# turn of the girdle, as a share of the arm's elevation above RAISED; 30 degrees for an arm that points up (Inman et al.
 # 1944)
 RHYTHM: Final = 0.2
 

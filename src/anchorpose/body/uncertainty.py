@@ -36,7 +36,7 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
-# maximum number of nodes used: half of the fit's nodes take half of the time and change sigma by under a tenth
+# maximum number of nodes used; half of the fit's nodes take half of the time and change sigma by under a tenth
 NODES: Final = 1200
 
 
@@ -123,12 +123,12 @@ def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> f
 # m2, minimum area of uncovered skin that is considered; clothes and grips leave about as much uncovered
 WORTH_M2: Final = 0.004
 IN_REACH_M: Final = 0.45  # m, maximum distance of a limb from the piece's tip: a shank, or a forearm with its hand
-# minimum cosine between limb and ray for a limb that points at a camera
+# minimum cosine of the angle between ray and limb, for a limb that points at a camera
 END_ON: Final = float(np.cos(np.radians(35.0)))
-# factor on the rows that count as one observation: bent fingers shift a whole hand; set on one recorded reach
+# factor on the rows that count as one observation, since bent fingers shift a whole hand; set on one recorded reach
 MORE_ALIKE: Final = 2.0
 HIDDEN: Final = 0.5  # maximum hidden share of a limb's skin; with more, the frame does not show the limb
-BROADER_M: Final = 0.13  # m, difference between breadth and depth of a chest: 0.35 m and 0.22 m
+BROADER_M: Final = 0.13  # m, difference between breadth and depth of a chest (0.35 m and 0.22 m)
 
 _HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
 

@@ -57,17 +57,18 @@ FROM_HEAD: Final = np.array([0.47, 0.47, 0.92, 0.92])
 head.
 """
 
-FROM_HEAD_TOLERANCE: Final = 0.20  # spread of these distances
-# all costs are in tolerances
+FROM_HEAD_TOLERANCE: Final = 0.20  # spread of these distances, divided by the body height
+# The unit of all costs is one tolerance.
 MISSED: Final = 4.0  # cost of a missed anchor; if every extremum costs more, the anchor is missed
 PREDICTION: Final = 1.5  # maximum cost added for the distance from the predicted place
 UNPREDICTED: Final = 1.0  # cost added without a prediction, so that an anchor is at most 3 tolerances off
 AT_PREDICTION: Final = 3.5  # maximum total cost at the predicted place, so that an end there is the anchor in any pose
 CLEAR: Final = 2.0  # maximum distance from its usual place at which an extremum away from the prediction gets the name
-FARTHEST_OFF: Final = 3.0  # limit of each single measure, for example if an arm is crossed or a path is wrong
-HEADLESS: Final = 1.5  # cost added for hands and feet if no head is found: distances from the head are then missing
-ENTRY: Final = 0.20  # distance from the centre, over the height, at which a path enters the trunk
-STEP: Final = 0.05  # distance, over the height, between the compared places of a path
+FARTHEST_OFF: Final = 3.0  # limit of each single measure, since an arm may be crossed or a path may be wrong
+# cost added for hands and feet if no head is found, since their distances from the head are then missing
+HEADLESS: Final = 1.5
+ENTRY: Final = 0.20  # distance from the centre, divided by the height, at which a path enters the trunk
+STEP: Final = 0.05  # distance, divided by the height, between the compared places of a path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,12 +195,14 @@ class AnchorConfig:
 
     radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
     cap: Positive = 0.06 / 1.75  # depth of the extremal cap below its tip: 6 cm, about a fist
-    gate: Positive = 0.25 / 1.75  # half a forearm; an end this near to its prediction is the anchor in any pose
+    # half a forearm; an end within this distance of its prediction is the anchor in any pose
+    gate: Positive = 0.25 / 1.75
 
 
-# gate of the head, over the body height: a head moves less than a hand, and the neck of a hidden head is 20 cm away
+# gate of the head, divided by the body height; a head moves less than a hand, and a hidden head's neck is 20 cm away
 HEAD_GATE: Final = 0.18 / 1.75
-# over the body height; an end this near to its prediction counts as an end even at a cut or before hidden skin
+# divided by the body height; an end within this distance of its prediction is an end even at a cut or before hidden
+# skin
 END_GATE: Final = 0.09 / 1.75
 
 

@@ -16,9 +16,9 @@ from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel
 
-LEAST_CONTACT_M: Final = 0.05  # m, minimum length of the border between a stray piece and its person: a wrist's width
-# minimum length of that border, times the piece's width; half a head continues along its longest side, a forearm does
-# not
+LEAST_CONTACT_M: Final = 0.05  # m, minimum length of the border between a stray piece and its person, a wrist's width
+# minimum length of that border, as a factor on the piece's width; the border of half a head is its longest side, that
+# of a forearm is shorter
 LEAST_CONTACT: Final = 1.0
 # m2, maximum stray piece: a head; a leg below a bar is larger, but may border on people who kneel in front of it
 LARGEST_M2: Final = 0.03
@@ -57,8 +57,10 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
     return grow_regions(pixels, np.where(mine & stray[piece], np.uint8(NOBODY), owner))
 
 
-PART_CONTACT_M: Final = 0.05  # m, minimum border between a part of the patient and the rest: a wrist's width
-ON_SKIN_M: Final = 0.05  # m; pixels nearer to the patient's expected skin are on it: its spacing, clothes, movement
+# m, minimum length of the border between a part of the patient and the rest, a wrist's width
+PART_CONTACT_M: Final = 0.05
+# m; pixels within this distance of the expected skin are on it, for its spacing, clothes and movement
+ON_SKIN_M: Final = 0.05
 LAST_LABEL: Final = 254  # the largest person label
 
 

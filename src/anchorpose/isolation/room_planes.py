@@ -20,7 +20,8 @@ from anchorpose.rotations import UP
 PLANES: Final = 6  # maximum number of planes that are searched: floor, ceiling and the walls in view
 TRIALS: Final = 200  # number of trials per plane; a plane with a fifth of the points is drawn once in 125 trials
 VOTERS: Final = 5000  # number of points that vote on a plane
-LEAST_SHARE: Final = 0.03  # minimum share of the image; a smaller plane is furniture, or a person's back
+# minimum share of the image that a plane covers; a smaller plane is furniture, or a person's back
+LEAST_SHARE: Final = 0.03
 MOST_BEYOND: Final = 0.02  # maximum share of the readings on a wall's far side, where nothing should be seen
 
 
@@ -114,8 +115,9 @@ def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np
     return np.append(normal, normal @ centre)
 
 
-UPRIGHT: Final = 0.2  # maximum cosine between an upright plane's normal and the vertical: it may lean by 11 degrees
-FRAMED: Final = 0.6  # minimum share of a gap's border that is wall; a doorway has no wall at the floor
+# maximum cosine between an upright plane's normal and the vertical, so that it may lean by 11 degrees
+UPRIGHT: Final = 0.2
+FRAMED: Final = 0.6  # minimum share of a gap's border that is wall; a doorway has no wall at its lower border
 
 
 @dataclass(frozen=True, slots=True, eq=False)
