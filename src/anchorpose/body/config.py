@@ -16,7 +16,7 @@ class Source(StrEnum):
     """
 
     SURFACE = "surface"  # seen skin that no part of the posed body covers
-    ANCHORS = "anchors"  # free ends of limbs, hands and feet included, found by geodesic distances
+    ANCHORS = "anchors"  # hands, feet and free ends of limbs, found by geodesic distances
     DESCRIPTOR = "descriptor"  # the learnt descriptor, which names places on the body
     # left and right limbs exchanged, or the body facing the other way; this source raises no doubts itself
     SIDES = "sides"
@@ -50,7 +50,7 @@ class RegistrationConfig:
 class LearningConfig:
     """Settings of learning the shape."""
 
-    own_shape: bool = True  # learn the shape; False = use the mean adult of the given or visible height
+    own_shape: bool = True  # whether the shape is learnt; False = use the mean adult of the given or visible height
     # s, length of a window of frames that are used together; in this time patients move enough to show where limbs bend
     window_s: Positive = 4.0
     longest_s: Positive = 30.0  # s, total time to learn from; more changes nothing, and every second is tracked twice

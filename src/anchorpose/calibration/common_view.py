@@ -23,13 +23,14 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 
 NEARER_M: Final = 0.12  # m, minimum distance of people from the room behind them
 SURFACE_STEP_M: Final = 0.07  # m, maximum depth difference between neighbours on one surface
-NORMAL_PX: Final = 2  # a normal is computed from the neighbours this many pixels away
-RIM_PX: Final = 7  # pixels, 2 cm at 2 m to either side: movement of a limb in the 30 ms between two frames
+NORMAL_PX: Final = 2  # pixels, distance of the neighbours from which a normal is computed
+# pixels, width of the rim around people: 2 cm at 2 m, the movement of a limb in the 30 ms between two frames
+RIM_PX: Final = 7
 # m, maximum distance of paired points in each step; the initial poses are off by at most 0.3 m
 GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
-WORST_CONDITION: Final = 1e9  # condition number beyond which the data leave a rotation or a shift undetermined
+WORST_CONDITION: Final = 1e9  # maximum condition number; beyond it, the data leave a rotation or a shift undetermined
 SAME_WAY: Final = 0.8  # minimum cosine between the normals of one surface in two cameras
-HUBER: Final = 1.5  # robust deviations; larger residuals lose weight
+HUBER: Final = 1.5  # robust deviations beyond which residuals lose weight
 LEAST_PAIRS: Final = 200  # minimum number of pairs of points; a hand has fewer
 
 
@@ -40,7 +41,8 @@ class SurfaceGates(NamedTuple):
     least_facing: float
 
 
-GATES: Final = SurfaceGates(2.0 * SURFACE_STEP_M, 0.25)  # flatter surfaces are too noisy
+# limits for pixels with a normal; flatter surfaces are too noisy
+GATES: Final = SurfaceGates(2.0 * SURFACE_STEP_M, 0.25)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -278,16 +280,20 @@ def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)  # a wrong lens leaves 5 cm
-ROOM_PX, PEOPLE_PX = 6, 3  # grid steps in pixels: every sixth pixel for the room, every third for people
+ROOM_PX, PEOPLE_PX = 6, 3  # pixels, grid steps: every sixth pixel for the room, every third pixel for people
 LEAST_SURFACE_PAIRS: Final = 500
-# minimum ``_support``; below, correct poses seemed 26 and 32 mm off, above up to 9; often 0.001 without people
+# minimum ``_support``; with less, correct poses seemed 26 and 32 mm off, with more up to 9; without people it is often
+# 0.001
 LEAST_SUPPORT: Final = 0.02
 STEP_M, STEP_RAD = 0.1, 0.2  # m and rad: standard deviations that damp each step in undetermined directions
-# m, maximum distance of compared surfaces, for a motion and for the given pose; farther surfaces are different
+# m, maximum distance between compared surfaces, for a motion and for the given pose; at larger distances they are
+# different
 COMPARED_M: Final = 0.15
-# maximum share of the given pose's misfit; a motion along which surfaces merely slide fits no better
+# maximum misfit of a motion, as a share of the given pose's misfit; a motion that only makes surfaces slide fits no
+# better
 BETTER: Final = 0.8
-# m, maximum residual; correct poses leave up to 6 mm, a lens that is 2 % wrong 15 to 25: no rotation is stated
+# m, maximum residual for a rotation to be stated; correct poses leave up to 6 mm, a lens that is 2 % wrong leaves 15 to
+# 25
 TIGHT_M: Final = 0.010
 
 

@@ -21,13 +21,15 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
-APART_M: Final = 0.20  # m, minimum distance of a reading behind a point that counts as seen through
+# m, minimum distance between a point and a reading behind it for the point to count as seen through
+APART_M: Final = 0.20
 NOISE_GATE: Final = 4.0
-POINTS: Final = 3000  # number of points of each depth frame
+POINTS: Final = 3000  # number of points used per depth frame
 FRAMES: Final = 6  # maximum number of frames that are compared
-ABOVE_FLOOR_M: Final = 0.15  # m; lower points are left out, since the floor agrees whatever direction a camera faces
+# m; lower points are left out, since the floor agrees in whichever direction a camera faces
+ABOVE_FLOOR_M: Final = 0.15
 FLOOR_SIGMA_M: Final = 0.002  # m, error of the floor's height from all cameras together
-FLOOR_SIGMA_RAD: Final = 0.0009  # the same of its direction: 0.05 degrees
+FLOOR_SIGMA_RAD: Final = 0.0009  # rad, error of the floor's direction: 0.05 degrees
 MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera sees through
 LEAST_LEAD: Final = 0.15  # minimum difference in disagreement between the best and the second of symmetric choices
 LEAST_COMPARED: Final = 300  # minimum number of points that must be compared

@@ -11,8 +11,8 @@ import numpy as np
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel, Mesh
 
-MARGIN_PX: Final = 6  # pixels around the equipment; profiles across the outline have this length
-SUBPIXEL: Final = 8  # number of rays between two pixels: the outline is precise to a sixteenth of a pixel
+MARGIN_PX: Final = 6  # pixels around the equipment that are rendered, too; profiles across the outline have this length
+SUBPIXEL: Final = 8  # number of rays between two pixels; the outline is then precise to a sixteenth of a pixel
 JUMP_M: Final = 0.08  # m, step of depth between neighbouring pixels at which one part ends in front of another
 
 
@@ -155,17 +155,19 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
     return (top, bottom, left, right) if bottom - top > 8 and right - left > 8 else None
 
 
-SURFACE_POINTS: Final = 2000  # number of points: one per 10 cm^2 of the 2 m^2 of a standing frame
-LEAST_PER_PART: Final = 24  # minimum number of points of a part; a small part may be what distinguishes front from back
+SURFACE_POINTS: Final = 2000  # number of points; a standing frame has a surface of 2 m^2, so there is one per 10 cm^2
+# minimum number of points of a part, since a small part may be what distinguishes front from back
+LEAST_PER_PART: Final = 24
 OUTSIDE_POINTS: Final = 1000
-OUTSIDE_M: Final = (0.05, 0.09)  # m from the surface; beyond flying pixels, but so near that a wall would fill it
+# m, range of distances from the surface; beyond flying pixels, but so near that a wall would fill it
+OUTSIDE_M: Final = (0.05, 0.09)
 
 STEP_DEG: Final = 5
-# m, maximum deviation of a part from equipment.json, measured by tape; the frames of two clinics differ by more
+# m, maximum deviation of a part from equipment.json, which is measured by tape; frames of two clinics differ by more
 SAME_M: Final = 0.012
 ALIKE_M: Final = 0.10  # m; rotated equipment that differs by less may be confused in the search
 TRIED_POINTS: Final = 400
-ROUND_SHARE: Final = 0.9  # share of all rotations at which the equipment must look alike to be round
+ROUND_SHARE: Final = 0.9  # share of all rotations at which round equipment must look alike
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,17 +32,18 @@ from anchorpose.settings import Positive, settings
 LEAST_SEEN: Final = 0.2  # minimum share of the facing surface seen in place; people or the border hide up to half
 MOST_THROUGH: Final = 0.10  # maximum share of the unhidden surface that is seen through; edges of thin bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
-# maximum share of the unhidden surface without readings: an absent part before a distant wall has none either
+# maximum share of the unhidden surface without readings; a part that is absent in front of a distant wall has none
+# either
 MOST_UNREAD_OF_PART: Final = 0.7
-LEAST_PIXELS_OF_PART: Final = 40  # pixels; a part with fewer is not judged
+LEAST_PIXELS_OF_PART: Final = 40  # minimum number of pixels of a part; a part with fewer is not judged
 # maximum share of the outline at which the surface continues; inside a wall it continues everywhere
 MOST_FILLED: Final = 0.5
 LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden places at which the part ends
 MOST_OFF_PX: Final = 2.0  # px, maximum displacement of a part; edge pixels are often off by one
 MOST_SIGMA_M: Final = 0.006
-MOST_SIGMA_RAD: Final = 0.0087  # half a degree
+MOST_SIGMA_RAD: Final = 0.0087  # rad, maximum sigma of the direction: half a degree
 LEAST_COSINE: Final = 0.25  # minimum cosine of the angle of incidence; no camera reads flatter surfaces well
-STEADY_RAD: Final = 0.0008  # rad, systematic error of a device: 0.05 degrees between bars a metre apart
+STEADY_RAD: Final = 0.0008  # rad, systematic error of a device, which shows as 0.05 degrees between bars a metre apart
 
 
 class NoPose(StrEnum):
@@ -189,11 +190,11 @@ def sigma_of(fit: Refined) -> tuple[float, float]:
     return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
 
 
-TRIED: Final = 6  # number of search results that are refined; the correct one was always among the first two
+TRIED: Final = 6  # number of search results that are refined; the correct result was always among the first two
 LEAST_LEAD: Final = 0.9  # minimum evidence of an accepted pose, as a share of the evidence of the best-scoring pose
-RIVAL: Final = 0.75  # share of the accepted pose's evidence from which another credible pose makes the choice ambiguous
+RIVAL: Final = 0.75  # share of the accepted pose's evidence; another credible pose with more makes the choice ambiguous
 DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # m and rad; poses that differ by less than both are the same pose
-TWO_HEIGHTS_M: Final = 0.03  # m between chi_0's lowest point and Y = 0; above it, either may be on the floor
+TWO_HEIGHTS_M: Final = 0.03  # m; if chi_0's lowest point and Y = 0 are farther apart, either may be on the floor
 
 
 @settings

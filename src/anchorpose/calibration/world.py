@@ -32,10 +32,13 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording, depths_of
 
-TILTED_RAD: Final = 0.035  # two degrees between a measured floor and the world's; a foot at 1 m is then 3.5 cm off
-# four degrees: floors are level to one degree, lenses bend them by one; with more, the pose is wrong
+# rad (two degrees), limit of the angle between a measured floor and the world's; it displaces a foot at 1 m by 3.5 cm
+TILTED_RAD: Final = 0.035
+# rad (four degrees); floors are level to one degree, and lenses bend them by one; with more than this, the pose is
+# wrong
 WORST_FLOOR_TILT_RAD: Final = 0.07
-# m between the heights of one floor in two cameras: known to 2 cm each; at the second limit each is 10 cm off
+# m, limits of the difference between one floor's heights in two cameras, each known to 2 cm; at the second limit, each
+# camera is 10 cm off
 UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15
 
 

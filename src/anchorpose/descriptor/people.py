@@ -18,8 +18,8 @@ APART_M: Final = 0.35
 the votes are nearer than this to the pelvis of their person.
 """
 
-NEAR_M: Final = 0.2  # m around the middle of one person's votes: twice their median error
-STRAY_M: Final = 0.7  # m; a vote farther than this from every pelvis belongs to nobody
+NEAR_M: Final = 0.2  # m, radius around the middle of one person's votes, twice their median error
+STRAY_M: Final = 0.7  # m; a vote farther from every pelvis belongs to nobody
 
 MOST_VOTES: Final = 4000  # maximum number of votes that are counted; three cameras give 20,000
 
@@ -75,7 +75,8 @@ def find_people(
     return tuple(sorted(people, key=lambda person: -person.area_m2))
 
 
-# width of the rim added around a person's rays, in rays (6 cm at two metres): the network leaves out fingers and shoes
+# number of rays added around a person's rays as a rim (6 cm at two metres), since the network leaves out fingers and
+# shoes
 RIM_RAYS: Final = 3
 RIM_M: Final = 0.1  # m, maximum depth difference between the person and pixels of the rim
 

@@ -42,7 +42,7 @@ from anchorpose.threads import each
 BLOCK_PX: Final = 16  # pixels, side of the blocks in which noise is measured; noise changes slowly over the image
 READINGS_NEEDED: Final = 32  # minimum number of readings per block; their median then has an error of a sixth
 LEAST_READ: Final = 0.15  # minimum share of the frames that agree on a pixel's depth for the room to be known there
-# minimum share of the frames with a reading; it is much larger, since people hide the room but do not return its depth
+# share of the frames with a reading from which a surface also counts as known; passers-by alone add fewer readings
 OFTEN_READ: Final = 0.5
 SAME_SIGMAS: Final = 6.0  # maximum difference between readings of one surface, in sigmas, in addition to ``SAME_M``
 # percentiles that both show the room at a pixel if the pixel is free for a fifth of the time

@@ -20,7 +20,8 @@ LEAST_CONTACT_M: Final = 0.05  # m, minimum length of the border between a stray
 # minimum length of that border, as a factor on the piece's width; the border of half a head is its longest side, that
 # of a forearm is shorter
 LEAST_CONTACT: Final = 1.0
-# m2, maximum stray piece: a head; a leg below a bar is larger, but may border on people who kneel in front of it
+# m2, maximum area of a stray piece, a head's area; a leg below a bar is larger, but may border on people who kneel in
+# front of it
 LARGEST_M2: Final = 0.03
 
 

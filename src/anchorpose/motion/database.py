@@ -27,9 +27,9 @@ from anchorpose.recording.writable import whole_file
 COMPARED: Final = 3 * JOINT_COUNT
 """Number of columns of a pose vector that measure how similar two poses are."""
 
-# number of sub-lists, neighbours in time, that share a bound; larger groups have looser bounds and cost more tests
+# number of sub-lists, successive in time, that share a bound; larger groups have looser bounds and cost more tests
 SEGMENT: Final = 4
-COLUMNS: Final = 16  # number of principal columns used for the bounds; bounds then reach nine tenths of the cost
+COLUMNS: Final = 16  # number of principal columns used for the bounds; these then reach nine tenths of the cost
 _SAMPLES: Final = 5000  # number of poses from which the principal directions are computed
 
 _ROOT: Final = JOINT_INDEX["SpineBase"]
@@ -54,7 +54,9 @@ class MotionDatabase:
     """Reference movements D, one after another, and the sub-lists of D_s."""
 
     theta: np.ndarray  # (n, d) float32, pose vectors at their recorded rates
-    compared: int  # the first so many columns decide how similar two poses are; the rest, the path, is only predicted
+    # number of the first columns, which decide how similar two poses are; the other columns, the path, are only
+    # predicted
+    compared: int
     turned: np.ndarray  # (n, compared) float32 = theta[:, :compared] @ basis; distances are mostly in its first columns
     basis: np.ndarray  # (compared, compared) orthonormal
     sublists: SubLists

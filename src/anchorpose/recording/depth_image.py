@@ -25,18 +25,20 @@ _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES: Final = 33  # length of the signature and the IHDR chunk of a PNG file
 _GREY: Final = 0  # code of the colour type grey in a PNG file
 _DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # the only chunks that a grey image needs
-_OTHER_BYTES: Final = 1 << 20  # bytes allowed for chunks of notes and for the overhead of failed compression
+_OTHER_BYTES: Final = 1 << 20  # maximum number of bytes for chunks of notes and for the overhead of failed compression
 
 FARTHEST_M: Final = 20.0
 """Distance in m that no indoor depth camera exceeds: a larger value is an error code, or light from outside."""
 
-SATURATED: Final = np.iinfo(np.uint16).max  # the largest value of the file is a code, not a distance
-ROWS: Final = 128  # number of rows that are examined, evenly spaced: surfaces are many rows high
+SATURATED: Final = np.iinfo(np.uint16).max  # the largest value of the file, which is a code, not a distance
+ROWS: Final = 128  # number of examined rows, evenly spaced; they meet every surface, since surfaces are many rows high
 LEAST_READ: Final = 0.001  # minimum share of pixels with a reading; a distant person alone fills 0.03
 ENOUGH: Final = 4000  # minimum number of readings for the other checks; with fewer, a sound image may fail by chance
 MOST_ALIKE: Final = 0.98  # maximum share of the readings with one value; a whole body on a coarse scale has 0.3
 LEAST_BESIDE: Final = 0.5  # minimum share of the readings with a neighbour in their row; real images have at least 0.93
-JUMP: Final = 0.1  # step between neighbours as a share of the distance; only surfaces seen edge-on have more
+# minimum step between neighbours that counts as a jump, as a share of the distance; only surfaces seen edge-on have
+# more
+JUMP: Final = 0.1
 MOST_JUMPS: Final = 0.25  # maximum share of neighbours with such a jump; real images of cluttered rooms have up to 0.03
 
 

@@ -67,7 +67,7 @@ Height = Annotated[
 Age = Annotated[float, Field(ge=0, le=OLDEST_YEARS, description="the patient's age in years")]
 BirthYear = Annotated[Whole, Field(ge=1900, le=2100, description="the year the patient was born in")]
 
-GROWN_YEARS: Final = 16.0  # age from which bodies count as adult
+GROWN_YEARS: Final = 16.0  # years, minimum age at which a body counts as an adult's
 FIRST_RECORDED: Final = 2010  # year in which the first consumer depth cameras appeared
 
 
@@ -280,13 +280,14 @@ def _span(time_s: np.ndarray) -> str:
 USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
 """Usual frame rates of depth cameras."""
 
-# quantile of the steps that is several periods long if frames are lost: already if every third one is lost
+# quantile of the steps that is several periods long if frames are lost, even if only every third frame is lost
 LONGER_SHARE: Final = 0.6
-# maximum candidate for the period, as a share of that step: the period is at most 0.5 of it; 30 Hz is 0.83 of 25 Hz
+# maximum period that is tried, as a share of that step; the true period is at most 0.5 of it, and 30 Hz is 0.83 of 25
+# Hz
 SHORTER: Final = 0.75
-# minimum share of the steps that must be one period; fewer are time stamps that come too early
+# minimum share of the steps that must be one period; a smaller share are time stamps that come too early
 LEAST_SHORT: Final = 0.1
-OFF_BEAT: Final = 0.25  # periods; a step farther from a whole number of periods is off the beat
+OFF_BEAT: Final = 0.25  # periods; if a step differs by more from a whole number of periods, it is off the beat
 LEAST_ON_BEAT: Final = 0.8  # minimum share of the steps that must be whole numbers of periods
 
 

@@ -159,15 +159,15 @@ hundred thousand, the image would show a coin at 20 m.
 """
 
 FARTHEST_PRINCIPAL_PX: Final = 1e5
-# coefficients of the rational model nearly cancel each other, and are some hundreds at most
+# limit of a coefficient; coefficients of the rational model nearly cancel each other, and are at most some hundreds
 LARGEST_COEFFICIENT: Final = 1e4
 MOST_PIXELS: Final = 1 << 23
 """Limit of an image in pixels: the largest depth cameras have five million."""
 
 LARGEST_SIDE_PX: Final = 16384
 MOST_CAMERAS: Final = 16
-NARROWEST_LENS: Final = 0.01  # minimum valid radius of rays, in units of z: half a degree from the axis
-FINEST_DEPTH_SCALE_M: Final = 1e-6  # minimum m per grey value; the largest 16-bit value is then 6 cm
+NARROWEST_LENS: Final = 0.01  # minimum valid radius of rays, in units of z; half a degree from the axis
+FINEST_DEPTH_SCALE_M: Final = 1e-6  # m per grey value, minimum; the largest 16-bit value is then 6 cm
 SLOWEST_HZ: Final = 0.1  # minimum frame rate in Hz; nobody can be followed with fewer images
 
 SAME_HEIGHT_M: Final = 0.03  # m, maximum difference of two stated heights that shoes and the time of day explain

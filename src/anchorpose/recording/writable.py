@@ -16,7 +16,8 @@ from typing import Final
 from anchorpose.errors import InputError
 from anchorpose.recording.regular_file import open_regular
 
-ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)  # "C:/" is a Windows drive, so two letters at least
+# at least two letters, since "C:/" is a Windows drive
+ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)
 
 RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")
 

@@ -26,7 +26,7 @@ ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 SQLITE_MAGIC: Final = b"SQLite format 3\0"
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
-# bytes, limit of an unpacked message, a hundred times the usual size: a damaged file may state any size
+# maximum number of bytes of an unpacked message, a hundred times the usual, since a damaged file may state any size
 _LARGEST_BYTES: Final = 1 << 30
 _MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # values of the field "op" in ROS 1
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")

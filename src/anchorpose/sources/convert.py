@@ -35,7 +35,7 @@ CONVERSION_FILE: Final = "conversion.json"
 LOCK_FILE: Final = ".conversion.lock"
 
 BLOCK: Final = 65536
-BLOCKS: Final = 16  # number of blocks sampled in a large file: another recording has other noise in all
+BLOCKS: Final = 16  # number of blocks sampled in a large file; in another recording, the noise differs in all of them
 
 SMALL: Final = 65536
 LISTED: Final = 200

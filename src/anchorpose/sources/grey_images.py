@@ -20,7 +20,8 @@ ENDINGS: Final = {".png", ".pgm"}
 Size = tuple[int, int]
 """Width and height in pixels."""
 
-_SCALES: Final = (0.00025, 0.0005, 0.001)  # metres per grey value: up to 16, 33, 65 m; depth cameras are coarser
+# metres per grey value, for images of up to 16, 33 and 65 m; the steps of depth cameras are coarser
+_SCALES: Final = (0.00025, 0.0005, 0.001)
 _WHOLE_MM: Final = 0.01  # tolerance in millimetres within which a reading is a whole millimetre
 _SPARE: Final = 1.25  # factor by which the range of later images may exceed that of the first
 GREY_M: Final = _SCALES[0]

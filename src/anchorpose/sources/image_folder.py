@@ -148,7 +148,8 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 SIDECAR: Final = "depth.json"
 """Name of the sidecar of a folder; the sidecar of a single file has the file's name with the ending .json."""
 
-LOOK_AT: Final = 100  # number of images tested before a folder counts as one without depth: it may also hold colour
+# number of images tested before a folder counts as a folder without depth, since it may also hold colour
+LOOK_AT: Final = 100
 
 FASTEST_S, SLOWEST_S = 0.003, 1.0
 """Limits in seconds of the time between two images of a depth camera; numbers with other steps are not times."""

@@ -47,9 +47,10 @@ from anchorpose.sources.source import (
 
 VIDEO: Final = (1920, 1440)  # width and height of the colour image of these devices; checked by the principal point
 
-OFF_CENTRE: Final = 0.1  # principal point off the middle, as a share of the width; real lenses have up to 0.02
+# maximum distance of the principal point from the middle, as a share of the width; real lenses have up to 0.02
+OFF_CENTRE: Final = 0.1
 
-LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 images per second has 30 MB
+LARGEST_METADATA: Final = 100_000_000  # bytes, maximum size of the metadata; an hour at 60 images per second has 30 MB
 _DAMAGE: Final = (
     zipfile.BadZipFile,
     zlib.error,

@@ -37,7 +37,7 @@ TUM_M: Final = 1.0 / 5000.0
 
 LISTS: Final = ("depth.txt", "associations.txt", "associate.txt", "associated.txt", "association.txt")
 
-POSES_READ: Final = 100  # number of poses read, spread over the recording: enough to see that a camera was carried
+POSES_READ: Final = 100  # number of poses read, spread over the recording; so many show whether a camera was carried
 
 
 def _is_tum(path: Path, head: bytes) -> bool:

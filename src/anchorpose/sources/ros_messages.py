@@ -20,7 +20,7 @@ from anchorpose.sources.source import NO_READING, SourceCamera
 INTEGERS: Final = frozenset({"16UC1", "mono16", "Z16", "z16"})
 METRES: Final = "32FC1"
 _PNG: Final = b"\x89PNG"
-_HEADER: Final = 12  # bytes of the header that compressed_depth_image_transport adds: format, two parameters
+_HEADER: Final = 12  # number of bytes of the header that compressed_depth_image_transport adds: format, two parameters
 T = TypeVar("T")
 IMAGE = "sensor_msgs/Image"
 COMPRESSED = "sensor_msgs/CompressedImage"

@@ -20,7 +20,8 @@ MILLIMETRE_M: Final = 0.001
 
 NO_READING: Final = 65535  # value that, like 0, marks "too far" or "too near"
 
-STANDS_STILL_M: Final = 0.03  # m; the estimated position of a phone on a tripod drifts by some millimetres
+# m, maximum movement of a resting camera; the estimated position of a phone on a tripod drifts by some millimetres
+STANDS_STILL_M: Final = 0.03
 
 MODULES: Final = (
     "azure_kinect",
