@@ -134,8 +134,7 @@ class Written:
 
 
 def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
-    """Return the record of the corrections, with a sentence on each correction that the written joints do not follow.
-    """
+    """Return the record of the corrections, with a sentence on each one that the written joints do not follow."""
     corrections = given.corrections
     sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
     held = (corrections.unusable, corrections.joints, corrections.patient)

@@ -27,8 +27,8 @@ class RegistrationConfig:
     """Settings of the body's registration to one frame."""
 
     reaches_m: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.12, 0.10, 0.07, 0.06)
-    """Metres, one per step: greatest distance at which a node pulls the skin. The first value is the prediction error
-    of a fast arm, the last value the thickness of clothes."""
+    """Maximum distance, in metres, at which a node pulls the skin, for each step. The first value is the prediction
+    error of a fast arm, the last value is the thickness of clothes."""
 
     held_steps: Annotated[int, Field(ge=0, strict=True)] = 2
     """Number of first steps in which matches and anchors also pull. They have errors of centimetres, so later steps use

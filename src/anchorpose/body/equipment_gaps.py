@@ -17,8 +17,8 @@ NEAR_M: Final = 0.12  # m, maximum gap that is stored; all gaps that decide abou
 # m, error of the equipment's surface, since docs/guide/equipment.md asks for measurements to one centimetre
 MODEL_SIGMA_M: Final = 0.005
 SAMPLING_M: Final = 0.005
-"""Metres by which the nearest skin point is farther from a part than the continuous skin between the points. Mean over
-hands, arms, thighs and pelvis in two simulated clinics (seeds 52001 and 52002); single regions had -2 to 9 mm.
+"""Metres by which the nearest skin point is farther from a part than the continuous skin between the points: the mean
+over hands, arms, thighs and pelvis in two simulated clinics (seeds 52001 and 52002); single regions had -2 to 9 mm.
 """
 
 # regions that are left out, since feet always touch the floor and objects on it

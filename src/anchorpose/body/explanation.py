@@ -60,7 +60,7 @@ def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Expla
 
 
 def node_area_m2(evidence: Evidence) -> np.ndarray:
-    """Return (c,) m2, the area of skin facing the camera that one node of each camera represents; 0 without nodes."""
+    """Return (c,) m2: for each camera, the area of camera-facing skin that one node represents; 0 without nodes."""
     area = np.zeros(len(evidence.cameras))
     count = np.bincount(evidence.surface.camera, minlength=len(area))
     for number, (view, camera) in enumerate(zip(evidence.views, evidence.cameras, strict=True)):

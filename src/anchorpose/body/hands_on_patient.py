@@ -25,7 +25,7 @@ STANDS_OFF_M: Final = 0.015
 SKIN_REACH_M: Final = 0.10  # m, half a thigh's thickness; a reading farther from all skin is not on the patient
 STEP_PX: Final = 2  # pixels, step between the rows and columns that are used; at 2.5 m it is 14 mm, a finger's width
 STEEPEST: Final = 8.0
-"""Largest depth difference per width between neighbouring pixels of one arm: 83 degrees, as on a forearm that points at
+"""Maximum depth difference per width between neighbouring pixels of one arm: 83 degrees, as on a forearm that points at
 the camera. A value of 2 missed a tenth of the contacts in four clinics for tuning that are found with 8."""
 
 

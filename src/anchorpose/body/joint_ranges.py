@@ -84,7 +84,8 @@ def captured_turns() -> np.ndarray:
     left side first.
 
     These are all turns of the arms, and the flexions of hips and knees. Captured joints do not show how a thigh turns
-    about its long axis or where a foot points. Without a lower back in the data, thighs bend relative to the trunk.
+    about its long axis or in which direction a foot points. Without a lower back in the data, thighs bend relative to
+    the trunk.
     """
     shown = []
     for side in ("Left", "Right"):

@@ -143,8 +143,8 @@ length is the same in all poses.
 
 LEAST_BONE_M: Final = 1e-6  # m; a shorter bone counts as missing
 SYSTEMATIC_M: Final = {"upper_arm": 0.004, "forearm": 0.008, "thigh": 0.009, "shank": 0.008}
-"""Systematic error (m) of a bone's length, from clothes, folds and bodies unlike the model; more frames do not reduce
-it. Set on suite ``bodies`` of ``benchmarks/run.py``.
+"""Systematic error (m) of a bone's length, due to clothes, folds and bodies that differ from the model. More frames do
+not reduce it. Set on suite ``bodies`` of ``benchmarks/run.py``.
 """
 
 

@@ -34,7 +34,7 @@ WRONGLY_NAMED: Final = (
     0.03  # share of the places with errors above three deviations, in simulated and real images (UTD-MHAD)
 )
 FROM_BEFORE: Final = 20.0
-"""How many times as often a single camera stands in front of the patient as behind.
+"""Factor by which a single camera stands more often in front of the patient than behind the patient.
 
 docs/guide/cameras.md asks users to place it in front, and the subjects of UTD-MHAD and MSR Action3D face their cameras.
 The value is assumed, not measured; it decides only where the images do not."""

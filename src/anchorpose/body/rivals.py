@@ -27,14 +27,14 @@ from anchorpose.body.skin_points import Body
 # m; two poses with all joints closer to each other are the same pose, since clothes and grips move joints as much
 APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
-"""Nats, standard deviation of a comparison of two poses from errors of shape and clothes, per limb (or trunk) that has
-another place.
+"""Standard deviation, in nats, of the comparison of two poses, due to errors of shape and clothes. It is stated per
+part (limb or trunk) whose place differs.
 
 If only head and arms of a body were visible, the correct pose and the pose with the opposite facing differed by 3 and 5
 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
 OWN_BODY_ERROR: Final = 6.0
-"""Nats, the same error if each pose has a body that was fitted to it: 30 nats for all five parts, measured in 18
-windows of 9 hard scenes."""
+"""The same error, in nats, if each pose has a body that was fitted to it. For all five parts it was 30 nats, measured
+in 18 windows of 9 hard scenes."""
 
 MEMORY_S: Final = 0.3  # s, time after which the weight of a frame has fallen to a third, since limbs have moved
 # s, the same for a rival with a body of its own; errors of shape persist, so the mean of its lead is over a longer time

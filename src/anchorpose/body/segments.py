@@ -82,7 +82,7 @@ belly.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Direction:
-    """A direction of shape: its name, and the metres that one unit adds to skin and skeleton."""
+    """A direction of shape: its name, and the change, in metres, of skin and skeleton by one unit."""
 
     name: str
     vertices: np.ndarray  # (v, 3)

@@ -43,7 +43,7 @@ _REASONS = (
 class SkinReason(IntEnum):
     """The reading at a skin point's pixel. All kinds except the last are joint states, in the order of ``_REASONS``."""
 
-    SEEN = 0  # the patient, at the point's own depth
+    SEEN = 0  # the patient, at the depth of the point
     SELF = 1  # the patient, in front of the point
     EQUIPMENT = 2
     PERSON = 3

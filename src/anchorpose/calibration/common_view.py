@@ -35,7 +35,7 @@ LEAST_PAIRS: Final = 200  # minimum number of pairs of points; a hand has fewer
 
 
 class SurfaceGates(NamedTuple):
-    """Limits for pixels with a normal: largest depth step between neighbours, least cosine between normal and ray."""
+    """Limits for pixels with a normal: maximum depth step between neighbours, minimum cosine between normal and ray."""
 
     step_m: float
     least_facing: float

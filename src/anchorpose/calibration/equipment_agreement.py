@@ -40,7 +40,7 @@ REMEDY: Final = (
 
 ChooseHeading = Callable[[tuple[Camera, ...], float, Sequence[np.ndarray]], int | None]
 """A function that returns the index of the direction that the patient faces, among several level unit vectors; None if
-unsure. It gets all cameras with their poses in Gamma_0 and Y of the floor. It needs a body model, which calibration
+uncertain. It gets all cameras with their poses in Gamma_0 and Y of the floor. It needs a body model, which calibration
 does not have, so the caller passes it in.
 """
 

@@ -193,7 +193,7 @@ class Symmetry:
     identity.
 
     same: rotations after which chi_0 coincides with itself within ``SAME_M``; alike: the same within ``ALIKE_M``;
-    round: whether there are so many of the latter that its direction is undetermined.
+    round: whether so many rotations are ``alike`` that the equipment's direction is undetermined.
     """
 
     same: tuple[np.ndarray, ...]

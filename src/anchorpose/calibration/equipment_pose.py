@@ -206,8 +206,8 @@ class EquipmentPoseConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentPose:
-    """The pose that was found. fit.T_camera_model maps Gamma_0 to the camera frame; evidence: what the depth frames
-    show at this pose.
+    """The pose that was found. fit.T_camera_model maps Gamma_0 to the camera frame; evidence: how the depth frames
+    agree with this pose.
     """
 
     fit: Refined

@@ -14,8 +14,8 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import FOCAL_PX, STEP, Described, described, nearest_rays
 
 APART_M: Final = 0.35
-"""Least distance in metres between the pelvises of two people. In 24 new scenes of the generator for training, 96 % of
-the votes are nearer than this to the pelvis of their person.
+"""Minimum distance in metres between the pelvises of two people. In 24 new scenes of the generator for training, 96 %
+of the votes are nearer than this to the pelvis of their person.
 """
 
 NEAR_M: Final = 0.2  # m, radius around the middle of one person's votes, twice their median error
@@ -24,14 +24,14 @@ STRAY_M: Final = 0.7  # m; a vote farther from every pelvis belongs to nobody
 MOST_VOTES: Final = 4000  # maximum number of votes that are counted; three cameras give 20,000
 
 LEAST_AREA_M2: Final = 0.06
-"""Least seen surface (m2) of a person: a head with its neck. Clutter that is taken for people can be larger, but has a
-lower certainty.
+"""Minimum seen surface (m2) of a person: a head with its neck. Clutter that is taken for people can be larger, but has
+a lower certainty.
 """
 
 
 LEAST_CERTAINTY: Final = 0.7
-"""Least mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``), all people in
-plain view have more. So have 0.2 to 3 objects per image; they are rejected later, since no body explains them
+"""Minimum mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``), all people
+in plain view have more. So have 0.2 to 3 objects per image; they are rejected later, since no body explains them
 (``tracker.patient_choice.HUMAN``).
 """
 

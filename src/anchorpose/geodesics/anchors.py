@@ -174,8 +174,8 @@ def _assign(cost: np.ndarray) -> np.ndarray:
 class Anchors:
     """The five identified anchors of a surface; missed anchors are marked, never guessed."""
 
-    # (5,) int32, index into the surface, -1 = missed: the node of the cap nearest to its centre, which moves half as
-    # much from frame to frame as the extremum itself, and so do distances measured from it
+    # (5,) int32, index into the surface, -1 = missed: the node of the cap nearest to its centre, From frame to frame
+    # it moves half as much as the extremum, and so do distances measured from it
     node: np.ndarray
     position_m: np.ndarray  # (5, 3) float64 world, centre of the extremal cap; NaN if missed
     sigma_m: np.ndarray  # (5,) float64, standard deviation of the centre per axis; NaN if missed

@@ -43,7 +43,7 @@ TWO: Any
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 
 FULL_TURN: Any = np.float32(1.0 / (1.0 - np.cos(np.radians(4.0))))
-"""Least sharpness of a turn at the surface's rim from which the front starts again there; pixel steps have less."""
+"""Minimum sharpness of a turn at the surface's rim from which the front starts again there; pixel steps have less."""
 
 FUSED: Final = {"contract", "nsz", "arcp"}  # fused and reordered products are allowed, but NaN stays NaN
 

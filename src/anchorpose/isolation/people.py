@@ -26,7 +26,7 @@ class IsolationConfig:
 
 PERSON_AREA_M2: Final = 0.12  # m2, minimum seen surface of a person, a fifth of an adult's frontal area
 FOREGROUND: Final = 0.33
-"""Least share of a found person's area that is foreground; it is asked only if the foreground is smaller than
+"""Minimum share of a found person's area that is foreground; it is tested only if the foreground is smaller than
 ``LEAST_AREA_M2``. People have 0.5 to 0.9, since rays at outlines have no pixel of their depth; parts of the room that
 were taken for people had 0.1 and 0.16."""
 

@@ -43,8 +43,8 @@ LARGEST_INTEGER: Final = 2**64
 """Limit of integers, beyond every counter and time stamp; arrays and floats cannot hold arbitrarily large integers."""
 
 ROTATION_TOLERANCE: Final = 5e-4
-"""Largest entry of R^T R - I for a rotation R. Rounding to four decimals explains it; a larger entry is a scale, a
-shear or a mistake.
+"""Maximum entry of R^T R - I for a rotation R. Rounding to four decimals causes such an entry; a larger entry means a
+scale, a shear or a mistake.
 """
 
 LONGEST_NAME: Final = 200

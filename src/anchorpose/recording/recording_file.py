@@ -1,4 +1,4 @@
-"""Read recording.json (format ``rgbd-recording``) and timestamps.csv, and what may replace parts of them:
+"""Read recording.json (format ``rgbd-recording``), timestamps.csv, and two inputs that may replace parts of them:
 calibration.json and a given height.
 
 Some recorders write an image twice under two times: the second copy shows an earlier moment than its time states.
@@ -39,16 +39,16 @@ from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.settings import LARGEST, Unfit, shown
 
 MOST_REPEATED: Final = 0.1
-"""Largest share of a camera's times that may equal the previous time; with more, its clock is too coarse."""
+"""Maximum share of a camera's times that may equal the previous time; with more, its clock is too coarse."""
 
 SHORTEST_STEP_S: Final = 1e-4
 """Time in s within which no camera takes two depth images: times that differ by less are the same time, rounded."""
 
 LONGEST_STEP_S: Final = 5.0
-"""Longest median step in s: nobody can be followed over more, so the unit of the times is probably wrong."""
+"""Maximum median step in s. Over a longer step nobody can be followed, so the unit of the times is probably wrong."""
 
 FARTHEST_TIME_S: Final = 1e11
-"""Largest time in s; seconds since any epoch in use are at most a fifth of it."""
+"""Maximum time in s; seconds since any epoch in use are at most a fifth of it."""
 
 Seconds = Annotated[float, Field(ge=-FARTHEST_TIME_S, le=FARTHEST_TIME_S, description="a time in seconds")]
 
@@ -119,7 +119,7 @@ def _parse_row(path: Path, line: int, cells: list[str]) -> tuple[int, float]:
 
 
 MOST_DUPLICATES: Final = 0.5
-"""Largest share of images that may equal the previous image; with more, the images have no noise and equality means
+"""Maximum share of images that may equal the previous image; with more, the images have no noise and equality means
 nothing.
 """
 
@@ -151,10 +151,10 @@ mm.
 """
 
 COARSEST_DEPTH_SCALE_M: Final = 0.1
-"""Largest accepted metres per grey value. A step of 10 cm resolves no limb, so a larger scale means a wrong unit."""
+"""Maximum accepted metres per grey value. A step of 10 cm resolves no limb, so a larger scale means a wrong unit."""
 
 FOCAL_PX: Final = (1.0, 1e5)
-"""Least and largest focal length in pixels. With 1 pixel, the whole field of view would fall into one pixel; with a
+"""Minimum and maximum focal length in pixels. With 1 pixel, the whole field of view would fall into one pixel; with a
 hundred thousand, the image would show a coin at 20 m.
 """
 

@@ -52,7 +52,7 @@ _REDIRECTED: Final = Lock()
 
 
 class Unreadable(Exception):
-    """The reason why a file cannot be read, as the end of a sentence that begins with its name."""
+    """The error for a file that cannot be read. Its message ends a sentence that begins with the file's name."""
 
 
 STAMP: Final = np.dtype([("size", np.int64), ("changed_ns", np.int64), ("inode", np.uint64)])
@@ -214,7 +214,7 @@ def read_image(path: Path, flags: int = AS_STORED) -> np.ndarray | None:
 
 @contextmanager
 def _silent_decoders() -> Iterator[None]:
-    """Discard what libpng and libjpeg print about damaged files: no log level of OpenCV reaches them.
+    """Discard the messages of libpng and libjpeg about damaged files, which OpenCV's log level does not affect.
 
     The error stream of the whole process is redirected, so do not use it while other threads work.
     """

@@ -1,5 +1,5 @@
-"""Convert recorders' files to a recording folder. The conversion is streamed and can be resumed; an incomplete one is
-not a recording.
+"""Convert recorders' files to a recording folder. The conversion is streamed and can be resumed. Until it is
+complete, the folder is not a recording.
 
 conversion.json holds the inputs and options, to resume or repeat the conversion.
 """
@@ -39,7 +39,7 @@ BLOCKS: Final = 16  # number of blocks sampled in a large file; in another recor
 
 SMALL: Final = 65536
 LISTED: Final = 200
-"""Largest number of text files, up to ``SMALL`` bytes each, that are read whole: a corrected lens may not change a
+"""Maximum number of text files, up to ``SMALL`` bytes each, that are read whole: a corrected lens may not change a
 file's size.
 """
 

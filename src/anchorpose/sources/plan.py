@@ -1,4 +1,4 @@
-"""Plan what a conversion writes (the cameras of all inputs with the user's additions), and write a camera's folder.
+"""Plan the output of a conversion (the cameras of all inputs with the user's additions), and write a camera's folder.
 
 Images are written before their rows, so that every image with a row is complete.
 """

@@ -3,7 +3,7 @@
 TUM: a text file lists times and depth images, in 1/5000 m (the benchmark's file formats page); the lens is published
 per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON file with ``intrinsic_matrix``,
 column by column; ``depth_scale`` there is grey values per metre (Open3D's RGBDVideoMetadata). ScanNet's reader of .sens
-files: intrinsic/intrinsic_depth.txt, depth in mm, and poses in an arbitrary world, which are those of a carried camera.
+files: intrinsic/intrinsic_depth.txt, depth in mm, and the poses of a carried camera in an arbitrary world.
 Times that a folder lacks are not invented.
 """
 

@@ -33,7 +33,7 @@ HOLE_ENCLOSED = 0.4  # minimum share of a hole's rim that shows the patient; hal
 class Border(IntEnum):
     """The kind of border within reach of a node; the highest value if there are several."""
 
-    INSIDE = 0  # skin all around, or the patient's own silhouette before farther surfaces
+    INSIDE = 0  # skin all around, or the patient's own silhouette in front of surfaces farther from the camera
     SELF = 1  # another part of the patient stands in front
     # equipment, another person or an object of the room stands in front, or there is a hole or the image's edge
     CUT = 2

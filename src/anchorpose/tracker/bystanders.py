@@ -88,8 +88,8 @@ class Bystander:
     body: Body
     belief: PoseBelief
     change: np.ndarray  # (POSE_SIZE,) change of the pose in the last ``elapsed_s``
-    elapsed_s: float  # s between the last two fits
-    hidden_s: float = 0.0  # s since enough of the person was seen to fit the body
+    elapsed_s: float  # s, time between the last two fits
+    hidden_s: float = 0.0  # s, time since enough of the person was seen to fit the body
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ class Search:
 
     label: int
     wait: int  # number of frames until the next search
-    pause: int  # number of frames from that search to the one after it, if it fails
+    pause: int  # number of frames between that search and the following search, if that search fails
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,8 +217,8 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
-    """Return the nodes of one person, to which a body can be fitted. The outline is left out, since half of it is an
-    occluder's edge. The fewer pixels show the person, the closer are the nodes.
+    """Return the nodes of one person, to which a body can be fitted. The outline is left out, since half of it is the
+    edge of an occluder. If fewer pixels show the person, the nodes are closer to each other.
     """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]

@@ -150,7 +150,8 @@ def _sigma(
     noise = noise_covariance(body, belief, evidence, noises, config.registration)
     patch_m = finest_patch_m(evidence, noises)
     sigma = joint_sigma(body, posed, belief.covariance, uncertainty, noise, patch_m)
-    # the posterior trusts the pose of the frame before; but people move, so a hidden part gets more uncertain with time
+    # the posterior relies on the pose of the frame before, but people move: with time, hidden parts become more
+    # uncertain
     sigma = frame_alone_sigma(
         body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
     )

@@ -42,7 +42,7 @@ def follow_openly(
     known: FittedShape | None,
     begin: Start | None = None,
 ) -> Iterator[tuple[Estimate, PatientTracker | None]]:
-    """Follow the patient from any frame, and yield the tracker with each estimate; see ``follow_patient``.
+    """Follow the patient from any frame, and yield the tracker with each estimate, as ``follow_patient`` does.
 
     choice: where the patient stands in the first frame, None if no patient is to be searched for; begin: the patient as
     found in the first frame, None if not searched for yet.

@@ -1,8 +1,8 @@
 """Check the camera poses that a recording gives, before tracking, by the floor, the equipment and the other cameras.
 
-If poses are contradicted by far more than noise, the recording is refused; a smaller contradiction is noted and
-increases every sigma. A single camera can be checked only by floor and equipment. If it sees neither, a wrong pose
-remains unnoticed and displaces all joints equally.
+If a contradiction is far larger than noise, the recording is refused. A smaller contradiction is noted and increases
+every sigma. A single camera can be checked only by the floor and the equipment. If it sees neither of them, a wrong
+pose remains unnoticed and displaces all joints equally.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ def _excused(doubt: PoseDoubt) -> PoseDoubt:
 
 
 def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequence[Scene]) -> None:
-    """Raise InputError if poses are contradicted by far more than noise; it states what contradicts them, by how much,
-    and a remedy.
+    """Raise InputError if a contradiction of the poses is far larger than noise. The error states the contradiction,
+    its size and a remedy.
     """
     refuted = [doubt for doubt in asked.doubts if doubt.refuted]
     if not refuted:

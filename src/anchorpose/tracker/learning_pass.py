@@ -121,7 +121,7 @@ class _Window:
     """A window of frames that the body is learnt from together."""
 
     kept: list[_Seen]
-    seconds: float  # s from the stretch's first frame with the patient to the end of this window
+    seconds: float  # s, time from the stretch's first frame with the patient to the end of this window
     moved: float  # nats, cost of the moves in which the body turned round between two frames of this window
     tracker: PatientTracker | None  # the tracker after this window; None if tracking ended
     turned: Start | None  # the start with the opposite facing in ``frame``; None if that frame excludes it
@@ -172,11 +172,11 @@ def _last(learning: _Learning) -> LearntPatient:
 
 
 def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
-    """Learn with both facings until one is clearly more probable, and return the more probable patient. If the whole
+    """Learn with both facings until one facing is clearly more probable, and return its patient. If the whole
     stretch does not decide, the result also has the other facing.
 
-    A single frame may show too little to decide. But with a mistaken facing, one body of human shape hardly explains
-    all windows, or the person seems to turn round at some time.
+    A single frame may show too little to decide. But with the wrong facing, a single body of human shape hardly
+    explains all windows, or the person seems to turn round at some time.
     """
     lead, mine, theirs = _compared(one, other, run)
     if theirs is None:
@@ -189,8 +189,8 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
 
 
 def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step, _Step | None]:
-    """Return the lead of the first facing in nats, and the window of each facing in which the comparison ended. The
-    last value is None if nobody who faces the other way can be followed.
+    """Return the lead of the first facing in nats, and for each facing the window in which the comparison ended. The
+    last value is None if nobody with the second facing can be followed.
 
     Errors of shape are common to all windows, so the mean over the windows counts, not the sum.
     """
@@ -222,7 +222,7 @@ def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
 
 
 def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the log probability, in nats, of the body's shape and of its facing in a window."""
+    """Return the log probability, in nats, of the body's shape and of its facing in this window."""
     body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
     facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))
     return facing - 0.5 * shape_cost(learnt.shape, run.room.recording.subject, run.config)

@@ -21,7 +21,7 @@ from anchorpose.tracker.room import Run
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between vain searches; one takes as long as three frames
 # nats; a limb with less is confused with another limb; correctly tracked people have more (``measure_named_places``)
 MISNAMED: Final = -1.0
-MORE: Final = 1.5  # a new search starts at once if the uncovered area exceeds this multiple of the last search's
+MORE: Final = 1.5  # if the uncovered area exceeds that of the last search by this factor, a new search starts at once
 # m, maximum distance from an anchor to the limb's end; a bar may hide the hand, so the anchor may be at wrist or elbow
 ELSEWHERE_M: Final = 0.25
 LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet

@@ -1,7 +1,7 @@
 """Examine sampled frames before tracking: find people, recognise mirror images, and list possible initial frames.
 
-A person seen beyond a wall is either in the next room or a mirror image. A mirror image has a twin: a real person who
-stands, in most of the sampled frames, exactly where the image falls when reflected in the wall's plane.
+A person who is seen beyond a wall is either in the next room or a mirror image. A mirror image has a twin: a real
+person who stands, in most of the sampled frames, at the place of the image after reflection in the wall's plane.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def _middle(one: SeenPerson) -> np.ndarray:
 
 
 def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
-    """Return whether a camera that has most of the points (n, 3) in view sees farther than most of them."""
+    """Return whether a camera with most of the points (n, 3) in view has readings behind most of them."""
     return any(np.mean(read > own + BEFORE_M) > 0.5 for own, read in looks_at_most(points_m, depths_m, cameras))
 
 

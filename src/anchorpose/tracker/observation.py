@@ -30,8 +30,8 @@ DESCRIBED_EVERY: Final = 8
 
 
 def is_described(frame: int) -> bool:
-    """Return whether the descriptor checks this frame: the names of the patient's limbs, and how many people have
-    the patient's label. No prediction decides this.
+    """Return whether the descriptor checks, in this frame, the names of the patient's limbs and the number of people
+    with the patient's label. This does not depend on predictions.
     """
     return frame % DESCRIBED_EVERY == 0
 

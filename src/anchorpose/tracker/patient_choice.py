@@ -1,8 +1,8 @@
 """Choose the patient among the people in the sampled frames.
 
-The patient stands in the equipment, is there all the time, is near the cameras' optical axes, and does not turn the
+The patient stands in the equipment, is present all the time, is near the cameras' optical axes, and does not turn the
 back to all cameras. Helpers stand around the patient and face the patient. None of these signs is certain, so each
-gives votes.
+of them contributes votes.
 """
 
 from __future__ import annotations
@@ -267,7 +267,7 @@ def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
 
 
 def outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
-    """Return how far a place lies outside the equipment's outline on the ground; 0 inside."""
+    """Return how far (m) a place lies outside the equipment's outline on the ground; 0 inside the outline."""
     outline = cv2.convexHull(equipment.triangles()[0][:, [0, 2]].astype(np.float32))
     x, z = place_xz_m
     return max(0.0, -float(cv2.pointPolygonTest(outline, (float(x), float(z)), True)))

@@ -1,9 +1,9 @@
 """Check whether two cameras show the same room and the same people: neither camera may see past a surface that the
 other shows.
 
-A surface may be hidden by objects in between, but only a wrong pose lets a camera see through it. The room reveals a
-camera whose pose is too near, too far, too high or tilted. People also reveal a pose that is shifted along the common
-surfaces, since their outlines are next to free space.
+A surface may be hidden by objects in front of it, but only a wrong pose lets a camera see through it. The room reveals
+a pose that is too near to it, too far from it, too high or tilted. People also reveal a pose that is shifted along the
+common surfaces, since beside their outlines there is free space.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ REFUTED_M: Final = 0.15
 
 @dataclass(frozen=True, slots=True)
 class SeenPast:
-    """How much of the surface that one of two cameras shows is seen past by the other: the larger of both directions.
+    """The share of one camera's surface that another camera sees past, in the direction with the larger share.
 
     NaN if both cameras see too little of the same surface.
     """
@@ -168,8 +168,8 @@ def _past(world_m: np.ndarray, other: Scene, depth_m: np.ndarray) -> tuple[int, 
     """Return how many of the points (n, 3) another camera sees past by its depth image (height, width), metres; and for
     how many this is known.
 
-    It is known for points in view at which the camera has a reading and nothing hides the point. The nearest reading
-    within ``AWAY_M`` sideways is used.
+    It is known for a point in view if the camera has a reading there and nothing hides the point. Of the readings
+    within ``AWAY_M`` sideways, the nearest is used.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
     column, row, inside = other.camera.pixel_of(seen)

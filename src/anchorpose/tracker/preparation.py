@@ -1,6 +1,6 @@
 """Find clocks, calibration and room from frames spread over the recording.
 
-If the equipment looks the same from two sides, the patient's body decides which side is the front.
+If the equipment looks the same from two sides, the direction in which the patient faces decides which is the front.
 """
 
 from __future__ import annotations

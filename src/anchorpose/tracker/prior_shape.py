@@ -90,7 +90,8 @@ ADULT_HEIGHTS_M = (1.45, 2.0)
 CHILD_HEIGHTS_M = (0.95, 1.55)
 ORDINARY_HEIGHT_M = 1.70  # m, assumed height of an adult whose height is not given
 CONTRADICTS = 3.0  # standard deviations; if a stated height differs by more from the images, it contradicts them
-SYSTEMATIC_M = 0.02  # m, systematic error of a height from images: shoes, hair and a body unlike the model
+# m, systematic error of a height from images, due to shoes, hair and bodies that differ from the model
+SYSTEMATIC_M = 0.02
 TRIED_SIGMA_M = 0.01  # m, standard deviation of a tried height, which sets its weight in the fitted shape
 
 

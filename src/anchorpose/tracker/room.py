@@ -39,7 +39,7 @@ class InitialFrame:
 
     frame: int  # position in the recording
     choice: PatientChoice  # where the patient stands
-    score: float  # 0 to 1; higher the better the patient is seen and the farther away other people are
+    score: float  # 0 to 1; it is high if much of the patient is seen and other people are far from the patient
     whole: float  # 0 to 1, the patient's visible surface relative to the usual area
     alone: bool  # whether no other person is seen
     crowd: Crowd | None = field(default=None, repr=False)  # the people seen; None once they are no longer needed

@@ -130,8 +130,8 @@ class Search:
     def _strangers(self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> list[Person]:
         """Return the people who are not bystanders seen before.
 
-        Each bystander is identified with at most one person, who has most pixels with the bystander's label. Labels
-        spread between people who touch, but the descriptor separates these people.
+        Each bystander is identified with at most one person: the person with most pixels of the bystander's label.
+        Labels spread between people who touch, but the descriptor separates these people.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)

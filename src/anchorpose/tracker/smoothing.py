@@ -1,7 +1,7 @@
 """Combine the forward and the backward pass limb by limb, and smooth the joints over time.
 
-A limb that one pass loses behind a person is often tracked by the other pass. Where both passes agree on a limb, they
-are averaged. Where they disagree, the limb is taken from the pass in which more of it is seen at its place. Joints are
+A limb that one pass loses behind a person is often tracked by the other pass. If both passes agree on a limb, they are
+averaged. If they disagree, the limb is taken from the pass in which more of it is seen at its place. Joints are
 then smoothed by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
 """
 

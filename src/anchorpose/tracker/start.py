@@ -96,7 +96,7 @@ def find_start(
     expected: PoseBelief | None = None,
     facing: Facing | None = None,
 ) -> Start | NoStart:
-    """Find the patient in this frame, or return why the patient is not found.
+    """Find the patient in a frame, or return why the patient is not found.
 
     known: the learnt shape, None before learning; crowd: the people in this frame, None if not found yet; expected: the
     pose before the patient was lost. It is used for the limb search after the first pose, and to reject a person who
@@ -225,8 +225,9 @@ def quality(start: Start) -> float:
     """Return the quality of a start, 0 to 1: the share of the surface that the body explains, reduced for each forearm
     and shank that is hardly seen, and for a rare pose.
 
-    The pose of a hidden limb is arbitrary, and a limb that the first frame confuses with another person's limb stays
-    wrong for long. Rare poses are often wrong: for example, legs fitted to a kneeling person's head bend in a rare way.
+    The pose of a hidden limb is arbitrary, and a limb that is confused with another person's limb in the first frame
+    stays wrong for long. Rare poses are often wrong: for example, legs fitted to a kneeling person's head are bent in
+    a rare way.
     """
     body = build_body(body_points(), start.shape)
     points, pose = body.points, start.belief.pose

@@ -24,9 +24,9 @@ GRID_M: Final = 0.05  # m, distance between tried steps: half a limb's width
 SAME_M: Final = 0.06  # m, maximum gap between a moved point and the reading: half the grid step, clothes and noise
 PAST_M: Final = 0.15  # m; if a reading is this far behind a point, the point is not there
 POINTS: Final = 250  # maximum number of points used per person; the share found then has an error of 0.03
-STAYED: Final = 0.6  # a person with at least this share of points found again in place has not walked
-PLACED: Final = 0.4  # no step is needed if this share of expected skin is found; the person's own limbs hide the rest
-BETTER: Final = 0.2  # a step must find this share of the points more than staying does
+STAYED: Final = 0.6  # minimum share of points found again in place for a person who has not walked
+PLACED: Final = 0.4  # share of expected skin found, from which no step is needed; the person's limbs hide the rest
+BETTER: Final = 0.2  # minimum share of the points that a step must find in addition to the share found without a step
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
 # share of points subtracted per metre of a step, so that the shorter of two good steps is preferred
 FAR_COST: Final = 0.2
