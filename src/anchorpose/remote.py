@@ -83,7 +83,7 @@ def local_results(given: str | Path) -> Iterator[Path]:
     """Yield the path itself, or a folder whose content is copied to an address when the block ends without an error.
 
     The folder is copied under a temporary name and then renamed. If the target exists, it is refused before any work,
-    and never replaced. Raises InputError and MissingPackage, as ``local_copy``.
+    and never replaced. Raises InputError and MissingPackage, as ``local_copy`` does.
     """
     if not is_address(given):
         yield Path(given)

@@ -36,7 +36,8 @@ SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.1
 # m, mean and standard deviation of an unknown person's stature, adult or child
 MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20
 STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a thousand is beyond them
-_SCALINGS: Final = 3  # number of scalings; after each, the median error of the stature is 4, 3 and 2 %
+# number of scalings; the median error of the stature is 4, 3 and 2 % after the first, second and third
+_SCALINGS: Final = 3
 _AGAIN: Final = 4  # number of steps from a pose that already fits
 _NO_KERNEL_M: Final = 1e3  # m, so large that the kernel has no effect, since the rows' weights are robust already
 _ALIGNING: Final = 8  # number of steps of the reweighted alignment of the trunk

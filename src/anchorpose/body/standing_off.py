@@ -86,7 +86,7 @@ def _joints_of(name: CoveredPart) -> tuple[int, ...]:
 
 @cache
 def points_of_segments(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
-    """Return, by segment, (p,) bool: the skin points that move with it."""
+    """Return, for each segment, (p,) bool: the skin points that move with the segment."""
     bones: dict[CoveredPart, tuple[str, ...]] = {"trunk": TRUNK}
     for segment, (bone, _) in _LIMBS.items():
         bones |= {f"{segment}_{side}": (f"{side.capitalize()}{bone}",) for side in SIDES}  # type: ignore[misc]

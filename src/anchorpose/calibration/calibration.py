@@ -101,7 +101,7 @@ class Calibration:
 
 
 def write_calibration(folder: Path, recording: str, calibration: Calibration) -> None:
-    """Write ``folder``/calibration.json; sigma is null where a pose was given or its accuracy is unknown."""
+    """Write ``folder``/calibration.json; sigma is null if the pose was given or its accuracy is unknown."""
     document = {
         "format": CALIBRATION_FORMAT,
         "version": 1,

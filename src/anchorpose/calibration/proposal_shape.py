@@ -101,7 +101,8 @@ def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bo
 
 
 def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tubes: bool = False) -> Fit:
-    """Fit the box that explains the readings best. If ``tubes`` is set and a tube is about as good, return the tube.
+    """Fit the box that explains the readings best. If ``tubes`` is set and a tube explains them about as well, return
+    the tube.
 
     own (n,) bool: readings on this part. turn: whether the axes may turn too.
     """

@@ -110,8 +110,8 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
-    """Return the distance (k, k) between extrema: along their paths (k, l, 3), and straight between one place of each
-    path, whichever places give the least distance.
+    """Return the distance (k, k) between extrema: along their paths (k, l, 3), and straight from a place on one path to
+    a place on the other. The places with the least distance are used.
     """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)

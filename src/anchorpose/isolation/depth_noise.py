@@ -59,7 +59,7 @@ JUMP_M: Final = 0.40
 FLAT: Final = 0.1  # maximum difference between two pixels on one side of an edge, as a share of the jump
 MIDDLE: Final = (0.2, 0.8)  # shares of the jump between which the ramp's width is measured
 LEAST_EDGES: Final = 1000  # minimum number of edges in all frames together; real recordings have tens of thousands
-SHARP_PX: Final = 2.0  # pixels, maximum width of the middle of a sharp edge; an unfiltered camera has at most one there
+SHARP_PX: Final = 2.0  # pixels, maximum width of the middle of a sharp edge; without filters it is at most one pixel
 FRAMES: Final = 8  # number of frames that are measured
 ON_RAMP: Final = 0.15  # a pixel that differs from both sides by more than this share of the jump is on the ramp
 
@@ -252,7 +252,7 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
     logs, depth_m = np.log(np.array(list(cells.values()))).T
     found = np.linalg.lstsq(matrix, logs, rcond=None)[0]
     by_level, by_slant = found[: len(levels)], dict(zip(slants, found[len(levels) :], strict=True))
-    # facing surfaces or, without these, the least slanted surfaces, whose sigma is too large
+    # sigma is that of facing surfaces; if none is seen, that of the least slanted surfaces, which is too large
     reference = by_slant[slants[0]]
     at_m = [float(np.exp(np.mean([d for d, (at, _) in zip(depth_m, cells, strict=True) if at == k]))) for k in levels]
     times = [float(np.exp(by_slant[k] - reference)) if k in by_slant else None for k in (1, 2)]

@@ -1,4 +1,4 @@
-"""Correct the patient's pixels: add parts that were labelled as another person, and remove stray pieces of others."""
+"""Correct the patient's pixels: add parts with another person's label, and remove stray pieces of other people."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class SubLists(NamedTuple):
     stride: np.ndarray  # (w,) float64, rows per frame
     followed: np.ndarray  # (w,) int32, number of frames after the newest pose in its clip
     summary: np.ndarray  # (w, 2, COLUMNS) float32, mean pose and displacement, in the leading columns of ``turned``
-    segment: np.ndarray  # (s + 1,) int64, where each segment (group of neighbours) begins
+    segment: np.ndarray  # (s + 1,) int64, index at which each segment (group of neighbours) begins
     centre: np.ndarray  # (s, 2, COLUMNS) float32, mean of the segment's summaries
     radius: np.ndarray  # (s, 2) float32, maximum distance of its mean poses, and of its displacements, from the centre
 

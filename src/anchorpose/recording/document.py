@@ -37,7 +37,7 @@ its size.
 """
 
 DEEPEST: Final = 64
-"""Limit of nested objects and lists; no format of this project or of a recorder has more than ten levels."""
+"""Maximum depth of nested objects and lists; no format of this project or of a recorder has more than ten levels."""
 
 LARGEST_INTEGER: Final = 2**64
 """Limit of integers, beyond every counter and time stamp; arrays and floats cannot hold arbitrarily large integers."""

@@ -109,7 +109,7 @@ def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -
 
 
 def read_frame(recording: Recording, position: int) -> FrameSet:
-    """Read the frame set at one position in the first camera's stream; raises InputError as ``read_frames``."""
+    """Read the frame set at one position in the first camera's stream; raises InputError as ``read_frames`` does."""
     return next(read_frames(recording, position, position + 1))
 
 

@@ -25,8 +25,8 @@ BEGINNING: Final = 4096  # number of bytes at the beginning of a file in which i
 
 
 def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) -> None:
-    """Raise InputError if the path may not be written: an address, the root, a link, a place in a recording, a place
-    inside an input, or a place that contains an input.
+    """Raise InputError if the path may not be written: if it is an address, the root, a link, a place in a recording, a
+    place inside an input, or a place that contains an input.
 
     of_recording: the output is a part of a recording, so it may lie in a recording.
     """

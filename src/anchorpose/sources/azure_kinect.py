@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 DEPTH_CAMERA: Final = "CALIBRATION_CameraLocationD0"
 MODEL: Final = "CALIBRATION_LensDistortionModelBrownConrady"
 """The only lens model that is read; its formula is that of OpenCV's rational model. Only early internal devices had
-others.
+other models.
 """
 SENSOR_PX: Final = 1024
 """Width and height of the sensor; the SDK also refuses the calibration of a sensor of another size."""
@@ -178,7 +178,7 @@ class AzureKinectFile:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for the user, complete once all frames were read."""
+        """Return sentences for the user; they are complete once all frames were read."""
         damaged = f"depth images left out because their size or time is damaged: {self.left_out}"
         return (*self.header_notes, damaged) if self.left_out else self.header_notes
 

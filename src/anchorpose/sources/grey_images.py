@@ -58,7 +58,7 @@ class ImageFiles:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for the user, complete once all frames were read."""
+        """Return sentences for the user; they are complete once all frames were read."""
         if not self._left_out:
             return self._notes
         first, problem = next(iter(self._left_out.items()))

@@ -72,7 +72,7 @@ class BagSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for the user, complete once all frames were read."""
+        """Return sentences for the user; they are complete once all frames were read."""
         counted = (
             sentence.format(tally[what], camera.name)
             for tally, camera in zip(self._tallies, self.cameras, strict=True)

@@ -29,7 +29,7 @@ MODULES: Final = (
     "phones",
     "published_folders",
     "mat_file",
-    "image_folder",  # last: most formats above include a folder of images
+    "image_folder",  # tried last, since most formats above include a folder of images
 )
 """Modules of this package with ``READERS``, in the order in which they are tried; they are imported one by one."""
 
@@ -89,7 +89,7 @@ class Source(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for the user, complete once all frames were read."""
+        """Return sentences for the user; they are complete once all frames were read."""
         ...
 
 

@@ -44,8 +44,8 @@ def follow_openly(
 ) -> Iterator[tuple[Estimate, PatientTracker | None]]:
     """Follow the patient from any frame, and yield the tracker with each estimate, as ``follow_patient`` does.
 
-    choice: where the patient stands in the first frame, None if no patient is to be searched for; begin: the patient as
-    found in the first frame, None if not searched for yet.
+    choice: place of the patient in the first frame, None if no patient is to be searched for; begin: the patient as
+    found in the first frame, None before the search.
     """
     follower = Follower(run, choice, known, begin)
     for frame_set in frames:

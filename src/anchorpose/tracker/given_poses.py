@@ -38,7 +38,7 @@ class PosesAsked:
     """The results of checking all camera poses."""
 
     pairs: tuple[CameraPair, ...]  # the comparison of every two cameras; empty if no pose is given
-    doubts: tuple[PoseDoubt, ...]  # all contradictions
+    doubts: tuple[PoseDoubt, ...]  # all contradictions of camera poses
 
 
 def agreeing_poses(

@@ -38,7 +38,7 @@ def is_described(frame: int) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectation:
-    """Where the patient is expected in a frame."""
+    """The place and pose in which the patient is expected in a frame."""
 
     skin: ExpectedSkin
     sigma_m: np.ndarray  # (p,) uncertainty of each skin point

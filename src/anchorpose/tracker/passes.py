@@ -88,7 +88,7 @@ class Route:
         return float(self.room.recording.streams[0].time_s[position])
 
     def skip(self, count: int) -> None:
-        """Count as read the frames that were tracked before the run was interrupted."""
+        """Report the frames that were tracked before the interruption of the run as read."""
         for _ in range(count):
             self.tick()
 

@@ -106,7 +106,8 @@ def ordinary_height_m(recording: Recording) -> float:
 def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, ...]:
     """Return the prior beliefs in the patient's shape: an adult's first and, unless the patient is grown, a child's.
 
-    A measured height is one more observation. Without it, the height follows from age and sex, if they are stated.
+    A measured height is one more observation. Without a measured height, the height follows from age and sex if they
+    are stated.
     """
     asset = body_points().asset
     groups = (adult_belief,) if subject.grown else (adult_belief, child_belief)

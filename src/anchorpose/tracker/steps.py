@@ -30,8 +30,8 @@ BETTER: Final = 0.2  # minimum share of the points that a step must find in addi
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
 # share of points subtracted per metre of a step, so that the shorter of two good steps is preferred
 FAR_COST: Final = 0.2
-MOST_WALKERS: Final = 5  # people whose steps are compared jointly; more do not fit into an image
-MOST_STEPS: Final = 4  # steps considered for each person
+MOST_WALKERS: Final = 5  # maximum number of people whose steps are compared jointly; more do not fit into an image
+MOST_STEPS: Final = 4  # maximum number of steps considered for each person
 APART_M: Final = 0.25  # m, minimum distance between the axes of two people, and between two considered steps
 LEAST_POINTS: Final = 60  # minimum number of points, about those of a hand; a share of fewer points is not reliable
 
