@@ -85,9 +85,9 @@ def find_outline(view: View) -> np.ndarray | None:
     """Return (height, width) bool: pixels where the patient is seen or may be hidden; None if the patient is not in the
     view.
 
-    The patient may be hidden behind equipment, behind another person, and at pixels without a reading. Background, or a
-    person farther away than the patient, excludes the patient. The thin rim of lost and wrong readings along every
-    silhouette counts as background.
+    The patient may be hidden behind equipment, behind another person, and at pixels without a reading. At a pixel
+    that shows the background, or a person farther from the camera, the patient cannot be. The thin rim of lost and
+    wrong readings along every silhouette counts as background.
     """
     import cv2
 

@@ -26,7 +26,7 @@ SKIN_REACH_M: Final = 0.10  # m, half a thigh's thickness; a reading farther fro
 STEP_PX: Final = 2  # pixels, step between the rows and columns that are used; at 2.5 m it is 14 mm, a finger's width
 STEEPEST: Final = 8.0
 """Maximum depth difference per width between neighbouring pixels of one arm: 83 degrees, as on a forearm that points at
-the camera. A value of 2 missed a tenth of the contacts in four clinics for tuning that are found with 8."""
+the camera. With a value of 2, a tenth of the contacts that are found with 8 was missed in four clinics for tuning."""
 
 
 def find_hands(

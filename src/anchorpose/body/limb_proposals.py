@@ -67,7 +67,7 @@ _SIDED: Final = tuple(JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "H
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimbPath:
-    """The path along an uncovered piece of surface, from its tip to where it meets the body."""
+    """The path along an uncovered piece of surface, from its tip to the place where it meets the body."""
 
     places_m: np.ndarray  # (k, 3) places on the skin
     inward: np.ndarray  # (k, 3) unit vectors into the limb

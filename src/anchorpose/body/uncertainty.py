@@ -243,7 +243,7 @@ def frame_alone_sigma(
     """Return sigma_m (21,), increased for limbs about which earlier frames add no knowledge.
 
     These are limbs that point at every camera, and hidden limbs. Earlier frames have the same error, but the posterior
-    counts them as independent: for example, the assumption that a foot stands must count once, not in every frame. So
+    treats them as independent. For example, the assumption that a foot stands must count once, not in every frame. So
     the sigma of such a limb comes from this frame alone, the joint ranges and the time since the limb was seen
     (unseen_s as in ``vague_belief``).
     """
@@ -271,8 +271,8 @@ def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain:
     """Return whether a limb points at a camera that nothing hides it from, and no camera sees its part beyond elbow or
     knee from the side.
 
-    It is not required that this part is seen: in the very case that is searched for, its estimated place may be too far
-    off to count as seen.
+    This part need not be seen, since a limb that points at a camera may have an estimated place that is too far off to
+    count as seen.
     """
     root, far = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
     looking = [

@@ -2,9 +2,9 @@
 
 Each camera's floor gives its tilt and height. The rotation about the vertical and the shift over the floor come from
 people in common view: first from their places over time (``search_ground``), then from their surfaces at the same
-moments (``common_view``). Walls and floor are not fitted: with them, the error was 5 instead of 2 mm on simulated
-clinics, since the systematic error of a time-of-flight camera bends large distant planes, and a shift along a wall
-cannot be seen.
+moments (``common_view``). Walls and floor are not fitted. With them, the error on simulated clinics was 5 mm
+instead of 2 mm, since the systematic error of a time-of-flight camera bends large distant planes. A shift along a wall
+cannot be seen either.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ def motion_signal(
 ) -> MotionSignal:
     """Compute the signal of consecutive frames (time, depth (height, width) float32, 0 = no reading) of one camera.
 
-    level: the floor; None if unknown, then all heights are one band. noise: the sensor's noise, see
+    level: the floor; None if unknown: all heights are then one band. noise: the sensor's noise, from
     ``first_frames.noise_per_m``.
     """
     step = slice(SIGNAL_STEP_PX // 2, None, SIGNAL_STEP_PX)

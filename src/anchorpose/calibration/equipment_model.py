@@ -293,7 +293,7 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
         turns.append(tried[int(np.argmin(off))])
         apart.append(min(off))
     around = np.array([np.inf, *apart, np.inf])
-    for index in range(1, len(turns) - 1):  # rotations next to the identity are not distinct from it
+    for index in range(1, len(turns) - 1):  # rotations near the identity are not distinct from the identity
         if around[index + 1] > min(around[index], around[index + 2]):
             continue
         if apart[index] < SAME_M:

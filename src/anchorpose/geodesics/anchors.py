@@ -194,7 +194,7 @@ class AnchorConfig:
     """Settings of the anchors. Lengths are fractions of the subject's height (paper, Section V)."""
 
     radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
-    cap: Positive = 0.06 / 1.75  # depth of the extremal cap below its tip: 6 cm, about a fist
+    cap: Positive = 0.06 / 1.75  # depth of the extremal cap below its tip (6 cm, about a fist)
     # half a forearm; an end within this distance of its prediction is the anchor in any pose
     gate: Positive = 0.25 / 1.75
 

@@ -57,8 +57,8 @@ class Front(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """The condition at which a front stops: beyond ``reach``, or earlier at the first node, other than a source, at
-    which ``field`` is at least ``level``.
+    """The condition at which a front stops: at the distance ``reach``, or earlier at the first node, other than a
+    source, at which ``field`` is at least ``level``.
     """
 
     reach: float  # metres

@@ -60,8 +60,8 @@ class BackgroundModel:
 def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Return (depth_m, sigma_m), (height, width) float32 each, with which the readings of a frame are compared.
 
-    They describe the room, or a layer that rests there at the time unless the reading lies behind the layer. time_s
-    None: only the room.
+    They describe the room or, unless the reading lies behind it, a layer that rests there at this time. With None as
+    time_s, they describe only the room.
     """
     room, sigma = model.depth_m, model.sigma_m
     for layer in model.layers:

@@ -86,8 +86,8 @@ def _best(
     most_beyond: float,
     rng: np.random.Generator,
 ) -> np.ndarray | None:
-    """Return the plane through three of the points ``left_m`` that has most points on it and few beyond; None if too
-    few points are on it.
+    """Return the plane through three of the points ``left_m`` that has most points on it and few points beyond it; None
+    if too few points are on every such plane.
     """
     normals, offsets = drawn_planes(left_m, TRIALS, rng)
     sign = np.where(offsets < 0, -1.0, 1.0)

@@ -32,8 +32,8 @@ from anchorpose.recording.regular_file import LARGEST_TABLE, is_there, read_whol
 from anchorpose.settings import LARGEST, STRICT, Unfit, explain, shown
 
 LARGEST_BYTES: Final = 16 * 2**20
-"""Limit of a JSON file in bytes. A description of a recording has some thousand; parsed values need up to twenty times
-its size.
+"""Maximum size of a JSON file in bytes. A description of a recording has some thousand; parsed values need up to twenty
+times its size.
 """
 
 DEEPEST: Final = 64

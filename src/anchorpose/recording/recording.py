@@ -292,9 +292,9 @@ LEAST_ON_BEAT: Final = 0.8  # minimum share of the steps that must be whole numb
 
 
 def nominal_period_s(stream: DepthStream) -> float:
-    """Return the time between frames when none is lost, as stated in recording.json. Otherwise it is the median step;
-    but if some steps are one period of a usual rate and the others several, it is that period. 0 for a single frame
-    without a stated rate.
+    """Return the time between frames when none is lost, as stated in recording.json. Otherwise it is the median step.
+    But if some steps are one period of a usual rate and all other steps are several periods, it is that period. The
+    result is 0 for a single frame without a stated rate.
 
     Frames lost in a regular pattern change the median. A recording that lost every second frame has even steps: only
     recording.json can distinguish it from half the rate.
@@ -319,7 +319,7 @@ def off_beat(steps_s: np.ndarray, period_s: float) -> np.ndarray:
 
 
 PAUSE_S: Final = 1.0
-"""Seconds; a longer stretch without depth images is a pause, not dropped frames."""
+"""Maximum time in s without depth images that counts as dropped frames; a longer time is a pause."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -386,7 +386,7 @@ def read_calibration(path: Path) -> dict[str, np.ndarray]:
 
 
 def with_poses(recording: Recording, path: Path) -> Recording:
-    """Return the recording with the poses of a calibration file instead of its own.
+    """Return the recording with the poses of a calibration file instead of the recording's poses.
 
     Raises InputError if the file lacks the pose of a camera: old and new poses, which are in different worlds,
     cannot be mixed.

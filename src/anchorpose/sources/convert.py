@@ -148,7 +148,7 @@ def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress
     """Write the recording ``out`` from recorders' files and folders; recording.json comes last.
 
     A stopped conversion of the same inputs with the same options is resumed. Raises InputError before anything is
-    written where an input cannot be used, information is missing that only the user has, or ``out`` has other content.
+    written if an input cannot be used, if only the user has missing information, or if ``out`` has other content.
     """
     check_places(inputs, out)
     sources = [open_source(path) for path in inputs]

@@ -162,8 +162,8 @@ def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, s
 def scale_of(metres: np.ndarray) -> float | None:
     """Return the metres per grey value that preserve an image; None without a reading.
 
-    It is a millimetre where all readings are whole millimetres, otherwise the finest of a few scales that reaches a
-    quarter farther than the image.
+    It is a millimetre if all readings are whole millimetres. Otherwise it is the finest of a few scales whose range is
+    larger by a quarter than that of the image.
     """
     given = metres[np.isfinite(metres)].astype(np.float64)
     if given.size == 0:

@@ -104,7 +104,7 @@ class ImageMessage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompressedMessage:
-    """``sensor_msgs/CompressedImage``."""
+    """A ``sensor_msgs/CompressedImage``."""
 
     stamp_ns: int
     frame_id: str

@@ -1,7 +1,7 @@
 """Separate parts of the patient's body that touch, such as thigh on thigh or a hand on the trunk, at their creases.
 
-A mesh from a depth frame connects touching parts. First it is decided which part each node shows; the crease between
-the parts is the limit. Then the mesh is cut where neighbours show skin that is far apart on the body.
+A mesh from a depth frame connects touching parts. First it is decided which part each node shows; the limit between
+the parts is the crease. Then the mesh is cut where neighbours show skin that is far apart on the body.
 """
 
 from __future__ import annotations

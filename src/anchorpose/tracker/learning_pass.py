@@ -231,9 +231,9 @@ def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
 def _windows(
     run: Run, stretch: Stretch, before: LearntPatient | None, longest_s: float, one_facing: bool = False
 ) -> Iterator[_Window]:
-    """Yield the frames of a stretch in windows; tracking continues when the next window is requested.
+    """Yield the frames of a stretch in windows. Tracking continues only when the next window is requested.
 
-    one_facing: end where the body turns round, since another pass covers that facing.
+    one_facing: whether to end where the body turns round, since another pass covers that facing.
     """
     learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES

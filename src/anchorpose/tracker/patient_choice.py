@@ -77,8 +77,8 @@ def choose_patient(
 ) -> Patient | None:
     """Choose the patient among all people in the sightings; None if nobody is seen.
 
-    With ``patient_xz_m``, the patient is the person nearest to this place in the first sighting with a person there;
-    otherwise, the person with most votes.
+    If ``patient_xz_m`` is given, the patient is the person nearest to this place in the first sighting with a person
+    there. Otherwise, the patient is the person with most votes.
     """
     candidates = find_candidates(sightings, equipment, cameras)
     if not candidates:

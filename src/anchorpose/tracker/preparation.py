@@ -174,7 +174,7 @@ def _frames_of_named(
     """Return the possible initial frames for a patient given by a place in a frame: this frame and frames just before
     and after it.
 
-    Empty if nobody stands there in this frame. Raises InputError if the recording has no such frame.
+    The result is empty if nobody stands there in this frame. Raises InputError if the recording has no such frame.
     """
     here, last = _position(recording, frame), len(recording.streams[0].files)
     positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))

@@ -83,8 +83,8 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
     return mean, float(np.hypot(spread, apart if age_years is None or age_years > 12.0 else 0.0))
 
 
-# factors on the stature from matches that give the tried statures; real people are often 5 to 10 % shorter than by
-# matches
+# factors by which the stature from matches is multiplied to get the tried statures, since real people are often 5 to
+# 10 % shorter
 TALLER = (1.0, 0.92)
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CHILD_HEIGHTS_M = (0.95, 1.55)

@@ -163,7 +163,7 @@ def _facing_as(facing: Facing, rivals: Sequence[Rival]) -> list[Rival]:
 
 
 def start_turned(seen: Observation | None, turned: Rival | None, config: TrackConfig) -> Start | None:
-    """Return the start with the opposite facing in a frame; None if it has no body of its own or explains nothing."""
+    """Return the start with the opposite facing in a frame; None if that facing has no body or explains nothing."""
     if seen is None or turned is None or turned.body is None:
         return None
     found = posterior(turned.body, turned.belief.pose, turned.belief, seen.evidence, config.registration)

@@ -66,7 +66,7 @@ class _Option(NamedTuple):
 
     step: np.ndarray  # (3,) m
     place_xz_m: np.ndarray  # (2,) the person's place on the ground after the step
-    worth: float  # share of the points explained, less the cost of the distance
+    worth: float  # share of the points explained, minus the cost of the distance
 
 
 def _options(
@@ -141,7 +141,7 @@ def _grid() -> np.ndarray:
 def _best_step(
     points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, float]:
-    """Return the step (3,) of greatest worth, and its worth less the cost of the distance."""
+    """Return the step (3,) of greatest worth, and its worth minus the cost of the distance."""
     steps = _grid()
     worth = _worth(points_m, steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     best = int(worth.argmax())
