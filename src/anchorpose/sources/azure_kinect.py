@@ -145,7 +145,7 @@ def matches(path: Path, head: bytes) -> bool:
 
 
 def open_source(path: Path) -> AzureKinectFile:
-    """Read tracks, tags and calibration; raises InputError if the file has no depth, MissingPackage if PyAV is missing."""
+    """Read tracks, tags and calibration; raises InputError if it has no depth, MissingPackage if PyAV is missing."""
     with _opened(path) as container:
         _, mode = _depth_track(path, container)
         lens, lens_note = _lens(container, mode)
