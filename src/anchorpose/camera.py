@@ -12,22 +12,22 @@ from anchorpose.lens import Intrinsics, lens_array, project, rays_of_pixels
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """One camera of a recording. Camera frame: x right, y down, z away (OpenCV), metres."""
+    """One camera of a recording. In its frame x points right, y down and z away from the camera (OpenCV); metres."""
 
     name: str
     width: int
     height: int
     depth_scale: float  # metres per grey value
     intrinsics: Intrinsics
-    T_world_camera: np.ndarray | None = field(default=None)  # (4, 4); None where the pose is unknown
+    T_world_camera: np.ndarray | None = field(default=None)  # (4, 4); None if the pose is unknown
 
     @property
     def position_m(self) -> np.ndarray:
-        """Return the centre of projection (3,) in the world frame; raises ValueError where the pose is unknown."""
+        """Return the centre of projection (3,) in the world frame; raises ValueError if the pose is unknown."""
         return self.require_pose()[:3, 3]
 
     def require_pose(self) -> np.ndarray:
-        """Return T_world_camera; raises ValueError where it is unknown: no stage may invent a pose."""
+        """Return T_world_camera; raises ValueError if it is unknown: no stage may invent a pose."""
         if self.T_world_camera is None:
             raise ValueError(f"the pose of camera {self.name} is unknown")
         return self.T_world_camera

@@ -39,7 +39,7 @@ def _made_again(kind: type[AnchorposeError], args: tuple[object, ...], fields: d
 
 
 class InputError(AnchorposeError):
-    """A file that cannot be used: its path, the problem, and what to do."""
+    """The error for a file that cannot be used: the file's path, the problem and the remedy."""
 
     def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
         self.path, self.problem, self.remedy = Path(without_password(str(path))), without_password(problem), remedy
@@ -48,7 +48,7 @@ class InputError(AnchorposeError):
 
 
 class MissingPackage(AnchorposeError):
-    """An optional package that is not installed: what needs it, and how to install it."""
+    """The error for an optional package that is not installed: the purpose of the package, and how to install it."""
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
         self.package, self.extra = package, extra
@@ -56,4 +56,4 @@ class MissingPackage(AnchorposeError):
 
 
 class DegenerateGeometry(AnchorposeError):
-    """Points that do not determine the result (too few, collinear, flat)."""
+    """The error for points that do not determine a result, because they are too few, collinear or in one plane."""

@@ -79,6 +79,6 @@ class JointState(StrEnum):
 
 
 STATE_CODE: Final = {state: code for code, state in enumerate(JointState)}
-"""State codes: 0 for observed; the less well a joint is known, the larger is the code, up to lost."""
+"""State codes: 0 is observed. The less well a joint is known, the larger is its code; lost has the largest."""
 
 LOST: Final = STATE_CODE[JointState.LOST]

@@ -33,15 +33,15 @@ NAMES: Final = {
 }
 """The coefficients in OpenCV's order."""
 
-WIDEST: Final = 8.0  # largest radius of rays, in units of z: 83 degrees, wider than any depth camera's image
+WIDEST: Final = 8.0  # maximum radius of rays, in units of z: 83 degrees, wider than any depth camera's image
 _PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0
 _KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # indices in a lens array: model, valid radius, coefficients, tilt matrix
 _SIZE: Final = 27
-_STEPS: Final = 20  # steps of Newton's method; five are enough inside the valid radius
+_STEPS: Final = 20  # maximum number of steps of Newton's method; inside the valid radius, five are enough
 _EXACT_PX: Final = 1e-6
 # a column and row outside of every image; kernels convert it to an integer, which NaN does not allow
 NOWHERE: Final = -1e6
-_SLOPE: Final = 1e-6  # step of the numerical derivative, in units of x/z
+_SLOPE: Final = 1e-6  # step, in units of x/z, by which the derivative is computed numerically
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +49,7 @@ class Intrinsics:
     """A pinhole camera with OpenCV's distortion; pixel centres have whole-numbered coordinates.
 
     valid_radius: radius of rays, in units of z, up to which the maker guarantees the coefficients (Azure Kinect's
-    "metric radius" is 1.74); None where unknown.
+    "metric radius" is 1.74); None if unknown.
     """
 
     fx: float

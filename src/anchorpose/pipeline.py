@@ -60,7 +60,7 @@ def track_recording(
     calibration: a calibration.json whose poses replace the given or found poses. corrections: a reviewer's corrections
     of earlier results. events: an events.tsv with the trials, in place of the recording's own. threads: number of
     threads that share the cameras, people and trials of a frame; the tables have the same bytes with any number. Linear
-    algebra runs on one thread, since several would add sums in another order. Raises InputError where the recording
+    algebra runs on one thread, since several would add sums in another order. Raises InputError if the recording
     cannot be used.
     """
     with one_thread(), worker_threads(threads):
@@ -133,7 +133,7 @@ def calibrate_recording(
     """Find every camera's pose and write calibration.json and one picture per camera into an existing folder.
 
     ignore_given: find also the poses that the recording gives. markers: a markers.json; cameras with an image of the
-    markers are placed by them, and the poses of the other cameras are found in the same world. Raises InputError where
+    markers are placed by them, and the poses of the other cameras are found in the same world. Raises InputError if
     the recording cannot be used or a pose is not accepted.
     """
     with one_thread():

@@ -23,7 +23,7 @@ EXTRAS: Final = {
     "gs": ("gcsfs", "gs"),
     "gcs": ("gcsfs", "gs"),
 }
-"""By kind of address: the Python package that reads it, and the extra of anchorpose that installs this package."""
+"""For each kind of address, the Python package that reads it and the extra of anchorpose that installs this package."""
 
 OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))
 
@@ -48,7 +48,7 @@ def parts_of(address: str) -> tuple[str, ...]:
 def local_copy(given: str | Path) -> Iterator[Path]:
     """Yield the path itself, or a local copy of an address, with the same name, which is removed after the block.
 
-    Raises InputError where the address is empty or cannot be read, MissingPackage where the package that reads such
+    Raises InputError if the address is empty or cannot be read, MissingPackage if the package that reads such
     addresses is not installed.
     """
     if not is_address(given):
@@ -69,7 +69,7 @@ def local_copy(given: str | Path) -> Iterator[Path]:
 
 
 def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
-    """Return the parts of a file's name below a folder; raises InputError where the server names a file outside that
+    """Return the parts of a file's name below a folder; raises InputError if the server names a file outside that
     folder.
     """
     parts = PurePosixPath(file).relative_to(place).parts
@@ -82,8 +82,8 @@ def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
 def local_results(given: str | Path) -> Iterator[Path]:
     """Yield the path itself, or a folder whose content is copied to an address when the block ends without an error.
 
-    It is copied under a temporary name and then renamed. An existing target is refused before any work, and never
-    replaced. Raises InputError and MissingPackage, as ``local_copy``.
+    The folder is copied under a temporary name and then renamed. If the target exists, it is refused before any work,
+    and never replaced. Raises InputError and MissingPackage, as ``local_copy`` does.
     """
     if not is_address(given):
         yield Path(given)

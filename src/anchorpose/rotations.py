@@ -18,7 +18,7 @@ FORWARD, UP, RIGHT = np.eye(3)
 """Unit vectors of the world's axes, and of the body's in its own frame."""
 
 COLLINEAR_RATIO: Final = 1e-3  # ratio of the second to the first singular value; up to it, points are collinear
-ONE_PLACE_M2: Final = 1e-12  # m2; also collinear up to this second singular value: above rounding, below 1 mm2
+ONE_PLACE_M2: Final = 1e-12  # m2; up to this second singular value points are also collinear; it is below 1 mm2
 
 
 def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:

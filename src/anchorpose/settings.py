@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.dataclasses import dataclass
 
 LEAST, LARGEST = 1e-6, 1e9
-"""Limits of any number that is squared, inverted or divided by: a micrometre, and a million kilometres. Beyond them
-floats overflow.
+"""Limits of any number that is squared, inverted or used as a divisor: a micrometre and a million kilometres. Beyond
+these limits, floats overflow.
 """
 
 Positive = Annotated[float, Field(ge=LEAST, le=LARGEST, allow_inf_nan=False)]
@@ -25,7 +25,7 @@ Count = Annotated[int, Field(gt=0, strict=True)]
 STRICT: Final = ConfigDict(extra="forbid", allow_inf_nan=False)
 """Pydantic configuration that refuses unknown names and numbers that are not finite."""
 
-LONGEST_KEY: Final = 60  # characters of an unknown key in a sentence
+LONGEST_KEY: Final = 60  # maximum number of characters of an unknown key that a message shows
 
 Class = TypeVar("Class")
 
@@ -41,7 +41,7 @@ def settings(cls: type[Class]) -> type[Class]:
 
 
 class Unfit(ValueError):
-    """A value of the right type that cannot be used: the problem and the remedy.
+    """The error for a value of the right type that cannot be used, with the problem and the remedy.
 
     key: the field concerned, if the object with this field was checked as a whole.
     """
@@ -52,7 +52,7 @@ class Unfit(ValueError):
 
 
 def nearest_key(unknown: str, known: Iterable[str]) -> str | None:
-    """Return the known key most similar to ``unknown``, whatever its case; None where none is similar."""
+    """Return the known key most similar to ``unknown``, whatever its case; None if none is similar."""
     names = {name.lower(): name for name in known}
     alike = difflib.get_close_matches(unknown.lower(), list(names), n=1, cutoff=0.5)
     return names[alike[0]] if alike else None
@@ -151,7 +151,7 @@ def _fields(owner: type) -> dict[str, Any]:
 
 
 def _stated(hint: Any, what: str) -> str:
-    """Return the alias or description of an annotation; empty where it has none."""
+    """Return the alias or description of an annotation; empty if it has none."""
     own = [text for part in getattr(hint, "__metadata__", ()) if (text := getattr(part, what, None))]
     return own[0] if own else next((text for part in get_args(hint) if (text := _stated(part, what))), "")
 

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 Result = TypeVar("Result")
 
-_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # None: no threads to share
+_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # None: no other threads
 
 
 @contextmanager

@@ -24,12 +24,13 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import NO_REVIEW, Review, require_frames, review_of
 from anchorpose.versions import code_digest, versions
 
-SAME_PLACE_M: Final = 0.01  # m; places closer than this are the same, since places are printed to the centimetre
+# m; places closer to each other than this are the same, since places are printed to the centimetre
+SAME_PLACE_M: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class UserInputs:
-    """Files that the user gives besides the recording; None where not given."""
+    """Files that the user gives besides the recording; None if not given."""
 
     calibration: Path | None = None
     corrections: Path | None = None
@@ -80,7 +81,7 @@ class TrackInputs:
 
 
 def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInputs:
-    """Read and check all inputs; raises InputError where the recording cannot be used, or a user's file does not belong
+    """Read and check all inputs; raises InputError if the recording cannot be used, or a user's file does not belong
     to it.
     """
     recording, source, calibration = with_height(open_recording(folder), config.height_m), None, None
@@ -116,7 +117,7 @@ def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
 
 
 def _read_review(path: Path) -> ReviewFile:
-    """Read a file of corrections; raises InputError where the file does not hold corrections."""
+    """Read a file of corrections; raises InputError if the file does not hold corrections."""
     corrections = read_corrections(path)
     ((_, digest),) = hash_files([path], path.parent)  # hash it now: the viewer may add to the file during tracking
     return ReviewFile(path, digest, corrections)
@@ -140,7 +141,7 @@ def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
 
 
 def _require_about(given: ReviewFile, recording: Recording, hashes: tuple[tuple[str, str], ...]) -> None:
-    """Raise InputError where the corrections are about another recording or world, or about frames that do not
+    """Raise InputError if the corrections are about another recording or world, or about frames that do not
     exist.
     """
     about = reviewed_recording(recording.folder.resolve().name, hashes, poses_of(recording.cameras))
@@ -149,7 +150,7 @@ def _require_about(given: ReviewFile, recording: Recording, hashes: tuple[tuple[
 
 
 def _with_named_patient(config: TrackConfig, given: ReviewFile) -> TrackConfig:
-    """Return the settings with the patient whom the reviewer named; raises InputError where the user names another
+    """Return the settings with the patient whom the reviewer named; raises InputError if the user names another
     person.
     """
     named = given.corrections.patient

@@ -70,7 +70,7 @@ def write_results(
 ) -> None:
     """Write all results of ``frames``, in the order of time, into an existing folder.
 
-    Pictures show frames whose depth images are in the run's recording. learnt: the patient's body, None without one.
+    Pictures show frames whose depth images are in the run's recording. learnt: the patient's body; None if unknown.
     """
     written = _write_frames(results, frames, run)
     shape = None if learnt is None else learnt.shape
@@ -134,7 +134,7 @@ class Written:
 
 
 def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
-    """Return the record of the corrections, with a sentence on each that the written joints do not follow."""
+    """Return the record of the corrections, with a sentence on each one that the written joints do not follow."""
     corrections = given.corrections
     sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
     held = (corrections.unusable, corrections.joints, corrections.patient)
@@ -142,7 +142,7 @@ def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
 
 
 def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
-    """Return why a joint is not where the reviewer placed it, None where it is."""
+    """Return why a joint is not where the reviewer placed it; None if it is there."""
     said, joint = f"{correction.joint} in frame {correction.frame}", JOINT_INDEX[correction.joint]
     rows = np.flatnonzero(joints.frame == correction.frame)
     if not len(rows):
@@ -204,7 +204,7 @@ def account_of(
 
 
 def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
-    """Return the used poses and clocks, and the source of each pose. source: the source of all poses, where they were
+    """Return the used poses and clocks, and the source of each pose. source: the source of all poses if they were
     given.
     """
     return tuple(

@@ -38,8 +38,8 @@ class PoseBelief:
 
     pose: Pose
     covariance: np.ndarray  # (POSE_SIZE, POSE_SIZE) covariance of the pose, from all knowledge
-    # (POSE_SIZE, POSE_SIZE) information from all observations so far. The joint range is not included: every frame adds
-    # it again, and it must not count twice.
+    # (POSE_SIZE, POSE_SIZE) information from all observations so far. The joint range is not included, since every
+    # frame adds it again and it must not count twice.
     information: np.ndarray
 
     def later(self, pose: Pose, elapsed_s: float, pace: Pace = PATIENT_PACE) -> PoseBelief:

@@ -18,7 +18,8 @@ class Source(StrEnum):
     SURFACE = "surface"  # seen skin that no part of the posed body covers
     ANCHORS = "anchors"  # hands, feet and free ends of limbs, found by geodesic distances
     DESCRIPTOR = "descriptor"  # the learnt descriptor, which names places on the body
-    SIDES = "sides"  # left and right limbs exchanged, or the body facing the other way; raises no doubts itself
+    # left and right limbs exchanged, or the body facing the other way; this source raises no doubts itself
+    SIDES = "sides"
 
 
 @settings
@@ -26,18 +27,21 @@ class RegistrationConfig:
     """Settings of the body's registration to one frame."""
 
     reaches_m: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.12, 0.10, 0.07, 0.06)
-    """Metres, one per step: greatest distance at which a node pulls the skin. The first value is the prediction error
-    of a fast arm, the last value the thickness of clothes."""
+    """Maximum distance, in metres, at which a node pulls the skin, for each step. The first value is the prediction
+    error of a fast arm, the last value is the thickness of clothes."""
 
     held_steps: Annotated[int, Field(ge=0, strict=True)] = 2
     """Number of first steps in which matches and anchors also pull. They have errors of centimetres, so later steps use
     only the surface.
     """
 
-    least_nodes: Count = 150  # fewest nodes for a registration; a patient has about 3,500, a hand alone has fewer
-    node_count: Count = 2500  # most nodes used: enough for 60 parameters; more only cost time
-    surface_sigma_m: Positive = 0.010  # m, standard deviation of a node's distance from the skin: clothes and sensor
-    rows_per_observation: Positive = 8.0  # neighbouring nodes that count as one observation, since they share errors
+    # minimum number of nodes for a registration; a patient has about 3,500, a hand alone has fewer
+    least_nodes: Count = 150
+    node_count: Count = 2500  # maximum number of nodes used; for 60 parameters this is enough, and more only cost time
+    # m, standard deviation of a node's distance from the skin, due to clothes and the sensor's error
+    surface_sigma_m: Positive = 0.010
+    # number of neighbouring nodes that count as one observation, since they share errors
+    rows_per_observation: Positive = 8.0
     # sources of alternatives to a pose in doubt; use fewer only for a comparison
     sources: tuple[Source, ...] = tuple(Source)
 
@@ -46,25 +50,27 @@ class RegistrationConfig:
 class LearningConfig:
     """Settings of learning the shape."""
 
-    own_shape: bool = True  # learn the shape; False = use the mean adult of the given or visible height
-    # s, length of a window of frames that are used together; patients move enough in it to show where limbs bend
+    own_shape: bool = True  # whether the shape is learnt; False = use the mean adult of the given or visible height
+    # s, length of a window of frames that are used together; in this time patients move enough to show where limbs bend
     window_s: Positive = 4.0
     longest_s: Positive = 30.0  # s, total time to learn from; more changes nothing, and every second is tracked twice
-    frame_count: Count = 12  # frames of the first window that the fit uses; more frames repeat the evidence
-    height_sigma_m: Positive = 0.01  # m; error of a measured height, which depends on shoes and the time of day
+    frame_count: Count = 12  # number of frames of the first window that the fit uses; more frames repeat the evidence
+    height_sigma_m: Positive = 0.01  # m, error of a measured height, which depends on shoes and the time of day
 
 
 @settings
 class VisibilityConfig:
     """Settings of when skin counts as seen."""
 
-    reach_m: Positive = 0.04  # m, largest gap between seen skin and its reading: clothes, sensor and pose error
+    # m, maximum gap between seen skin and its reading, due to clothes and to errors of sensor and pose
+    reach_m: Positive = 0.04
 
 
 @settings
 class UncertaintyConfig:
     """Corrections of the posterior's sigma, set on simulated people alone and in clinics (see docs/tracking.md)."""
 
-    # m, smallest sigma of a joint: joints lie inside the body, and the learnt shape is not more accurate
+    # m, minimum sigma of a joint, since joints lie inside the body, and the learnt shape is not more accurate
     floor_m: Positive = 0.0035
-    inflation: Positive = 0.65  # factor on the posterior's sigma; below 1, as neighbouring nodes share less error
+    # factor on the posterior's sigma; below 1, since neighbouring nodes share less error than assumed
+    inflation: Positive = 0.65

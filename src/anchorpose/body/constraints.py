@@ -16,8 +16,8 @@ from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors
 from anchorpose.surface.surface import Nodes
 
-NORMAL_WEIGHT_M: Final = 0.10  # m, distance that counts as much as normals that differ by 60 degrees
-UNCOVERED_M: Final = 0.03  # m, the spacing of the skin points: a node farther from all skin points lies off the body
+NORMAL_WEIGHT_M: Final = 0.10  # m, distance that counts as much as an angle of 60 degrees between normals
+UNCOVERED_M: Final = 0.03  # m, spacing of the skin points; a node farther from all of them lies off the body
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -59,7 +59,8 @@ REGION_BONES: Final = _all_regions()
 REGIONS: Final = tuple(REGION_BONES)
 
 
-KNEE_RADIUS_M: Final = 0.10  # m from the joint's centre to the border of the knee's skin: kneecap and a hand's breadth
+# m, distance from the joint's centre to the border of the knee's skin: the kneecap plus a hand's breadth
+KNEE_RADIUS_M: Final = 0.10
 
 
 @cache
@@ -148,11 +149,12 @@ def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
 
 SIDES = ("Left", "Right")
 PLACES: Final = 6  # number of skin points that hold a foot's place and rotation
-STILL_S: Final = 0.4  # s that a foot must be seen at rest to count as standing; a step rests for less on a flat sole
-STILL_M: Final = 0.03  # m, largest movement of a standing foot: the noise of a visible ankle
+STILL_S: Final = 0.4  # s, minimum time for which a standing foot was seen at rest; in a step, the sole rests for less
+STILL_M: Final = 0.03  # m, maximum movement of a standing foot, due to the noise of a visible ankle
 SIGMA_M: Final = 0.02  # m, uncertainty of the foot's place when the foot becomes hidden
-DRIFT_M_S: Final = 0.05  # m/s, growth of SIGMA_M while the foot is hidden: a small step in two seconds
-# m, largest height of a standing foot's sole above the floor, as large as the uncertainty of a hidden foot's place
+# m/s, growth of SIGMA_M while the foot is hidden; in two seconds it corresponds to a small step
+DRIFT_M_S: Final = 0.05
+# m, maximum height of a standing foot's sole above the floor, as large as the uncertainty of a hidden foot's place
 ON_FLOOR_M: Final = 0.10
 DOUBT_M: Final = 0.10  # m; if the visible knee moves farther, the foot follows it (scale of the robust kernel)
 
@@ -164,7 +166,7 @@ class _Stand:
     places_m: np.ndarray  # (k, 3) places of its skin points
     ankle_m: np.ndarray  # (3,) place of its ankle
     since_s: float  # s, time of the last frame that confirmed this place
-    seen: bool  # True: the foot was seen there; False: it is assumed to be there
+    seen: bool  # True: the foot was seen there; False: the foot is assumed to be there
 
 
 class StandingFeet:

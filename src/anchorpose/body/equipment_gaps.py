@@ -13,15 +13,16 @@ from anchorpose.body.skin_points import SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 
-NEAR_M: Final = 0.12  # m, largest gap that is kept: far above every gap that decides about a contact
-# m, error of the equipment's surface: docs/guide/equipment.md asks for measurements to one centimetre
+NEAR_M: Final = 0.12  # m, maximum gap that is stored; all gaps that decide about a contact are far smaller
+# m, error of the equipment's surface, since docs/guide/equipment.md asks for measurements to one centimetre
 MODEL_SIGMA_M: Final = 0.005
 SAMPLING_M: Final = 0.005
-"""Metres by which the nearest skin point is farther from a part than the continuous skin between the points. Mean over
-hands, arms, thighs and pelvis in two simulated clinics (seeds 52001 and 52002); single regions had -2 to 9 mm.
+"""Metres by which the nearest skin point is farther from a part than the continuous skin between the points: the mean
+over hands, arms, thighs and pelvis in two simulated clinics (seeds 52001 and 52002); single regions had -2 to 9 mm.
 """
 
-FEET: Final = ("foot_left", "foot_right")  # regions left out: feet always touch the floor and objects on it
+# regions that are left out, since feet always touch the floor and objects on it
+FEET: Final = ("foot_left", "foot_right")
 
 _ENDS: Final = {
     "head": ("Head",),
@@ -55,7 +56,7 @@ class EquipmentGaps:
 
     part: np.ndarray  # (n,) int16, index into the parts of the equipment model
     region: np.ndarray  # (n,) uint8, index into ``REGIONS``
-    gap_m: np.ndarray  # (n,) float32, least distance from the region's skin to the part's surface, negative inside it
+    gap_m: np.ndarray  # (n,) float32, minimum distance from the region's skin to the part's surface, negative inside it
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
     area_m2: np.ndarray  # (n,) float32, area of the region's skin within reach of the part
     shown: np.ndarray  # (n,) float32, seen share of the camera-facing points of that skin; 0 if none faces a camera

@@ -21,32 +21,33 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
 
-OUTLINE_SIGMA_M: Final = 0.020  # m, error of an outline: one to two pixels at 2.5 m, since edges flicker
-# pixels, least width of an object that may hide a limb; the rim of lost readings around a silhouette is thinner
+OUTLINE_SIGMA_M: Final = 0.020  # m, error of an outline; edges flicker by one to two pixels, at 2.5 m
+# pixels, minimum width of an object that may hide a limb; the rim of lost readings around a silhouette is thinner
 THICK_PX: Final = 5
 
 _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint")
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
 _FOOT: Final = ("Foot", "ToeBase")
 _SHANK: Final = ("Leg", *_FOOT)
-# m below the skin; down to this depth, a shank must stay outside the other shank: half of a shank's thickness
+# m, depth below a shank's skin at which it must stay outside the other shank; half of a shank's thickness
 _FLESH_M: Final = 0.03
-_DEEPEST_M: Final = 0.15  # m, half a trunk's thickness; deeper points are not pushed, since the nearest skin misleads
-_ALLOWED_M: Final = 0.01  # m, allowed depth inside another body part: soft tissue gives way
-# m, allowed depth of feet under the floor: errors of the floor's height and of the soles of rough bodies
+# m, half a trunk's thickness; deeper points are not pushed, since their nearest skin may be on the wrong side
+_DEEPEST_M: Final = 0.15
+_ALLOWED_M: Final = 0.01  # m, allowed depth inside another body part, since soft tissue gives way
+# m, allowed depth of feet under the floor, for errors of the floor's height and of the soles of rough bodies
 _ALLOWED_FLOOR_M: Final = 0.03
 _SIGMA_M: Final = 0.01
 _STANDING_M: Final = (
     0.14  # m, sigma of a foot's height: a raised foot costs 6 nats, since 95 of 100 feet in rehabilitation stand
 )
-_IN_THE_AIR_M: Final = 0.5  # m above the floor, height above which the cost of a raised foot hardly grows
+_IN_THE_AIR_M: Final = 0.5  # m, height above the floor from which the cost of a raised foot hardly grows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
     """The data of one frame to which a person's body is registered."""
 
-    surface: Nodes | Surface  # the person's seen nodes; edges are not needed
+    surface: Nodes | Surface  # the person's seen nodes; their edges are not needed
     views: tuple[View | None, ...]  # each camera's depth image with labels; None without a frame
     outlines: tuple[np.ndarray | None, ...]  # as in ``find_outline``; None without a frame, or without the person in it
     cameras: tuple[Camera, ...]
@@ -84,9 +85,9 @@ def find_outline(view: View) -> np.ndarray | None:
     """Return (height, width) bool: pixels where the patient is seen or may be hidden; None if the patient is not in the
     view.
 
-    The patient may be hidden behind equipment, behind another person, and at pixels without a reading. Background, or a
-    person farther away than the patient, excludes the patient. The thin rim of lost and wrong readings along every
-    silhouette counts as background.
+    The patient may be hidden behind equipment, behind another person, and at pixels without a reading. At a pixel
+    that shows the background, or a person farther from the camera, the patient cannot be. The thin rim of lost and
+    wrong readings along every silhouette counts as background.
     """
     import cv2
 

@@ -23,10 +23,11 @@ from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import View
 
-# m, largest distance from a covered node to the skin: clothes, point spacing and half a forearm
+# m, maximum distance from a covered node to the skin, due to clothes, point spacing and half a forearm
 COVERED_M: Final = 0.06
-NODES: Final = 2500  # nodes that are compared, as many as registration uses
-LEAST_FACING: Final = 8  # fewest skin points from which a share is computed; of fewer, it would not be reliable
+NODES: Final = 2500  # number of nodes that are compared; registration uses as many
+# minimum number of skin points from which a share is computed; a share of fewer points would not be reliable
+LEAST_FACING: Final = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +60,7 @@ def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Expla
 
 
 def node_area_m2(evidence: Evidence) -> np.ndarray:
-    """Return (c,) m2, the area of skin facing the camera that one node of each camera represents; 0 without nodes."""
+    """Return (c,) m2: for each camera, the area of camera-facing skin that one node represents; 0 without nodes."""
     area = np.zeros(len(evidence.cameras))
     count = np.bincount(evidence.surface.camera, minlength=len(area))
     for number, (view, camera) in enumerate(zip(evidence.views, evidence.cameras, strict=True)):

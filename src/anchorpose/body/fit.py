@@ -22,8 +22,9 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_poin
 from anchorpose.rotations import inverse_left_jacobian
 
 HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # rad, standard deviation of a bend beyond the limit of a knee, elbow or hip
-LEAST_OBSERVED: Final = 2.0  # fewest observations for a part to count as seen; a single one may be an outlier
-MAX_TURN: Final = 30.0 * DEGREE  # largest turn of a bone in one step of the solver
+# minimum number of observations for a part to count as seen; a single observation may be an outlier
+LEAST_OBSERVED: Final = 2.0
+MAX_TURN: Final = 30.0 * DEGREE  # rad, maximum turn of a bone in one step of the solver
 
 Predicted = tuple[Pose, np.ndarray]
 """A predicted pose and its information (POSE_SIZE, POSE_SIZE)."""

@@ -20,12 +20,13 @@ from anchorpose.isolation.components import JumpLimit, label_components
 from anchorpose.isolation.view import PixelLabel, View
 
 HAND_M: Final = 0.2  # m, length of a hand from the finger tips to the wrist
-STANDS_OFF_M: Final = 0.015  # m, least height of fingers above the patient's skin; most errors of the skin are smaller
-SKIN_REACH_M: Final = 0.10  # m, half a thigh; a reading farther from all skin is not the patient's
-STEP_PX: Final = 2  # pixels, step between the rows and columns that are used: 14 mm at 2.5 m, a finger's width
+# m, minimum height of fingers above the patient's skin; most errors of the learnt skin are smaller
+STANDS_OFF_M: Final = 0.015
+SKIN_REACH_M: Final = 0.10  # m, half a thigh's thickness; a reading farther from all skin is not on the patient
+STEP_PX: Final = 2  # pixels, step between the rows and columns that are used; at 2.5 m it is 14 mm, a finger's width
 STEEPEST: Final = 8.0
-"""Largest depth difference per width between neighbouring pixels of one arm: 83 degrees, as on a forearm that points at
-the camera. A value of 2 missed a tenth of the contacts in four clinics for tuning that are found with 8."""
+"""Maximum depth difference per width between neighbouring pixels of one arm: 83 degrees, as on a forearm that points at
+the camera. With a value of 2, a tenth of the contacts that are found with 8 was missed in four clinics for tuning."""
 
 
 def find_hands(

@@ -38,7 +38,7 @@ class FirstPose:
     belief: ShapeBelief
     log: float  # nats, log probability of pose and shape, given the images and the prior
     facing: float  # nats, prior log probability of the facing (``facing_nats``)
-    # first poses with the opposite facing: with the same body, then with a body fitted to that facing
+    # two first poses with the opposite facing: one with the same body, one with a body fitted for that facing
     others: tuple[FirstPose, ...] = ()
 
     @property

@@ -13,10 +13,11 @@ from anchorpose.body.fit import limited, prior_equations
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 
-JOINT_SIGMA_M: Final = 0.01  # m; predicted joints are means over whole parts, so a closer fit is not needed
-CONTRADICTED: Final = 3.8  # combined sigmas; a corrected joint this far away (1 in 500) belongs to a misplaced limb
-_STEPS: Final = 3  # solver steps
-_CORRECTION_STEPS: Final = 8  # solver steps for a correction: a limb may have to move across the body
+JOINT_SIGMA_M: Final = 0.01  # m; the fit need not be closer, since predicted joints are means over whole body parts
+# combined sigmas; if a corrected joint is farther away (1 in 500), it belongs to a misplaced limb
+CONTRADICTED: Final = 3.8
+_STEPS: Final = 3  # number of solver steps
+_CORRECTION_STEPS: Final = 8  # number of solver steps for a correction, since a limb may have to move across the body
 
 
 def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:

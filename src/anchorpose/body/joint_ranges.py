@@ -27,7 +27,7 @@ class JointRange(NamedTuple):
     mean: np.ndarray  # (m, 3) rad, rotation vectors
     information: np.ndarray  # (m, 3, m, 3) inverse of the covariance, 0 for the root
     hinge: np.ndarray  # (m, 3) unit axis of a hinge or of a hip's flexion; 0 for other bones
-    hinge_limit: np.ndarray  # (m,) rad, least rotation about that axis
+    hinge_limit: np.ndarray  # (m,) rad, minimum rotation about that axis
 
 
 # Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose, about half of the
@@ -49,9 +49,10 @@ _SPINE: Final = ("LowerBack", "Spine", "Spine1")
 # standard deviations in degrees about the hinge, about the axis across it, and along the bone
 _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 
-HIP_EXTENSION: Final = 25.0 * DEGREE  # largest extension: mean 9.4 degrees plus 3 deviations (Roaas and Andersson 1982)
-OWN_VARIANCE: Final = 0.5  # least independent share of a joint's variance, so that one raised leg stays probable
-KNEE_EXTENSION: Final = 3.0 * DEGREE  # largest extension; 0 is the straight leg of the rest pose
+# rad, maximum extension: mean of 9.4 degrees plus 3 deviations (Roaas and Andersson 1982)
+HIP_EXTENSION: Final = 25.0 * DEGREE
+OWN_VARIANCE: Final = 0.5  # minimum independent share of a joint's variance, so that one raised leg stays probable
+KNEE_EXTENSION: Final = 3.0 * DEGREE  # rad, maximum extension; 0 is the straight leg of the rest pose
 SEEN_SPREAD: Final = 35.0 * DEGREE
 """The standard deviations of a visible bone's rotation are doubled, but only up to this value: a person may hold a limb
 to one side for minutes.
@@ -83,7 +84,8 @@ def captured_turns() -> np.ndarray:
     left side first.
 
     These are all turns of the arms, and the flexions of hips and knees. Captured joints do not show how a thigh turns
-    about its long axis or where a foot points. Without a lower back in the data, thighs bend relative to the trunk.
+    about its long axis or in which direction a foot points. Without a lower back in the data, thighs bend relative to
+    the trunk.
     """
     shown = []
     for side in ("Left", "Right"):
@@ -234,8 +236,8 @@ def turns_together(asset: BodyAsset) -> np.ndarray:
     return found
 
 
-RAISED: Final = 30.0 * DEGREE  # elevation of an arm above which the shoulder girdle moves, too
-# turn of the girdle, as a share of the arm's elevation above RAISED: 30 degrees for an arm that points up (Inman et al.
+RAISED: Final = 30.0 * DEGREE  # rad, elevation of an arm above which the shoulder girdle moves, too
+# turn of the girdle, as a share of the arm's elevation above RAISED; 30 degrees for an arm that points up (Inman et al.
 # 1944)
 RHYTHM: Final = 0.2
 

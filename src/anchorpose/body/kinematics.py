@@ -177,7 +177,7 @@ _STUMPS: Final = {"arm": "Arm", "forearm": "ForeArm", "hand": "Hand", "leg": "Up
 
 
 def stump_of(asset: BodyAsset, part: str) -> int:
-    """Return the first missing bone of a part such as ``shank_left``."""
+    """Return the first bone that is missing if a part such as ``shank_left`` is missing."""
     name, side = part.rsplit("_", 1)
     return asset.bone(f"{side.capitalize()}{_STUMPS[name]}")
 

@@ -22,9 +22,10 @@ from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body, pos
 from anchorpose.body.standing_off import BONE_SHARE, standing_off
 from anchorpose.joints import JOINT_INDEX
 
-REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)  # m, reach of each step; three more steps left the bones unchanged
+# m, reach of each step; with three more steps, bones stayed unchanged
+REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)
 REFINING_M: Final = (0.07, 0.06)  # m, reach of each step if the shape is known from earlier frames
-LARGEST_STEP: Final = 1.0  # standard deviations, largest change of a coefficient in one step of the solver
+LARGEST_STEP: Final = 1.0  # maximum change of a coefficient in one step of the solver, in standard deviations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,10 +141,10 @@ length is the same in all poses.
 """
 
 
-LEAST_BONE_M: Final = 1e-6  # m; a shorter bone is missing
+LEAST_BONE_M: Final = 1e-6  # m; a shorter bone counts as missing
 SYSTEMATIC_M: Final = {"upper_arm": 0.004, "forearm": 0.008, "thigh": 0.009, "shank": 0.008}
-"""Systematic error (m) of a bone's length, from clothes, folds and bodies unlike the model; more frames do not reduce
-it. Set on suite ``bodies`` of ``benchmarks/run.py``.
+"""Systematic error (m) of a bone's length, due to clothes, folds and bodies that differ from the model. More frames do
+not reduce it. Set on suite ``bodies`` of ``benchmarks/run.py``.
 """
 
 

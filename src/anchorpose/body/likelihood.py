@@ -23,14 +23,17 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import pixel_of_ray
 
-FOOTPRINT_M: Final = 0.02  # m, width of a pixel at reduced resolution: half of a wrist's width
-SKIN_SIGMA_M: Final = 0.02  # m, error between rendered skin and reading: clothes, and the coarse sampling of the skin
-ALIKE_M: Final = 0.05  # m, side of a patch whose readings share one error: of clothes and folds, not of the sensor
+FOOTPRINT_M: Final = 0.02  # m, width of a pixel at reduced resolution, half of a wrist's width
+# m, error between rendered skin and reading, due to clothes and the coarse sampling of the skin
+SKIN_SIGMA_M: Final = 0.02
+ALIKE_M: Final = 0.05  # m, side of a patch whose readings share one error; clothes and folds cause it, not the sensor
 RANGE_M: Final = 4.0  # m, range of a depth camera; an unknown object may be anywhere within it
 CLUTTER: Final = 0.1  # share of the pixels that show an unknown object
 PAST: Final = 0.05  # share of the rendered skin that cameras see past in a correct pose, since outlines are rough
-LEAST_SEEN: Final = 1.0  # fewest explained observations for a part to count as seen: 25 cm2, three fingers
-LEAST_SHARE: Final = 0.15  # least explained share for a part to count as seen; a strip of thigh does not show the knee
+# minimum number of explained observations for a part to count as seen: 25 cm2, or three fingers
+LEAST_SEEN: Final = 1.0
+# minimum explained share for a part to count as seen; for example, a strip of thigh does not show the knee
+LEAST_SHARE: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)

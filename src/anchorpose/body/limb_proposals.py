@@ -30,12 +30,13 @@ from anchorpose.geodesics.center import center_field, limb_path
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_INDEX
 
 SIDES: Final = ("Left", "Right")
-NEIGHBOUR_M: Final = 0.05  # m, largest distance between neighbouring nodes of one piece: twice their spacing
-SMALLEST_M2: Final = 0.002  # m2, a few fingers: smaller uncovered pieces are clothes
-MOST_PIECES: Final = 3  # pieces examined at a time: two arms and a leg; other pieces follow once these are covered
-TURNS: Final = 4  # rounds of three solver steps: a limb may have to move by half a circle
-SETTLED_M: Final = 0.01  # m; the solver stops when joints move less, since the proposal is then registered anyway
-# m by which a tip may lie beyond the limb's reach, since the trunk leans and the shoulder moves
+NEIGHBOUR_M: Final = 0.05  # m, maximum distance between neighbouring nodes of one piece, twice their usual spacing
+SMALLEST_M2: Final = 0.002  # m2, area of a few fingers; smaller uncovered pieces are clothes
+# number of pieces examined at a time: two arms and a leg; other pieces follow once these are covered
+MOST_PIECES: Final = 3
+TURNS: Final = 4  # number of rounds of three solver steps each, since a limb may have to move by half a circle
+SETTLED_M: Final = 0.01  # m; the solver stops if joints move less, since the proposal is registered afterwards
+# m, distance by which a tip may lie beyond the limb's reach, since the trunk may lean and the shoulder may move
 REACH_SLACK_M: Final = 0.15
 
 
@@ -46,7 +47,7 @@ class Chain:
     bones: tuple[str, ...]
     joints: tuple[str, ...]
     depth_m: tuple[float, ...]  # depth of each joint below the skin
-    root: str  # the joint at the trunk
+    root: str  # name of the joint at the trunk
 
 
 CHAINS: Final = tuple(
@@ -66,7 +67,7 @@ _SIDED: Final = tuple(JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "H
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimbPath:
-    """The path along an uncovered piece of surface, from its tip to where it meets the body."""
+    """The path along an uncovered piece of surface, from its tip to the place where it meets the body."""
 
     places_m: np.ndarray  # (k, 3) places on the skin
     inward: np.ndarray  # (k, 3) unit vectors into the limb
@@ -243,8 +244,8 @@ def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
     return found
 
 
-CONTRADICTED_M: Final = 0.15  # m; an anchor farther from the tip of its limb contradicts the pose
-# m by which an anchor lies nearer to the body's centre than the tip of its limb
+CONTRADICTED_M: Final = 0.15  # m; if an anchor is farther from the tip of its limb, it contradicts the pose
+# m, distance by which an anchor lies nearer to the body's centre than the tip of its limb
 INSIDE_TIP_M: Final = 0.03
 
 

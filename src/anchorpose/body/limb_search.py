@@ -1,6 +1,6 @@
 """Find misplaced limbs again: propose poses from the images, register them, and compare them by the same evidence.
 
-The search runs where a pose leaves seen skin uncovered, or where limbs may have been exchanged.
+The search runs if a pose leaves seen skin uncovered, or if limbs may have been exchanged.
 """
 
 from __future__ import annotations
@@ -29,19 +29,20 @@ from anchorpose.threads import each
 # m2, area of seen skin that the body leaves uncovered, from which a search starts: half a hand, more than clothes and
 # grips leave uncovered
 LOOK_AGAIN_M2: Final = 0.005
-ROUNDS: Final = 4  # most rounds: one for each limb
+ROUNDS: Final = 4  # maximum number of rounds, one for each limb
 TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # m, reach of each step from a proposed limb to the seen limb
-TRIAL_NODES: Final = 800  # nodes used for a trial: a third of all nodes is enough to separate good poses from bad ones
+# number of nodes used for a trial; a third of all nodes is enough to separate good poses from bad poses
+TRIAL_NODES: Final = 800
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)  # m, reach of each step of the best few poses
-SAME_M: Final = 0.04  # m; poses with all joints nearer than this lead to the same registration
-BEST: Final = 3  # poses per round that are registered more finely; one of them may be the present pose
+SAME_M: Final = 0.04  # m; two poses with all joints closer to each other than this lead to the same registration
+BEST: Final = 3  # number of poses per round that are registered more finely; the present pose may be one of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
     """The result of a search."""
 
-    registration: Registration  # of the best pose
+    registration: Registration  # registration of the best pose
     taken: bool  # whether the best pose differs from the given pose
     rivals: tuple[Rival, ...] = ()  # other poses that the frame cannot exclude
 

@@ -24,19 +24,23 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import described
 from anchorpose.isolation.view import View
 
-LEAST_MATCHES: Final = 30  # fewest matches for a pose: 60 cm2 at two metres, a hand
-MATCHES: Final = 800  # most matches used; a person at two metres has 2,000, but more only cost time
-LEAST_SIGMA_M: Final = 0.03  # m, smallest error of a match: the spacing of skin points, and clothes
-MATCHES_PER_OBSERVATION: Final = 10.0  # matches that count as one, since the network's errors concern whole body parts
+LEAST_MATCHES: Final = 30  # minimum number of matches for a pose; at two metres they cover 60 cm2, as a hand does
+# maximum number of matches used; a person at two metres has 2,000, and more than used only cost time
+MATCHES: Final = 800
+LEAST_SIGMA_M: Final = 0.03  # m, minimum error of a match, due to clothes and the spacing of skin points
+# number of matches that count as one observation, since the network's errors concern whole body parts
+MATCHES_PER_OBSERVATION: Final = 10.0
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
 """Distance (m) at which a match counts a quarter, per step: from a limb's length down to a limb's width."""
 
-MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20  # m, stature of an unknown person, adult or child
-STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature, which one person in a thousand exceeds
-_SCALINGS: Final = 3  # number of scalings; the median error of the stature after them is 4, 3 and 2 %
+# m, mean and standard deviation of an unknown person's stature, adult or child
+MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20
+STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a thousand is beyond them
+# number of scalings; the median error of the stature is 4, 3 and 2 % after the first, second and third
+_SCALINGS: Final = 3
 _AGAIN: Final = 4  # number of steps from a pose that already fits
-_NO_KERNEL_M: Final = 1e3  # m, so large that the kernel has no effect: the rows' weights are robust already
-_ALIGNING: Final = 8  # steps of the reweighted alignment of the trunk
+_NO_KERNEL_M: Final = 1e3  # m, so large that the kernel has no effect, since the rows' weights are robust already
+_ALIGNING: Final = 8  # number of steps of the reweighted alignment of the trunk
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +83,7 @@ class MatchedPerson(NamedTuple):
     """A person's matches, and the stature and pose found from them."""
 
     matches: Matches
-    stature_m: float  # standing height; its error is below 3 % in half of all single frames
+    stature_m: float  # m, standing height; its error is below 3 % in half of all single frames
     pose: Pose  # pose of an average adult of this height
 
 

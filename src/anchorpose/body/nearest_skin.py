@@ -7,7 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-MAX_VOXELS: Final = 1_000_000  # 8 MB of row starts; nodes that extend beyond a room get larger voxels
+# maximum number of voxels, with 8 MB of row starts; nodes that extend beyond a room get larger voxels
+MAX_VOXELS: Final = 1_000_000
 
 
 class Voxels(NamedTuple):
@@ -55,7 +56,7 @@ def sort_by_cell(
     return order, start
 
 
-CELL_M: Final = 0.08  # m, side of a cell, with a few skin points each: smaller cells lose time on empty rows
+CELL_M: Final = 0.08  # m, side of a cell, which holds a few skin points; smaller cells would lose time on empty rows
 
 
 class Oriented(NamedTuple):

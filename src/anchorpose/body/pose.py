@@ -37,7 +37,7 @@ MOVING_BONES: Final = (
 """The bones whose rotation is estimated. Fingers, toes and the two hip bones of the pelvis keep the rest pose."""
 
 POSE_SIZE: Final = 3 * len(MOVING_BONES) + 3
-"""Parameters of a pose change: one rotation vector per moving bone, then the translation of the root."""
+"""Number of parameters of a pose change: a rotation vector per moving bone, then the root's translation."""
 
 DEGREE: Final = np.pi / 180.0
 

@@ -26,19 +26,21 @@ from anchorpose.descriptor.learnt import described, nearest_rays
 from anchorpose.isolation.view import View
 
 SPACING_M: Final = 0.028  # m, spacing of skin points
-# m, width of a pixel whose place is compared: the spacing of the descriptor's grid at two to four metres
+# m, width of a pixel whose place is compared; the spacing of the descriptor's grid at two to four metres
 NAMED_FOOTPRINT_M: Final = 0.04
-NAMED_ALIKE_M: Final = 0.25  # m, side of a patch whose places share one error: the integral of the errors' correlation
+# m, side of a patch whose places share one error, from the integral of the errors' correlation
+NAMED_ALIKE_M: Final = 0.25
 WRONGLY_NAMED: Final = (
     0.03  # share of the places with errors above three deviations, in simulated and real images (UTD-MHAD)
 )
 FROM_BEFORE: Final = 20.0
-"""How many times as often a single camera stands in front of the patient as behind.
+"""Factor by which a single camera stands more often in front of the patient than behind the patient.
 
 docs/guide/cameras.md asks users to place it in front, and the subjects of UTD-MHAD and MSR Action3D face their cameras.
 The value is assumed, not measured; it decides only where the images do not."""
 
-SKIN_AREA: Final = 0.6  # an adult's skin area, in statures squared: 1.8 m2 at 1.7 m (Du Bois and Du Bois 1916)
+# an adult's skin area, in units of the squared stature: 1.8 m2 at 1.7 m (Du Bois and Du Bois 1916)
+SKIN_AREA: Final = 0.6
 
 
 def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:

@@ -21,7 +21,7 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.isolation.view import PixelLabel
 
-# largest increase of the sum of squared deviations from joint ranges, from the pose in doubt to a proposal
+# maximum increase of the sum of squared deviations from joint ranges, from the pose in doubt to a proposal
 MOST_UNUSUAL: Final = 10.0
 
 
@@ -32,7 +32,7 @@ class Doubted:
     body: Body
     pose: Pose
     evidence: Evidence
-    anchors: SeenAnchors | None  # None for a first pose: anchors are searched for later
+    anchors: SeenAnchors | None  # None for a first pose, since anchors are searched for later
 
 
 def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:

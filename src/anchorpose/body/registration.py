@@ -19,7 +19,7 @@ from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
 
-LEAST_EXPLAINED: Final = 0.3  # least share of nodes near the body; with less, the surface belongs to another person
+LEAST_EXPLAINED: Final = 0.3  # minimum share of nodes near the body; with less, the surface belongs to another person
 
 
 @dataclass(frozen=True, slots=True, eq=False)

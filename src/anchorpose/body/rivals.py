@@ -24,25 +24,26 @@ from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
-# m; two poses with all joints nearer than this are the same pose: clothes and grips move joints as much
+# m; two poses with all joints closer to each other are the same pose, since clothes and grips move joints as much
 APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
-"""Nats, standard deviation of a comparison of two poses from errors of shape and clothes, per limb (or trunk) that has
-another place.
+"""Standard deviation, in nats, of the comparison of two poses, due to errors of shape and clothes. It is stated per
+part (limb or trunk) whose place differs.
 
 If only head and arms of a body were visible, the correct pose and the pose with the opposite facing differed by 3 and 5
 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
 OWN_BODY_ERROR: Final = 6.0
-"""Nats, the same error if each pose has a body that was fitted to it: 30 nats for all five parts, measured in 18
-windows of 9 hard scenes."""
+"""The same error, in nats, if each pose has a body that was fitted to it. For all five parts it was 30 nats, measured
+in 18 windows of 9 hard scenes."""
 
-MEMORY_S: Final = 0.3  # s, after which the weight of a frame has fallen to a third, since limbs have moved
-# s, the same for a rival with a body of its own: errors of shape persist, so its lead is averaged over longer
+MEMORY_S: Final = 0.3  # s, time after which the weight of a frame has fallen to a third, since limbs have moved
+# s, the same for a rival with a body of its own; errors of shape persist, so the mean of its lead is over a longer time
 OWN_MEMORY_S: Final = 4.0
-LEAST_GAIN: Final = 3.0  # nats by which a new pose must be likelier: twenty times as likely
-# nats (a factor of e^6); a rival this much less likely is dropped, a rival this much likelier becomes the best pose
+# nats, by which a new pose must be likelier than the best pose; it is then twenty times as likely
+LEAST_GAIN: Final = 3.0
+# nats (a factor of e^6); a rival less likely by more is dropped, a rival likelier by more becomes the best pose
 DECIDED: Final = 6.0
-MOST: Final = 3  # most rivals; each costs as much time as the registration
+MOST: Final = 3  # maximum number of rivals; each costs as much time as the registration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +54,8 @@ class Rival:
     """
 
     belief: PoseBelief
-    lag: float  # nats (see ``believed``) by which it explains the last frames worse, a weighted mean
-    moved: float = 0.0  # nats, cost of its distance from the expected pose, which decays with time
+    lag: float  # nats (see ``believed``), by which the rival explains the last frames worse, as a weighted mean
+    moved: float = 0.0  # nats, cost of the rival's distance from the expected pose; it decays with time
     body: Body | None = None  # the rival's own body; None if it has the body of the best pose
 
     @property

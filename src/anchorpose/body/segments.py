@@ -60,9 +60,9 @@ class _Bulge(NamedTuple):
 
     axis: int  # 0 = forward, 2 = sideways
     towards: int  # direction along the axis, 1 or -1; 0 = both sides move apart
-    height_m: float  # height of its middle on the mean adult
+    height_m: float  # height of the bulge's middle on the mean adult
     spread_m: float
-    sigma_m: float  # movement by one unit
+    sigma_m: float  # movement of the skin by one unit
 
 
 _BULGES: Final = {
@@ -82,7 +82,7 @@ belly.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Direction:
-    """A direction of shape: its name, and the metres that one unit adds to skin and skeleton."""
+    """A direction of shape: its name, and the change, in metres, of skin and skeleton by one unit."""
 
     name: str
     vertices: np.ndarray  # (v, 3)

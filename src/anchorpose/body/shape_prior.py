@@ -16,12 +16,14 @@ from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, 
 from anchorpose.body.standing_off import patches_of
 
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
-CLOTHING_SIGMA_M: Final = 0.003  # m, its standard deviation
-PATCH_SIGMA_M: Final = 0.0035  # m, standard deviation of a patch: muscles, fat and folds without a shape direction
-THICKEST_M: Final = 0.03  # m, largest thickness of clothes
-TAILS: Final = 4.0  # degrees of freedom of Student's t distribution: 1 segment in 20 differs by over 2.8 deviations
+CLOTHING_SIGMA_M: Final = 0.003  # m, standard deviation of the thickness of clothes
+# m, standard deviation of a patch, due to muscles, fat and folds for which no shape direction exists
+PATCH_SIGMA_M: Final = 0.0035
+THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
+# degrees of freedom of Student's t distribution, by which 1 segment in 20 differs by over 2.8 deviations
+TAILS: Final = 4.0
 COVERED: Final = 4.0  # factor on the standard deviation of a segment's thickness under an orthosis or a helmet
-_HEIGHT_STEPS: Final = 3  # number of iterations: the highest and the lowest vertex may change with the shape
+_HEIGHT_STEPS: Final = 3  # number of iterations, since the highest and the lowest vertex may change with the shape
 
 _ALIKE_LENGTHS: Final = np.array(
     [[1.00, 0.34, 0.18, 0.35], [0.34, 1.00, 0.25, 0.43], [0.18, 0.25, 1.00, 0.04], [0.35, 0.43, 0.04, 1.00]]

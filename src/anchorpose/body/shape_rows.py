@@ -22,8 +22,8 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, shape_off
 class FreeShape(NamedTuple):
     """The numbers of free shape parameters."""
 
-    coefficients: int  # the first so many coefficients are free
-    offsets: int  # the first so many offsets are free
+    coefficients: int  # number of free coefficients, which are the first
+    offsets: int  # number of free offsets, which are the first
 
 
 def accumulate_shape(

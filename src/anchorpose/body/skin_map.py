@@ -12,8 +12,10 @@ from scipy.sparse.csgraph import dijkstra
 from anchorpose.body.skin_points import Body, SkinPoints
 from anchorpose.surface.surface import BodyMap
 
-LEAST_EDGE_M: Final = 1e-6  # m, least length of an edge, for missing limbs: the graph cannot have edges of length 0
-LANDMARKS: Final = 24  # landmarks, one every 30 cm: enough to resolve the distances of an adult's skin points
+# m, minimum length of an edge; on missing limbs it would be 0, which the graph does not allow
+LEAST_EDGE_M: Final = 1e-6
+# number of landmarks, one every 30 cm; with these, the distances of an adult's skin points are resolved
+LANDMARKS: Final = 24
 
 
 def map_body(body: Body) -> BodyMap:

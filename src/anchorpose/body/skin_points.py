@@ -21,7 +21,8 @@ from anchorpose.body.kinematics import (
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 from anchorpose.body.segments import load_body_asset
 
-POINT_COUNT: Final = 2400  # number of skin points: about 28 mm apart on an adult, half of the narrowest limb's width
+# number of skin points; on an adult they are about 28 mm apart, half of the narrowest limb's width
+POINT_COUNT: Final = 2400
 CLOTHES: Final = {
     "trunk": ("Hips", "LHipJoint", "RHipJoint", "LowerBack", "Spine", "Spine1", "LeftShoulder", "RightShoulder"),
     "sleeves": ("LeftArm", "LeftForeArm", "RightArm", "RightForeArm"),
@@ -30,7 +31,8 @@ CLOTHES: Final = {
 }
 """Pieces of clothing, each with a thickness, and the bones whose skin they cover."""
 
-PATCHES: Final = 96  # number of patches of skin, about 14 cm apart: as large as a muscle, a fold or the rim of a brace
+# number of patches of skin; they are about 14 cm apart, as large as a muscle, a fold or the rim of a brace
+PATCHES: Final = 96
 PATCH_M: Final = 0.07  # m, standard deviation of a patch's bell-shaped profile
 OFFSETS: Final = len(CLOTHES) + PATCHES
 """Number of parameters by which the seen surface lies off the body's skin: pieces of clothing, then patches."""

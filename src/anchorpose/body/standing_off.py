@@ -17,13 +17,14 @@ from anchorpose.body.skin_points import CLOTHES, FittedShape, SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
-# m, least distance of a surface that stands off, 95th percentile of the skin points; it was at most 0.010 on ten people
-# without braces, 0.021 to 0.040 with a brace
+# m, minimum distance from the learnt body at which a surface stands off, 95th percentile of the skin points; on ten
+# people it was at most 0.010 without braces and 0.021 to 0.040 with a brace
 LEAST_M: Final = 0.015
-TOO_THICK: Final = 2.0  # deviations of girth above the other side; at most 0.9 without braces, 2.9 to 6.7 with a brace
-ORDINARY: Final = 0.5  # deviations, most that the other side's thickness counts as this person's usual thickness
-JOINT_SHARE: Final = 0.5  # error of a segment's joints along an axis, per metre that its skin stands off
-BONE_SHARE: Final = 0.5  # error of the length between its joints, per metre that its skin stands off
+# minimum girth above the other side's, in deviations; without braces at most 0.9, with a brace 2.9 to 6.7
+TOO_THICK: Final = 2.0
+ORDINARY: Final = 0.5  # deviations up to which the thickness of the other side counts as usual for this person
+JOINT_SHARE: Final = 0.5  # error of a segment's joints along an axis, per metre by which its skin stands off
+BONE_SHARE: Final = 0.5  # error of the length between its joints, per metre by which its skin stands off
 
 _LIMBS: Final = {
     "upper_arm": ("Arm", ("Shoulder", "Elbow")),
@@ -85,7 +86,7 @@ def _joints_of(name: CoveredPart) -> tuple[int, ...]:
 
 @cache
 def points_of_segments(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
-    """Return, by segment, (p,) bool: the skin points that move with it."""
+    """Return, for each segment, (p,) bool: the skin points that move with the segment."""
     bones: dict[CoveredPart, tuple[str, ...]] = {"trunk": TRUNK}
     for segment, (bone, _) in _LIMBS.items():
         bones |= {f"{segment}_{side}": (f"{side.capitalize()}{bone}",) for side in SIDES}  # type: ignore[misc]

@@ -36,7 +36,8 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
-NODES: Final = 1200  # most nodes used: half of the fit's nodes take half of the time and change sigma by under a tenth
+# maximum number of nodes used; half of the fit's nodes take half of the time and change sigma by under a tenth
+NODES: Final = 1200
 
 
 def noise_covariance(
@@ -119,14 +120,15 @@ def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> f
     return float(min(found, default=0.0))
 
 
-# m2, least area of uncovered skin that is considered; clothes and grips leave about as much uncovered
+# m2, minimum area of uncovered skin that is considered; clothes and grips leave about as much uncovered
 WORTH_M2: Final = 0.004
-IN_REACH_M: Final = 0.45  # m, greatest distance of a limb from the piece's tip: a shank, or a forearm with its hand
-END_ON: Final = float(np.cos(np.radians(35.0)))  # least cosine between limb and ray for a limb that points at a camera
-# factor on the rows that count as one observation: bent fingers shift a whole hand; set on one recorded reach
+IN_REACH_M: Final = 0.45  # m, maximum distance of a limb from the piece's tip: a shank, or a forearm with its hand
+# minimum cosine of the angle between ray and limb, for a limb that points at a camera
+END_ON: Final = float(np.cos(np.radians(35.0)))
+# factor on the rows that count as one observation, since bent fingers shift a whole hand; set on one recorded reach
 MORE_ALIKE: Final = 2.0
-HIDDEN: Final = 0.5  # largest hidden share of a limb's skin; with more, the frame does not show the limb
-BROADER_M: Final = 0.13  # m, difference between breadth and depth of a chest: 0.35 m and 0.22 m
+HIDDEN: Final = 0.5  # maximum hidden share of a limb's skin; with more, the frame does not show the limb
+BROADER_M: Final = 0.13  # m, difference between breadth and depth of a chest (0.35 m and 0.22 m)
 
 _HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
 
@@ -241,7 +243,7 @@ def frame_alone_sigma(
     """Return sigma_m (21,), increased for limbs about which earlier frames add no knowledge.
 
     These are limbs that point at every camera, and hidden limbs. Earlier frames have the same error, but the posterior
-    counts them as independent: for example, the assumption that a foot stands must count once, not in every frame. So
+    treats them as independent. For example, the assumption that a foot stands must count once, not in every frame. So
     the sigma of such a limb comes from this frame alone, the joint ranges and the time since the limb was seen
     (unseen_s as in ``vague_belief``).
     """
@@ -269,8 +271,8 @@ def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain:
     """Return whether a limb points at a camera that nothing hides it from, and no camera sees its part beyond elbow or
     knee from the side.
 
-    It is not required that this part is seen: in the very case that is searched for, its estimated place may be too far
-    off to count as seen.
+    This part need not be seen, since a limb that points at a camera may have an estimated place that is too far off to
+    count as seen.
     """
     root, far = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
     looking = [

@@ -21,12 +21,13 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.lens import lens_array, pixel_of_ray
 
-JOINT_RADIUS_M: Final = 0.13  # m, radius around a joint in which skin counts for it: half a shank
+JOINT_RADIUS_M: Final = 0.13  # m, radius around a joint in which skin counts as the joint's; half a shank
 TRUNK_RADIUS_M: Final = 0.22  # m, the same for joints of the spine, which are this far from the skin of the belly
-LEAST_SEEN: Final = 0.2  # a joint is seen if this share of the skin around it, facing one camera, covers seen nodes
-# share of the skin around a joint outside the image, above which the joint itself lies outside
+# share of the skin around a joint, facing one camera, that must cover seen nodes for the joint to be seen
+LEAST_SEEN: Final = 0.2
+# share of the skin around a joint outside the image; if it is larger, the joint itself counts as outside
 MOST_OUTSIDE: Final = 0.5
-GRAZING: Final = 0.25  # least cosine between normal and ray; skin that is seen more edge-on returns almost no depth
+GRAZING: Final = 0.25  # minimum cosine between normal and ray; skin at a more grazing angle returns almost no depth
 
 _TRUNK = ("Hips", "Spine")
 _REASONS = (
@@ -42,7 +43,7 @@ _REASONS = (
 class SkinReason(IntEnum):
     """The reading at a skin point's pixel. All kinds except the last are joint states, in the order of ``_REASONS``."""
 
-    SEEN = 0  # the patient, at the point's own depth
+    SEEN = 0  # the patient, at the depth of the point
     SELF = 1  # the patient, in front of the point
     EQUIPMENT = 2
     PERSON = 3
@@ -218,7 +219,7 @@ def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing
     return facing
 
 
-MOST_MISSING: Final = 0.5  # largest share of the camera-facing skin without a reading in a good depth image
+MOST_MISSING: Final = 0.5  # maximum share of the camera-facing skin without a reading, in a good depth image
 
 
 class PoorKind(StrEnum):

@@ -39,7 +39,7 @@ class PoseFigure:
 @dataclass(frozen=True, slots=True)
 class PoseRecord:
     """The record of a camera's pose. sigma_m: sigma of the equipment's position relative to the camera; sigma_rad:
-    sigma of its direction; None where unknown.
+    sigma of its direction; None if unknown.
     """
 
     camera: str
@@ -86,7 +86,7 @@ class PoseDoubt:
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
     """The calibrated cameras. cameras: all cameras, each with a pose; floor_height_m: Y of the floor in the world, None
-    where no camera sees it; notes: assumptions, one sentence each, for the run's report; poses: one record per camera;
+    if no camera sees it; notes: assumptions, one sentence each, for the run's report; poses: one record per camera;
     doubts: contradictions of poses; displaced_m: measured displacement of the patient between the cameras, which is
     part of every joint's error.
     """
@@ -101,7 +101,7 @@ class Calibration:
 
 
 def write_calibration(folder: Path, recording: str, calibration: Calibration) -> None:
-    """Write ``folder``/calibration.json; sigma is null where a pose was given or its accuracy is unknown."""
+    """Write ``folder``/calibration.json; sigma is null if the pose was given or its accuracy is unknown."""
     document = {
         "format": CALIBRATION_FORMAT,
         "version": 1,

@@ -2,9 +2,9 @@
 
 Each camera's floor gives its tilt and height. The rotation about the vertical and the shift over the floor come from
 people in common view: first from their places over time (``search_ground``), then from their surfaces at the same
-moments (``common_view``). Walls and floor are not fitted: with them, the error was 5 instead of 2 mm on simulated
-clinics, since the systematic error of a time-of-flight camera bends large distant planes, and a shift along a wall
-cannot be seen.
+moments (``common_view``). Walls and floor are not fitted. With them, the error on simulated clinics was 5 mm
+instead of 2 mm, since the systematic error of a time-of-flight camera bends large distant planes. A shift along a wall
+cannot be seen either.
 """
 
 from __future__ import annotations
@@ -26,25 +26,27 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of, pair_
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
-LEAST_SPAN_S: Final = 8.0  # s, shortest recording; in less, people walk too little, and 4 s once gave a wrong placement
-PLACES: Final = 8  # number of search results that are refined; the correct one was always among the first three
-# largest share of one camera's people that lies beside the other camera's; for correct placements it was 0.01 to 0.06
+# s, minimum duration of a recording; in a shorter one, people walk too little, and 4 s once gave a wrong placement
+LEAST_SPAN_S: Final = 8.0
+PLACES: Final = 8  # number of search results that are refined; the correct result was always among the first three
+# maximum share of one camera's people that lies beside the other camera's; for correct placements it was 0.01 to 0.06
 WORST_IMPOSSIBLE: Final = 0.1
-LEAST_COMMON: Final = 0.3  # least overlap of the views; with less, no reading can contradict a wrong placement
-WORST_RESIDUAL_M: Final = 0.008  # largest residual; correct placements had 2 or 3 mm, a front fitted to a back 11 mm
+LEAST_COMMON: Final = 0.3  # minimum overlap of the views; with less, no reading can contradict a wrong placement
+# m, maximum residual; correct placements had 2 or 3 mm, a front fitted to a back had 11 mm
+WORST_RESIDUAL_M: Final = 0.008
 WORST_SIGMA_M: Final = 0.005
-WORST_SIGMA_RAD: Final = 0.0052  # largest sigma of the rotation: 0.3 degrees
-ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0  # factors on the limits above, while the clocks are only known to 50 ms
-DISTINCT_M: Final = 0.05  # m; placements that differ by more are different placements
+WORST_SIGMA_RAD: Final = 0.0052  # rad, maximum sigma of the rotation: 0.3 degrees
+ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0  # factors on the limits above while the clocks are known only to 50 ms
+DISTINCT_M: Final = 0.05  # m; placements that are farther apart are different placements
 
 CELL_M: Final = 0.1
 MAPPED_MOMENTS: Final = 12  # number of moments that are drawn into the maps of the ground; more add nothing
-REACH_M: Final = 6.0  # m from each camera; farther away, depth cameras see little
+REACH_M: Final = 6.0  # m, maximum distance from each camera; farther away, depth cameras see little
 BLUR_M: Final = 0.12  # m, blur of the maps, since two cameras see different sides of a body
-TURNS: Final = 120  # number of directions tried: at 5 m, one step of 3 degrees moves a person by half a body's breadth
-BODY_M: Final = 0.1  # m from visible skin to the middle of a trunk, roughly
+TURNS: Final = 120  # number of directions tried; at 5 m, a step of 3 degrees moves a person by half a body's breadth
+BODY_M: Final = 0.1  # m, approximate distance from visible skin to the middle of a trunk
 LOW_M, HIGH_M = 0.2, 2.2  # m, range of heights that are used: above the floor's noise, below the ceiling
-APART_RAD, APART_M = 0.35, 0.4  # search results that differ by less than both limits are the same placement
+APART_RAD, APART_M = 0.35, 0.4  # rad and m; search results that differ by less than both limits are the same placement
 
 
 @settings
@@ -52,7 +54,7 @@ class PlacingConfig:
     """Settings of how cameras without poses are placed relative to each other by the people they see."""
 
     moments: Count = 24  # number of moments compared, spread over the recording so that people move in between
-    step_px: Count = 3  # every third pixel of every third row is compared
+    step_px: Count = 3  # pixels; every third pixel of every third row is compared
 
 
 class NoCameraToCamera(StrEnum):

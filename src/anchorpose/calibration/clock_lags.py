@@ -21,16 +21,20 @@ from anchorpose.calibration.first_frames import FloorPlane, noise_per_m
 from anchorpose.camera import Camera
 from anchorpose.recording.depth_image import RecordedFrames
 
-BANDS_M: Final = np.linspace(0.1, 2.0, 9)  # m, edges of the height bands: the floor is below, nobody reaches above
-FAR_JUMP_M: Final = 0.08  # m, largest change within three frames; with more, another surface appears
-SIGNAL_STEP_PX: Final = 4  # every fourth pixel of every fourth row is used: a body still has 900 pixels
+# m, edges of the height bands; the floor is below them, and nobody reaches above them
+BANDS_M: Final = np.linspace(0.1, 2.0, 9)
+FAR_JUMP_M: Final = 0.08  # m, maximum change within three frames; with more, another surface appears
+# pixels; every fourth pixel of every fourth row is used, which still leaves 900 pixels of a body
+SIGNAL_STEP_PX: Final = 4
 NOISE_GATE: Final = 4.0  # sigmas of the difference of two readings; smaller changes are noise
 SMOOTH_S: Final = 0.1  # s, width of smoothing, two frames at 15 Hz; limbs start and stop in 0.2 s
-LEAST_OVERLAP_S: Final = 1.5  # s, least overlap of two signals: the duration of one movement
-LEAST_OVERLAP: Final = 0.6  # least overlap as a share of the shorter signal; with less, chance agrees as well as truth
-PEAKS_APART_S: Final = 0.4  # s, least distance between two peaks of the correlation; nearer peaks count as one
-LEAST_PEAK: Final = 0.4  # least correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
-CERTAIN_LEAD: Final = 2.0  # factor on the second peak above which a lag is accepted without a check by surfaces
+LEAST_OVERLAP_S: Final = 1.5  # s, minimum overlap of two signals, which is the duration of one movement
+# minimum overlap as a share of the shorter signal; with less, chance agrees as well as truth
+LEAST_OVERLAP: Final = 0.6
+PEAKS_APART_S: Final = 0.4  # s, minimum distance between two peaks of the correlation; nearer peaks count as one
+# minimum correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
+LEAST_PEAK: Final = 0.4
+CERTAIN_LEAD: Final = 2.0  # factor on the second peak; a lag with a higher peak is accepted without a check by surfaces
 PEAKS: Final = 4  # number of peaks that are checked by surfaces if none is certain
 
 
@@ -65,7 +69,7 @@ def motion_signal(
 ) -> MotionSignal:
     """Compute the signal of consecutive frames (time, depth (height, width) float32, 0 = no reading) of one camera.
 
-    level: the floor; None if unknown, then all heights are one band. noise: the sensor's noise, see
+    level: the floor; None if unknown: all heights are then one band. noise: the sensor's noise, from
     ``first_frames.noise_per_m``.
     """
     step = slice(SIGNAL_STEP_PX // 2, None, SIGNAL_STEP_PX)
@@ -141,22 +145,23 @@ def _vertex(score: np.ndarray, best: int) -> float:
     return float(0.5 * (left - right) / (left - 2.0 * middle + right))
 
 
-FRAMES_KEPT: Final = 300  # number of frames kept in memory: 260 MB for a Kinect v2
-MOST_AHEAD_S: Final = 5.0  # s, largest difference of clocks that share an epoch
-MOST_LATE_S: Final = 15.0  # s, largest time between the starts of two recorders with unrelated clocks
-BLOCK_S: Final = 12.0  # s, duration of the frames for the signals: several movements
+FRAMES_KEPT: Final = 300  # maximum number of frames in memory; those of a Kinect v2 take 260 MB
+MOST_AHEAD_S: Final = 5.0  # s, maximum difference of clocks that share an epoch
+MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
+BLOCK_S: Final = 12.0  # s, duration of the frames for the signals, in which people make several movements
 BLOCKS: Final = 3  # number of blocks tried for the signals, the busiest first
 WINDOW_S: Final = 2.0  # s, duration of a window from whose frames surfaces are compared
-REACH_S: Final = 0.12  # s, largest error of a lag from signals: twice the largest error ever found
-SYSTEMATIC_S: Final = 0.001  # s, systematic error of a window: 1 mm of the sensor at 1 m/s
-LEAST_WINDOWS: Final = 2  # least number of windows that must agree if the signals are not certain
-LEAST_FRAMES: Final = 8  # least number of frames in a window: 4 Hz
+REACH_S: Final = 0.12  # s, maximum error of a lag from signals; the largest error found was half of it
+# s, systematic error of a window; an error of the sensor of 1 mm causes it at a speed of 1 m/s
+SYSTEMATIC_S: Final = 0.001
+LEAST_WINDOWS: Final = 2  # minimum number of windows that must agree if the signals are not certain
+LEAST_FRAMES: Final = 8  # minimum number of frames in a window, which corresponds to 4 Hz
 
-DRIFT_SIGMA: Final = 1e-4  # s/s; a quartz clock is accurate to 100 parts in a million
+DRIFT_SIGMA: Final = 1e-4  # s/s, standard deviation of a drift; a quartz clock is accurate to 100 parts in a million
 PLACES: Final = 4  # number of times sampled in each tenth of the recording, to find the largest movement
-STEP_PX: Final = 8  # every eighth pixel of every eighth row suffices to measure the amount of movement
-APART_S: Final = 0.2  # s between the two frames that are compared
-# m; a smaller change of depth is noise, a larger change is another surface that appears
+STEP_PX: Final = 8  # pixels; every eighth pixel of every eighth row suffices to measure the amount of movement
+APART_S: Final = 0.2  # s, time between the two frames that are compared
+# m, limits of a change of depth that counts; a smaller change is noise, with a larger change another surface appears
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 
@@ -261,7 +266,7 @@ def _motion(frames: FrameCache, time_s: float) -> float:
 def rough_lags(
     frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
-    """Return the lag of each camera from signals, None where no lag is found. Surfaces decide between a certain lag and
+    """Return the lag of each camera from signals, None if no lag is found. Surfaces decide between a certain lag and
     the lag by the time stamps or, if no lag is certain, among the best lags.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
@@ -342,7 +347,7 @@ def _block_signal(
 def _best_by_surfaces(
     frames: FrameCache, camera: int, possible: Sequence[RoughLag], times_s: Sequence[float]
 ) -> RoughLag | None:
-    """Return the lag at which this camera's surfaces fit the reference camera's best; None where none can be tested."""
+    """Return the lag at which this camera's surfaces fit the reference camera's best; None if none can be tested."""
     best, least_m = None, np.inf
     reference = RoughLag(0.0, 0.0)
     clips = [_clip(frames, 0, at_s, reference) for at_s in times_s]

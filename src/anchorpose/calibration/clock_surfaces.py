@@ -19,24 +19,25 @@ from anchorpose.calibration.common_view import NORMAL_PX, SurfaceGates, huber_we
 from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
-UNITS_PER_M: Final = 4000.0  # units per metre in stacks: quarters of a millimetre, so that 16 bits reach 16 m
-SMOOTH_PX: Final = 3  # pixels, window of smoothing; a limb is ten pixels wide
-OPENED_PX: Final = 5  # pixels, window that removes single flickering pixels, which do not show a limb
-NOISE_FRAMES: Final = 16  # number of frames from which noise is measured: its median is then accurate to a quarter
+UNITS_PER_M: Final = 4000.0  # units per metre in stacks; with quarters of a millimetre, 16 bits reach 16 m
+SMOOTH_PX: Final = 3  # pixels, side of the smoothing window; a limb is ten pixels wide
+OPENED_PX: Final = 5  # pixels, side of the window that removes single flickering pixels, which do not show a limb
+NOISE_FRAMES: Final = 16  # number of frames from which noise is measured; the error of its median is then a quarter
 SPREAD_FRAMES: Final = 8  # number of frames of a window in which moving pixels are searched
 
-STEP_PX: Final = 3  # grid of points: errors of neighbouring pixels are correlated; a body still has 1700
-MOVED_M: Final = 0.01  # m, least movement within a clip; less does not determine time
-MOVED_GATE: Final = 6.0  # least movement in sigmas of the noise: twice as much as noise causes in eight frames
-# m, largest difference of depths; with more, it is another surface, such as a hand in front of a trunk
+# pixels between points on a grid, since errors of neighbouring pixels are correlated; a body still has 1700 points
+STEP_PX: Final = 3
+MOVED_M: Final = 0.01  # m, minimum movement within a clip; a smaller movement does not determine the lag
+MOVED_GATE: Final = 6.0  # minimum movement in sigmas of the noise; noise alone causes half as much in eight frames
+# m, maximum difference of depths; with more, another surface is seen, such as a hand in front of a trunk
 SAME_SURFACE_M: Final = 0.05
-ONE_SURFACE_M: Final = 0.15  # m, largest change within four frames, 1.1 m/s at 30 Hz; more is a passing edge
-LEAST_FACING: Final = 0.3  # least cosine between normal and ray in both cameras; flatter surfaces are imprecise
-PATCH_PX: Final = 24  # pixels, side of the patches whose mean error is subtracted: 10 cm at 2 m
-CHUNK_S: Final = 0.25  # s; errors of residuals are correlated within this time
-RATE_GATE: Final = 3.0  # least rate in sigmas of its noise; still surfaces add no evidence and cost time
-LEAST_POINTS: Final = 400  # least number of residuals; a hand has fewer
-ROUNDS: Final = 12  # Newton steps at most; three or four are enough
+ONE_SURFACE_M: Final = 0.15  # m, maximum change within four frames (1.1 m/s at 30 Hz); a passing edge causes more
+LEAST_FACING: Final = 0.3  # minimum cosine between normal and ray in both cameras; flatter surfaces are imprecise
+PATCH_PX: Final = 24  # pixels, side of the patches whose mean error is subtracted; 10 cm at 2 m
+CHUNK_S: Final = 0.25  # s; residuals within this time have correlated errors
+RATE_GATE: Final = 3.0  # minimum rate in sigmas of its noise; still surfaces add no evidence and cost time
+LEAST_POINTS: Final = 400  # minimum number of residuals; a hand has fewer
+ROUNDS: Final = 12  # maximum number of Newton steps; three or four are enough
 SETTLED_S: Final = 2e-5
 
 
@@ -86,7 +87,7 @@ def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Cli
 
 
 def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
-    """Return the lag within ``reach_s`` of ``around_s``; None where the cameras share too little movement.
+    """Return the lag within ``reach_s`` of ``around_s``; None if the cameras share too little movement.
 
     The search begins with the best of evenly spaced lags, then takes Newton steps on the robust least squares of both
     directions together. The standard error takes into account that errors within ``CHUNK_S`` are correlated.

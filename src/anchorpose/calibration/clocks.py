@@ -34,8 +34,8 @@ from anchorpose.recording.depth_image import RecordedFrames
 from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.settings import settings
 
-ROUNDS: Final = 20  # largest number of lags that are removed, one per round; no recording had more wrong lags
-OUTLIER_GATE: Final = 5.0  # standard deviations; a lag that is farther off is removed
+ROUNDS: Final = 20  # maximum number of lags that are removed, one per round; no recording had more wrong lags
+OUTLIER_GATE: Final = 5.0  # standard deviations; a lag with a larger deviation is removed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,21 +118,23 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
 
 
 WINDOWS: Final = 10  # number of windows over the whole recording, since drift shows between its ends
-SPREAD: Final = 3  # every third window is compared first, so that the first windows span the recording
+SPREAD: Final = 3  # step between the windows that are compared first, so that these windows span the recording
 CONFIRMING: Final = 4  # number of windows whose lags show whether the time stamps are correct to a tenth of a second
-AGREEING: Final = 0.75  # least share of the compared windows, and of their lags, that must agree
-APART_S: Final = 0.01  # s, largest scatter of lags that agree: a sixth of the time between frames at 15 Hz
-ENOUGH_S: Final = 0.002  # s, sigma at both ends of the recording that needs no more windows: 1 mm of a limb at 0.5 m/s
+AGREEING: Final = 0.75  # minimum share of the compared windows, and of their lags, that must agree
+APART_S: Final = 0.01  # s, maximum scatter of lags that agree, a sixth of the time between frames at 15 Hz
+# s, sigma at both ends of the recording at which no more windows are needed; a limb at 0.5 m/s moves 1 mm in it
+ENOUGH_S: Final = 0.002
 SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the lags from signals on simulated clinics
-WORST_SIGMA_S: Final = 0.008  # s, largest accepted sigma at both ends: half of the usual time between paired frames
-FLOOR_FRAMES: Final = 9  # number of frames whose median replaces a missing background: it has few people
+WORST_SIGMA_S: Final = 0.008  # s, maximum accepted sigma at both ends, half of the usual time between paired frames
+# number of frames whose median replaces a missing background, since the median shows few people
+FLOOR_FRAMES: Final = 9
 
 
 @settings
 class ClockConfig:
     """Settings of how the clocks of several cameras are compared."""
 
-    estimate: bool = True  # False: the time stamps are used unchanged
+    estimate: bool = True  # whether clocks are estimated; False = the time stamps are used unchanged
 
 
 class ClockSource(StrEnum):
@@ -156,8 +158,8 @@ class NoClock(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CameraClock:
-    """A camera's clock. clock: the clock to use; sigma_s, drift_sigma: standard errors, None where the clock was kept;
-    lags: number of lags measured with this camera; doubt: why the clock was kept, None where it was corrected.
+    """A camera's clock. clock: the clock to use; sigma_s, drift_sigma: standard errors, None if the clock was kept;
+    lags: number of lags measured with this camera; doubt: why the clock was kept, None if it was corrected.
     """
 
     camera: str

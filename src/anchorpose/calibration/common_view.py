@@ -21,26 +21,28 @@ import numpy as np
 from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane, level_of_pose
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
-NEARER_M: Final = 0.12  # m, least distance of people from the room behind them
-SURFACE_STEP_M: Final = 0.07  # m, largest depth difference between neighbours on one surface
-NORMAL_PX: Final = 2  # a normal is computed from the neighbours this many pixels away
-RIM_PX: Final = 7  # pixels, 2 cm at 2 m to either side: movement of a limb in the 30 ms between two frames
-# m, largest distance of paired points in each step; the initial poses are off by at most 0.3 m
+NEARER_M: Final = 0.12  # m, minimum distance of people from the room behind them
+SURFACE_STEP_M: Final = 0.07  # m, maximum depth difference between neighbours on one surface
+NORMAL_PX: Final = 2  # pixels, distance of the neighbours from which a normal is computed
+# pixels, width of the rim around people: 2 cm at 2 m, the movement of a limb in the 30 ms between two frames
+RIM_PX: Final = 7
+# m, maximum distance of paired points in each step; the initial poses are off by at most 0.3 m
 GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
-WORST_CONDITION: Final = 1e9  # condition number beyond which the data leave a rotation or a shift undetermined
-SAME_WAY: Final = 0.8  # least cosine between the normals of one surface in two cameras
-HUBER: Final = 1.5  # robust deviations; larger residuals lose weight
-LEAST_PAIRS: Final = 200  # least number of pairs of points; a hand has fewer
+WORST_CONDITION: Final = 1e9  # maximum condition number; beyond it, the data leave a rotation or a shift undetermined
+SAME_WAY: Final = 0.8  # minimum cosine between the normals of one surface in two cameras
+HUBER: Final = 1.5  # robust deviations beyond which residuals lose weight
+LEAST_PAIRS: Final = 200  # minimum number of pairs of points; a hand has fewer
 
 
 class SurfaceGates(NamedTuple):
-    """Limits for pixels with a normal: largest depth step between neighbours, least cosine between normal and ray."""
+    """Limits for pixels with a normal: maximum depth step between neighbours, minimum cosine between normal and ray."""
 
     step_m: float
     least_facing: float
 
 
-GATES: Final = SurfaceGates(2.0 * SURFACE_STEP_M, 0.25)  # flatter surfaces are too noisy
+# limits for pixels with a normal; flatter surfaces are too noisy
+GATES: Final = SurfaceGates(2.0 * SURFACE_STEP_M, 0.25)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -278,23 +280,27 @@ def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)  # a wrong lens leaves 5 cm
-ROOM_PX, PEOPLE_PX = 6, 3  # grid steps in pixels: every sixth pixel for the room, every third for people
+ROOM_PX, PEOPLE_PX = 6, 3  # pixels, grid steps: every sixth pixel for the room, every third pixel for people
 LEAST_SURFACE_PAIRS: Final = 500
-# least ``_support``; below, correct poses seemed 26 and 32 mm off, above up to 9; often 0.001 without people
+# minimum ``_support``; with less, correct poses seemed 26 and 32 mm off, with more up to 9; without people it is often
+# 0.001
 LEAST_SUPPORT: Final = 0.02
 STEP_M, STEP_RAD = 0.1, 0.2  # m and rad: standard deviations that damp each step in undetermined directions
-# m, largest distance of compared surfaces, for a motion and for the given pose; farther surfaces are different
+# m, maximum distance between compared surfaces, for a motion and for the given pose; at larger distances they are
+# different
 COMPARED_M: Final = 0.15
-# largest share of the given pose's misfit; a motion along which surfaces merely slide fits no better
+# maximum misfit of a motion, as a share of the given pose's misfit; a motion that only makes surfaces slide fits no
+# better
 BETTER: Final = 0.8
-# m, largest residual; correct poses leave up to 6 mm, a lens that is 2 % wrong 15 to 25: no rotation is stated
+# m, maximum residual for a rotation to be stated; correct poses leave up to 6 mm, a lens that is 2 % wrong leaves 15 to
+# 25
 TIGHT_M: Final = 0.010
 
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
     """The displacement between two cameras. off_m: displacement of the people or, without people, of the room; if no
-    motion fits better than the given poses, the median distance of the surfaces. turn_rad: the rotation, None where the
+    motion fits better than the given poses, the median distance of the surfaces. turn_rad: the rotation, None if the
     surfaces do not fit closely enough.
     """
 
@@ -323,7 +329,7 @@ def common_surfaces(
 
 
 def find_displacement(first: LevelView, second: LevelView) -> Displacement | None:
-    """Find how far two cameras' poses displace common surfaces; None where the surfaces do not determine it.
+    """Find how far two cameras' poses displace common surfaces; None if the surfaces do not determine it.
 
     first, second: ``common_surfaces`` of the same moments. The method is point-to-plane least squares in all six
     degrees of freedom, with Huber's weights.

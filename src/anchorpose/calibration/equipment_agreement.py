@@ -21,16 +21,18 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
-APART_M: Final = 0.20  # m, least distance of a reading behind a point that counts as seen through
+# m, minimum distance between a point and a reading behind it for the point to count as seen through
+APART_M: Final = 0.20
 NOISE_GATE: Final = 4.0
-POINTS: Final = 3000  # number of points of each depth frame
-FRAMES: Final = 6  # largest number of frames that are compared
-ABOVE_FLOOR_M: Final = 0.15  # m; lower points are left out, since the floor agrees whatever direction a camera faces
+POINTS: Final = 3000  # number of points used per depth frame
+FRAMES: Final = 6  # maximum number of frames that are compared
+# m; lower points are left out, since the floor agrees in whichever direction a camera faces
+ABOVE_FLOOR_M: Final = 0.15
 FLOOR_SIGMA_M: Final = 0.002  # m, error of the floor's height from all cameras together
-FLOOR_SIGMA_RAD: Final = 0.0009  # the same of its direction: 0.05 degrees
-MOST_DISAGREEMENT: Final = 0.25  # largest share of one camera's points that another camera sees through
-LEAST_LEAD: Final = 0.15  # least difference in disagreement between the best and the second of symmetric choices
-LEAST_COMPARED: Final = 300  # least number of points that must be compared
+FLOOR_SIGMA_RAD: Final = 0.0009  # rad, error of the floor's direction: 0.05 degrees
+MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera sees through
+LEAST_LEAD: Final = 0.15  # minimum difference in disagreement between the best and the second of symmetric choices
+LEAST_COMPARED: Final = 300  # minimum number of points that must be compared
 
 REMEDY: Final = (
     "compare equipment.json with the room, add a background.png of the empty room, or give camera_to_world yourself"
@@ -38,7 +40,7 @@ REMEDY: Final = (
 
 ChooseHeading = Callable[[tuple[Camera, ...], float, Sequence[np.ndarray]], int | None]
 """A function that returns the index of the direction that the patient faces, among several level unit vectors; None if
-unsure. It gets all cameras with their poses in Gamma_0 and Y of the floor. It needs a body model, which calibration
+uncertain. It gets all cameras with their poses in Gamma_0 and Y of the floor. It needs a body model, which calibration
 does not have, so the caller passes it in.
 """
 
@@ -103,7 +105,7 @@ def share_seen_through(
 def _disagreement(
     inputs: EquipmentInputs, cameras: tuple[Camera, Camera], first: int, one: SeenEquipment
 ) -> float | None:
-    """Return the share of points of one of two cameras (``first`` and ``one``) that the other sees through; None where
+    """Return the share of points of one of two cameras (``first`` and ``one``) that the other sees through; None if
     too few can be compared.
     """
     frames = inputs.sample_frames[:: max(1, len(inputs.sample_frames) // FRAMES)]
@@ -130,7 +132,7 @@ def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> Fl
 
 
 def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], seen: Sequence[SeenEquipment]) -> None:
-    """Raise InputError where one camera sees through surfaces that another sees; only pairs in which at least one pose
+    """Raise InputError if one camera sees through surfaces that another sees; only pairs in which at least one pose
     was newly found are checked.
     """
     of_index = {one.index: one for one in seen}

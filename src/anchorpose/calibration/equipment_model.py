@@ -11,8 +11,8 @@ import numpy as np
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel, Mesh
 
-MARGIN_PX: Final = 6  # pixels around the equipment; profiles across the outline have this length
-SUBPIXEL: Final = 8  # number of rays between two pixels: the outline is precise to a sixteenth of a pixel
+MARGIN_PX: Final = 6  # pixels around the equipment that are rendered, too; profiles across the outline have this length
+SUBPIXEL: Final = 8  # number of rays between two pixels; the outline is then precise to a sixteenth of a pixel
 JUMP_M: Final = 0.08  # m, step of depth between neighbouring pixels at which one part ends in front of another
 
 
@@ -73,7 +73,7 @@ class EquipmentCaster:
         self.part_count = len(corners)
 
     def render(self, camera: Camera, T_camera_model: np.ndarray) -> Rendering | None:
-        """Render the equipment as the camera would see it; None where none of its corners is in the image."""
+        """Render the equipment as the camera would see it; None if none of its corners is in the image."""
         points = transform_points(T_camera_model, self.vertices_m)
         window = _window(camera, points)
         if window is None:
@@ -155,17 +155,19 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
     return (top, bottom, left, right) if bottom - top > 8 and right - left > 8 else None
 
 
-SURFACE_POINTS: Final = 2000  # number of points: one per 10 cm^2 of the 2 m^2 of a standing frame
-LEAST_PER_PART: Final = 24  # least number of points of a part; a small part may be what distinguishes front from back
+SURFACE_POINTS: Final = 2000  # number of points; a standing frame has a surface of 2 m^2, so there is one per 10 cm^2
+# minimum number of points of a part, since a small part may be what distinguishes front from back
+LEAST_PER_PART: Final = 24
 OUTSIDE_POINTS: Final = 1000
-OUTSIDE_M: Final = (0.05, 0.09)  # m from the surface; beyond flying pixels, but so near that a wall would fill it
+# m, range of distances from the surface; beyond flying pixels, but so near that a wall would fill it
+OUTSIDE_M: Final = (0.05, 0.09)
 
 STEP_DEG: Final = 5
-# m, largest deviation of a part from equipment.json, measured by tape; the frames of two clinics differ by more
+# m, maximum deviation of a part from equipment.json, which is measured by tape; frames of two clinics differ by more
 SAME_M: Final = 0.012
 ALIKE_M: Final = 0.10  # m; rotated equipment that differs by less may be confused in the search
 TRIED_POINTS: Final = 400
-ROUND_SHARE: Final = 0.9  # share of all rotations at which the equipment must look alike to be round
+ROUND_SHARE: Final = 0.9  # share of all rotations at which round equipment must look alike
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,7 +193,7 @@ class Symmetry:
     identity.
 
     same: rotations after which chi_0 coincides with itself within ``SAME_M``; alike: the same within ``ALIKE_M``;
-    round: whether there are so many of the latter that its direction is undetermined.
+    round: whether so many rotations are ``alike`` that the equipment's direction is undetermined.
     """
 
     same: tuple[np.ndarray, ...]
@@ -291,7 +293,7 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
         turns.append(tried[int(np.argmin(off))])
         apart.append(min(off))
     around = np.array([np.inf, *apart, np.inf])
-    for index in range(1, len(turns) - 1):  # rotations next to the identity are not distinct from it
+    for index in range(1, len(turns) - 1):  # rotations near the identity are not distinct from the identity
         if around[index + 1] > min(around[index], around[index + 2]):
             continue
         if apart[index] < SAME_M:

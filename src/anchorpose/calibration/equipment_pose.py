@@ -29,20 +29,21 @@ from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 
 # Shares are of surface area in m2, so that near parts do not count more than distant parts.
-LEAST_SEEN: Final = 0.2  # least share of the facing surface seen in place; people or the border hide up to half
-MOST_THROUGH: Final = 0.10  # largest share of the unhidden surface that is seen through; edges of thin bars flicker
+LEAST_SEEN: Final = 0.2  # minimum share of the facing surface seen in place; people or the border hide up to half
+MOST_THROUGH: Final = 0.10  # maximum share of the unhidden surface that is seen through; edges of thin bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
-# largest share of the unhidden surface without readings: an absent part before a distant wall has none either
+# maximum share of the unhidden surface without readings; a part that is absent in front of a distant wall has none
+# either
 MOST_UNREAD_OF_PART: Final = 0.7
-LEAST_PIXELS_OF_PART: Final = 40  # pixels; a part with fewer is not judged
-# largest share of the outline at which the surface continues; inside a wall it continues everywhere
+LEAST_PIXELS_OF_PART: Final = 40  # minimum number of pixels of a part; a part with fewer is not judged
+# maximum share of the outline at which the surface continues; inside a wall it continues everywhere
 MOST_FILLED: Final = 0.5
-LEAST_OUTLINED: Final = 0.6  # least share of the outline's unhidden places at which the part ends
-MOST_OFF_PX: Final = 2.0  # px, largest displacement of a part; edge pixels are often off by one
+LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden places at which the part ends
+MOST_OFF_PX: Final = 2.0  # px, maximum displacement of a part; edge pixels are often off by one
 MOST_SIGMA_M: Final = 0.006
-MOST_SIGMA_RAD: Final = 0.0087  # half a degree
-LEAST_COSINE: Final = 0.25  # least cosine of the angle of incidence; no camera reads flatter surfaces well
-STEADY_RAD: Final = 0.0008  # rad, systematic error of a device: 0.05 degrees between bars a metre apart
+MOST_SIGMA_RAD: Final = 0.0087  # rad, maximum sigma of the direction: half a degree
+LEAST_COSINE: Final = 0.25  # minimum cosine of the angle of incidence; no camera reads flatter surfaces well
+STEADY_RAD: Final = 0.0008  # rad, systematic error of a device, which shows as 0.05 degrees between bars a metre apart
 
 
 class NoPose(StrEnum):
@@ -152,7 +153,7 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
 
 
 def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | None]:
-    """Return why the pose is rejected, None where it is accepted, and the index of the part that shows this, if it is a
+    """Return why the pose is rejected, None if it is accepted, and the index of the part that shows this, if it is a
     single part.
     """
     if evidence.seen_share < LEAST_SEEN:
@@ -189,24 +190,24 @@ def sigma_of(fit: Refined) -> tuple[float, float]:
     return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
 
 
-TRIED: Final = 6  # number of search results that are refined; the correct one was always among the first two
-LEAST_LEAD: Final = 0.9  # least evidence of an accepted pose, as a share of the evidence of the best-scoring pose
-RIVAL: Final = 0.75  # share of the accepted pose's evidence from which another credible pose makes the choice ambiguous
+TRIED: Final = 6  # number of search results that are refined; the correct result was always among the first two
+LEAST_LEAD: Final = 0.9  # minimum evidence of an accepted pose, as a share of the evidence of the best-scoring pose
+RIVAL: Final = 0.75  # share of the accepted pose's evidence; another credible pose with more makes the choice ambiguous
 DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # m and rad; poses that differ by less than both are the same pose
-TWO_HEIGHTS_M: Final = 0.03  # m between chi_0's lowest point and Y = 0; above it, either may be on the floor
+TWO_HEIGHTS_M: Final = 0.03  # m; if chi_0's lowest point and Y = 0 are farther apart, either may be on the floor
 
 
 @settings
 class EquipmentPoseConfig:
     """Settings of how closely readings must lie on the equipment's surface."""
 
-    tolerance_m: Positive = 0.015  # m, largest distance of a reading from the surface, as in the last refinement
+    tolerance_m: Positive = 0.015  # m, maximum distance of a reading from the surface, as in the last refinement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentPose:
-    """The pose that was found. fit.T_camera_model maps Gamma_0 to the camera frame; evidence: what the depth frames
-    show at this pose.
+    """The pose that was found. fit.T_camera_model maps Gamma_0 to the camera frame; evidence: how the depth frames
+    agree with this pose.
     """
 
     fit: Refined

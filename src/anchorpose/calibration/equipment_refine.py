@@ -15,13 +15,17 @@ from anchorpose.calibration.equipment_model import Equipment, Outline, Rendering
 from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane, what_stays
 from anchorpose.camera import Camera, transform_points
 
-MOSTLY: Final = 0.4  # least share of the frames; an edge pixel of a thin bar reads the bar in six of ten
+# minimum share of the frames that read a surface; an edge pixel of a thin bar reads the bar in six of ten frames
+MOSTLY: Final = 0.4
 STEADY_ERROR_M: Final = 0.0015  # m, systematic error of a device, the same in all its frames
-OUTLINE_SIGMA_PX: Final = 0.6  # px, standard deviation of one outline point: edge pixels often read the background
-SURFACE_ROWS_PER_OBSERVATION: Final = 40.0  # neighbouring pixels share the device's error
-OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0  # neighbouring points share their part's error
-ROBUST: Final = 2.5  # sigmas; larger residuals lose weight
-# least cosine of the angle of incidence; at flatter angles, a small shift changes the depth much
+# px, standard deviation of one outline point, since edge pixels often read the background
+OUTLINE_SIGMA_PX: Final = 0.6
+# number of rows that count as one observation, since neighbouring pixels share the device's error
+SURFACE_ROWS_PER_OBSERVATION: Final = 40.0
+# number of rows that count as one observation, since neighbouring points share their part's error
+OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0
+ROBUST: Final = 2.5  # sigmas beyond which residuals lose weight
+# minimum cosine of the angle of incidence; at flatter angles, a small shift changes the depth much
 LEAST_COSINE: Final = 0.15
 
 
@@ -70,7 +74,7 @@ class Prediction:
 
 
 def predict(camera: Camera, equipment: Equipment, T_camera_model: np.ndarray) -> Prediction | None:
-    """Predict the view at a pose; None where the equipment is outside the depth image."""
+    """Predict the view at a pose; None if the equipment is outside the depth image."""
     rendering = equipment.caster.render(camera, T_camera_model)
     if rendering is None:
         return None
@@ -204,10 +208,11 @@ def _depth_at(rendering: Rendering, row: np.ndarray, column: np.ndarray) -> np.n
 COARSE, FINE = Gate(0.04, 7), Gate(0.015, 3)
 GATES: Final = (COARSE,) * 3 + (Gate(0.03, 6),) * 2 + (Gate(0.02, 5), Gate(0.02, 4)) + (FINE,) * 2  # one Gate per step
 LEAST_ROWS: Final = 60
-SHIFT_STEPS: Final = 8  # number of reweighting steps: the shift has then converged to a tenth of a millimetre
-MOST_SHIFT_SIGMA_M: Final = 0.003  # largest error; a less accurate shift is not used as evidence
+SHIFT_STEPS: Final = 8  # number of reweighting steps, after which the shift has converged to a tenth of a millimetre
+MOST_SHIFT_SIGMA_M: Final = 0.003  # m, maximum sigma of a shift; a less accurate shift is not used as evidence
 STANDING_SIGMA_M: Final = 0.01  # m, prior sigma of the distance between chi_0's lowest point and the floor
-STANDING_SIGMA_RAD: Final = 0.0087  # half a degree: prior sigma between the verticals of chi_0 and the floor
+# rad, prior sigma of the angle between the verticals of chi_0 and the floor: half a degree
+STANDING_SIGMA_RAD: Final = 0.0087
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,7 +245,7 @@ def standing_prior(floor_m: float) -> FloorPrior:
 
 
 def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior) -> Refined | None:
-    """Improve T_camera_model from a start within a bar's width; None where too little of the equipment is seen.
+    """Improve T_camera_model from a start within a bar's width; None if too little of the equipment is seen.
 
     Gauss-Newton with Tukey's weights. It fits all six degrees of freedom, with rotations about the equipment's centre,
     and the edge bias: sensors make bars look thicker or thinner, equally on both sides.

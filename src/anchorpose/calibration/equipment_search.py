@@ -14,20 +14,22 @@ from anchorpose.camera import Camera
 from anchorpose.lens import lens_array, pixel_of_ray
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3
-LEAST_Z_M: Final = 0.3  # m; no depth camera measures nearer
+LEAST_Z_M: Final = 0.3  # m; nearer than this, no depth camera measures
 RADIUS_M: Final = 0.5  # m, radius of the equipment, which relates rotations to shifts
-CELL_M: Final = 0.04  # m, cell of the first, coarse map: as wide as a bar
-YAW_STEP_RAD: Final = 0.0873  # 5 degrees: moves a bar at 0.5 m by one cell
-ABOVE_FLOOR_M: Final = 0.06  # m; points lower above the floor are left out, since there the floor fills the map
-FARTHEST_M: Final = 7.0  # m; no depth camera sees a bar farther away
-THINNING: Final = 3  # every third point of the equipment is used before the last and finest steps
+CELL_M: Final = 0.04  # m, side of a cell of the first, coarse map; as wide as a bar
+YAW_STEP_RAD: Final = 0.0873  # rad (5 degrees), step between directions; it moves a bar at 0.5 m by one cell
+ABOVE_FLOOR_M: Final = 0.06  # m above the floor; lower points are left out, since there the floor fills the map
+FARTHEST_M: Final = 7.0  # m; farther than this, no depth camera sees a bar
+THINNING: Final = 3  # every third point of the equipment is used, except in the last and finest steps
 STARTS: Final = 400  # number of places of the coarse map that are refined
 KEPT: Final = 16  # number of distinct places in the result
-DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # m and rad (8 degrees); poses that differ by less are the same pose
-TOLERANCES_M: Final = (0.05, 0.03, 0.02)  # m from the surface that count as on it, from coarse to fine
-THROUGH_WEIGHT: Final = 2.0  # a point that is seen through counts twice as much as a point on the surface
-BROAD_M: Final = 0.10  # m; a surface that continues flat this far to all four sides is a wall, a panel or a table
-# a bar may lie anywhere in such a surface, so its readings are weaker evidence than those of a surface that ends
+DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # m and rad (8 degrees); poses that differ by less than both are the same pose
+# m; points within this distance of the surface count as on it; from coarse to fine
+TOLERANCES_M: Final = (0.05, 0.03, 0.02)
+THROUGH_WEIGHT: Final = 2.0  # weight of a point that is seen through, relative to a point on the surface
+# m; a surface that continues flat this far to all four sides is part of a wall, a panel or a table
+BROAD_M: Final = 0.10
+# weight of readings on such a surface, relative to a surface that ends, since a bar may lie anywhere in it
 BROAD_WEIGHT: Final = 0.25
 
 

@@ -34,22 +34,25 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
-LATE_SHARE: Final = 0.34  # share of the sampled frames, those at the end, in which the equipment is searched again
+# share of the sampled frames, at the end of the recording, in which the equipment is searched again
+LATE_SHARE: Final = 0.34
 LEAST_FRAMES: Final = 3
-MOVED_SIGMAS: Final = 5.0  # standard deviations of the pose; a larger change counts as a movement of the equipment
-LEAST_SHIFT_M: Final = 0.008  # m, twice the accuracy that a calibration must have
-LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees; a smaller change is not a movement of the equipment
-DOUBT_SHARE: Final = 0.2  # share of the unhidden equipment seen through, above which the whole floor is searched
-GONE_SHARE: Final = 0.4  # share of the unhidden equipment seen through, above which the equipment is gone
-# m and rad (3 degrees), above which tracking is refused: poses 3 cm and 1 degree off give 7 cm at 2.5 m
+MOVED_SIGMAS: Final = 5.0  # standard deviations of the pose; if it changes by more, the equipment was moved
+# m, minimum shift that counts as a movement; twice the accuracy that a calibration must have
+LEAST_SHIFT_M: Final = 0.008
+LEAST_TURN_RAD: Final = 0.0105  # rad (0.6 degrees), minimum turn that counts as a movement of the equipment
+# share of the unhidden equipment that is seen through; with more, the equipment is searched on the whole floor
+DOUBT_SHARE: Final = 0.2
+GONE_SHARE: Final = 0.4  # share of the unhidden equipment that is seen through; with more, the equipment is gone
+# m and rad (3 degrees); beyond these, tracking is refused; poses wrong by 3 cm and 1 degree give 7 cm at 2.5 m
 REFUTED_M, REFUTED_RAD = 0.10, 0.052
-LEAST_PIXELS: Final = 100  # least number of pixels of a frame that show the equipment or see through it
+LEAST_PIXELS: Final = 100  # minimum number of pixels of a frame that show the equipment or see through it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moved:
     """A movement of the equipment. first: index of the first frame that shows it elsewhere; T_camera_model: its new
-    pose, None where not found; shift_m, turn_rad: size of the movement, None where the new pose was not found.
+    pose, None if not found; shift_m, turn_rad: size of the movement, None if the new pose was not found.
     """
 
     first: int
@@ -222,7 +225,7 @@ def world_from_equipment(
 
     First each camera is placed separately. Then symmetries of chi_0 are resolved, by comparing cameras and by
     ``choose_heading``. Finally all cameras get a common floor, and it is checked that no two contradict each other.
-    Raises InputError where a pose is not accepted.
+    Raises InputError if a pose is not accepted.
     """
     if recording.equipment is None:
         raise ValueError("the recording has no equipment to find the cameras from")

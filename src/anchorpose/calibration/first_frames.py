@@ -15,9 +15,9 @@ from anchorpose.descriptor.people import LEAST_CERTAINTY, find_people
 from anchorpose.recording.recording import FrameSet
 
 MAD_OF_NORMAL: Final = 0.6745  # median of |x| of a standard normal distribution
-# share of the frames; a surface that is read this often is the room, even if people stand in front of it
+# share of the frames in which a surface must be read to be the room, even if people stand in front of it
 STAYS_SHARE: Final = 0.3
-SAME_M, SAME_SIGMAS = 0.02, 3.0  # m, and sigmas of the noise; readings of one surface differ by less
+SAME_M, SAME_SIGMAS = 0.02, 3.0  # m, and sigmas of the noise; two readings of one surface differ by less than their sum
 
 
 def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
@@ -25,7 +25,7 @@ def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
 
     depths_m: depth frames (height, width) float32, 0 = no reading. The second difference along a plane is zero, so
     second differences are noise; medians ignore edges. The standard deviation of rounding to grey values is included.
-    Source of the law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437). Raises ValueError where no three
+    Source of the law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437). Raises ValueError if no three
     neighbouring pixels have a reading.
     """
     ratios = []
@@ -74,11 +74,11 @@ def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
     return np.where(count >= STAYS_SHARE * len(frames_m), total, 0.0).astype(np.float32)
 
 
-NEARER_M: Final = 0.15  # m in front of the room; a body is thicker
-# largest share of pixels with readings, and largest depth range in m, of an image whose room was removed
+NEARER_M: Final = 0.15  # m, minimum distance of people in front of the room; a body is thicker
+# maximum share of pixels with readings, and maximum depth range in m, of an image from which the room was removed
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
-FRAMES_NEEDED: Final = 8  # least number of frames; with fewer, a percentile over time has no meaning
-USUAL_DISTANCE_M: Final = 2.5  # m, distance of a patient from the camera that is assumed if nobody is found
+FRAMES_NEEDED: Final = 8  # minimum number of frames; with fewer, a percentile over time has no meaning
+USUAL_DISTANCE_M: Final = 2.5  # m, assumed distance of a patient from the camera if nobody is found
 
 
 def start_of_patient(
@@ -88,7 +88,7 @@ def start_of_patient(
     with a person, and a note on how it was found. The point is on the floor or, without a floor, at the height of the
     lowest visible point.
 
-    up (3,), camera frame; height_m: height of the camera above the floor, None where unknown. If the learnt descriptor
+    up (3,), camera frame; height_m: height of the camera above the floor, None if unknown. If the learnt descriptor
     finds nobody, the point is straight ahead of the camera.
     """
     for frame in sample_frames:
@@ -124,25 +124,29 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
     return moved
 
 
-LEAST_READINGS: Final = 1000  # least number of readings, a hundredth of the smallest depth image
-REFITS: Final = 6  # number of refits; the gate converges in three or four
-FLATNESS_M: Final = 0.003  # m, flatness of a hard floor; without this limit near pixels would dominate
-TOLERANCES_M: Final = (0.02, 0.08)  # m, tried in turn: floors are flat to 2 cm, smoothing makes waves of 8 cm
+LEAST_READINGS: Final = 1000  # minimum number of readings; the smallest depth image has a hundred times as many pixels
+REFITS: Final = 6  # number of refits; after three or four, the gate has converged
+FLATNESS_M: Final = 0.003  # m, flatness of a hard floor; without this limit, near pixels would dominate
+# m, tried one after the other, since floors are flat to 2 cm, but smoothing makes waves of 8 cm
+TOLERANCES_M: Final = (0.02, 0.08)
 NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise that are added to each tolerance
-WORST_TILT_RAD: Final = 0.87  # 50 degrees between the verticals of camera and floor: cameras look down, but roll little
+# rad (50 degrees), maximum angle between the verticals of camera and floor; cameras look down, but hardly roll
+WORST_TILT_RAD: Final = 0.87
 IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # upward direction of a camera whose pose is unknown
-# least share of the moving points, a shoe and a shin, within this height (m) above a floor on which people stand
+# height above a floor (m), and minimum share of the moving points below it if people stand on the floor: a shoe and a
+# shin
 STANDS_M, LEAST_STANDING = 0.2, 0.02
-LEAST_HEIGHT_M: Final = 0.3  # m, least height of the camera above its floor; nearer planes are tables
-MOST_BELOW: Final = 0.1  # largest ratio of points below the floor to those on it: mirrors and flying pixels
-# largest share of the moving points below the floor; legs beside a table top are a third of a person
+LEAST_HEIGHT_M: Final = 0.3  # m, minimum height of the camera above its floor; nearer planes are tables
+MOST_BELOW: Final = 0.1  # maximum ratio of points below the floor to points on it; mirrors and flying pixels cause some
+# maximum share of the moving points below the floor; legs beside a table top are a third of a person
 MOST_SUNK: Final = 0.05
-SUNK_M: Final = 0.10  # m below the plane: the height of a shoe, and the error of a tilted plane
-LEAST_SHARE: Final = 0.02  # least share of the readings; the direction of a smaller patch is uncertain
-# m, least extent of a floor in its narrower direction; the direction of a narrower patch is uncertain
+SUNK_M: Final = 0.10  # m below the plane, for the height of a shoe and the error of a tilted plane
+LEAST_SHARE: Final = 0.02  # minimum share of the readings; the direction of a smaller patch is uncertain
+# m, minimum extent of a floor in its narrower direction; the direction of a narrower patch is uncertain
 LEAST_EXTENT_M: Final = 0.5
-TRIALS: Final = 300  # number of trials: with 10 % inliers, one in 1000 draws three of them; floors here have 20 to 50 %
-SAMPLE: Final = 6000  # number of readings that vote
+# number of trials; with 10 % inliers, one trial in 1000 draws three of them, and here floors have 20 to 50 %
+TRIALS: Final = 300
+SAMPLE: Final = 6000  # number of readings that vote on a plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -272,7 +276,7 @@ def _vote(
     up: np.ndarray,
 ) -> np.ndarray | None:
     """Return the plane (4,) (up, height) with the most points on it after subtraction of the points below it; None
-    where no plane is a floor.
+    if no plane is a floor.
 
     Depth noise a z^2 along a ray that meets the floor at a grazing angle becomes a z h across the floor, where h is the
     height of the camera.
@@ -325,7 +329,7 @@ def _refined(plane: np.ndarray, points_m: np.ndarray, tolerance_m: float, noise_
 
 
 def _fit_plane(points_m: np.ndarray, sigma_m: np.ndarray, up: np.ndarray) -> np.ndarray | None:
-    """Fit a plane (4,) (up, height) by weighted least squares to centred points; None where the patch is too narrow.
+    """Fit a plane (4,) (up, height) by weighted least squares to centred points; None if the patch is too narrow.
 
     up (3,): approximate upward direction.
     """

@@ -25,7 +25,7 @@ from anchorpose.recording.regular_file import read_image
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 SMALLEST_M: Final = 1e-3
-LARGEST_M: Final = 5.0  # m, largest side of a printed marker; a larger value was probably written in millimetres
+LARGEST_M: Final = 5.0  # m, maximum side length of a printed marker; a larger value was probably written in millimetres
 
 Squares = Annotated[Whole, Field(gt=1, le=100, description="the number of squares in a row or a column")]
 
@@ -96,10 +96,10 @@ def read_marker_layout(path: Path) -> MarkerLayout:
     return read_document(path, MarkerLayout)
 
 
-# pixels, least side of a tag: in a smaller tag, bits are two pixels wide and corners less accurate than assumed
+# pixels, minimum side length of a tag; smaller tags have bits two pixels wide, and corners less accurate than assumed
 LEAST_SIDE_PX: Final = 14.0
 LEAST_BOARD_CORNERS: Final = 6
-DEPTH_READINGS: Final = 40  # largest number of depth readings used per marker
+DEPTH_READINGS: Final = 40  # maximum number of depth readings used per marker
 
 
 class NoMarkers(StrEnum):
@@ -226,16 +226,19 @@ def _depth_inside(
     return rays, depth_m[row, column].astype(np.float64), np.full(len(place), number)
 
 
-MARKER_IMAGES: Final = ("infrared.png", "color.png")  # in a camera's folder, same lens as its depth
-SAME_M, SAME_RAD = 0.002, 0.002  # m and rad, spread of the solver's results; mirrored poses differ by degrees
+# names of the images in a camera's folder; they have the lens of its depth images
+MARKER_IMAGES: Final = ("infrared.png", "color.png")
+# m and rad; solutions of the solver within this spread are the same; mirrored poses differ by degrees
+SAME_M, SAME_RAD = 0.002, 0.002
 CORNER_SIGMA_PX: Final = 0.3  # px, error of a corner after refinement, in an image with noise and slight blur
-DEPTH_SIGMA_M: Final = 0.006  # m, error of a depth reading on black and white print: noise, and the effect of ink
-WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther off was moved or misread, and is left out
-# px, largest root mean square of all corners; with more, the lens or the layout is wrong
+DEPTH_SIGMA_M: Final = 0.006  # m, error of a depth reading on black and white print, due to noise and the ink
+WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther from its place was moved or misread, and is left out
+# px, maximum root mean square of all corners; with more, the lens or the layout is wrong
 WORST_RMS_PX: Final = 1.0
 FLIPPED_CHI2: Final = 16.0  # lead in chi2 over the mirrored pose of a flat layout: four sigmas
-WORST_SIGMA_M: Final = 0.02  # m, largest sigma of the camera's position; a small distant tag gives it only to 10 cm
-WORST_SIGMA_RAD: Final = 0.01  # rad, half a degree: a centimetre at a metre
+WORST_SIGMA_M: Final = 0.02  # m, maximum sigma of the camera's position; a small distant tag gives it only to 10 cm
+# rad (half a degree), maximum sigma of the camera's direction; it displaces a point at one metre by one centimetre
+WORST_SIGMA_RAD: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,8 +262,8 @@ class MarkerPose:
 def place_by_markers(recording: Recording, layout: MarkerLayout) -> tuple[Recording, dict[str, PoseRecord]]:
     """Return the recording with poses of all cameras that have an image of markers, and their records by camera name.
 
-    Cameras without such an image keep their given pose, if any. Raises InputError where no camera has such an image,
-    where an image does not fit its camera, or where its markers do not give the pose.
+    Cameras without such an image keep their given pose, if any. Raises InputError if no camera has such an image,
+    if an image does not fit its camera, or if its markers do not give the pose.
     """
     cameras, records = list[Camera](), dict[str, PoseRecord]()
     for camera, background in zip(recording.cameras, recording.backgrounds_m, strict=True):
@@ -306,7 +309,7 @@ def pose_from_markers(
     flat layout.
     Outliers among the corners have little weight; tags that contradict the others are left out, and the result names
     them.
-    Raises ValueError where the size of an image differs from the camera's.
+    Raises ValueError if the size of an image differs from the camera's.
     """
     for given in (image, depth_m):
         if given is not None and given.shape[:2] != (camera.height, camera.width):

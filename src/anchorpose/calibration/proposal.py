@@ -20,14 +20,15 @@ from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
 
-ROUNDS: Final = 3  # number of rounds: readings are assigned to the nearest part, then parts are fitted again
-SNAP_RAD: Final = np.radians(10.0)  # largest error of a bar's direction if readings of another bar are mixed in
-SNAP_WORSE: Final = 1.15  # factor by which a snapped part may explain the readings worse than a free part
-EXPLAINED_M: Final = 0.015  # m from a part's surface; the part explains readings within this distance
-WELL_M: Final = 0.006  # m, spread of the readings of a part that fits well, so that its axes need not be freed
-WORST_RESIDUAL_M: Final = 0.012  # m, largest spread of a part's readings; with more, it is no bar and no plate
-MOST_HOLLOW: Final = 0.2  # largest share of the rays through a part's core that pass through; a wrong part has more
-END_SHARE: Final = 0.15  # share of a bar's length at each end that is not used to measure its cross-section
+ROUNDS: Final = 3  # number of rounds, in which readings are assigned to the nearest part and parts are fitted again
+SNAP_RAD: Final = np.radians(10.0)  # maximum error of a bar's direction if readings of another bar are mixed in
+SNAP_WORSE: Final = 1.15  # factor by which a snapped part may fit the readings worse than a part with free axes
+EXPLAINED_M: Final = 0.015  # m from a part's surface; readings within this distance are explained by the part
+WELL_M: Final = 0.006  # m, maximum spread of the readings of a part that fits well, so that its axes need not be freed
+# m, maximum spread of a part's readings; with more, the part is neither a bar nor a plate
+WORST_RESIDUAL_M: Final = 0.012
+MOST_HOLLOW: Final = 0.2  # maximum share of the rays through a part's core that pass through; a wrong part has more
+END_SHARE: Final = 0.15  # share of a bar's length at each end that is left out when its cross-section is measured
 RUNNER_M, SEAT_M = 0.15, 0.30  # m, heights above the floor that decide the name of a part
 SAMPLES: Final = 8  # number of frames from which the patient's place is found if no pose is given
 
@@ -82,7 +83,7 @@ def fit_equipment(recording: Recording, camera: str | None, region: Region) -> F
     """Fit the equipment in the empty rooms of a recording's cameras, or of the named camera only.
 
     Where the poses are given, parts are in their world; a single camera without a pose is placed by the floor and the
-    patient's first place. Raises InputError where a depth image of the empty room, the floor or the equipment is
+    patient's first place. Raises InputError if a depth image of the empty room, the floor or the equipment is
     missing.
     """
     chosen = _with_cameras(recording, camera)

@@ -13,12 +13,16 @@ import numpy as np
 from anchorpose.calibration.proposal_readings import UNREAD_M, Readings
 from anchorpose.calibration.proposal_shape import LEAST_SUPPORT, REACH_M, Fit
 
-OFF_LINE_M, LARGEST_CUT_M = 0.02, 0.30  # m, limits for pieces of one bar: off its line, and gap (a leg)
-SEEN_THROUGH: Final = 4  # number of rays through a gap that show that it is empty
-ALONG_M: Final = 0.01  # m; a reading this near to a bar's extension belongs to the bar; also the step along it
-DENSE: Final = 3  # least number of readings in a step; a bar one pixel wide at 3 m has five
-LIES_M: Final = 0.06  # m above the floor; a level bar whose unseen lower side is this low lies on the floor
-TO_FLOOR_M: Final = 0.12  # m above the floor; an upright bar that ends this low stands on it, or in a runner
+# m, limits for pieces of one bar: distance from the bar's line, and gap between the pieces (a leg's breadth)
+OFF_LINE_M, LARGEST_CUT_M = 0.02, 0.30
+SEEN_THROUGH: Final = 4  # number of rays through a gap that are needed to show that the gap is empty
+# m; a reading within this distance of a bar's extension belongs to the bar; this is also the step along the bar
+ALONG_M: Final = 0.01
+DENSE: Final = 3  # minimum number of readings in a step; a bar one pixel wide at 3 m has five
+# m above the floor; if the unseen lower side of a level bar is below this height, the bar lies on the floor
+LIES_M: Final = 0.06
+# m above the floor; an upright bar that ends below this height stands on the floor, or in a runner
+TO_FLOOR_M: Final = 0.12
 
 
 def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:

@@ -17,14 +17,14 @@ from anchorpose.calibration.first_frames import TOLERANCES_M, noise_per_m
 from anchorpose.camera import Camera, transform_points
 from anchorpose.settings import Positive, settings
 
-FLOOR_SIGMAS: Final = 4.0  # sigmas of the depth noise across the floor; higher readings are above it
-JUMP_M, JUMP_SIGMAS = 0.03, 4.0  # largest step on one object, m and sigmas: a bar's slanted side, noise
-SUPPORT: Final = 4  # least number of the eight neighbours at a pixel's depth; flying pixels have fewer
-FREE_SHARE: Final = 0.5  # least share of an object's pixels that lie in the region; walls and cupboards have less
+FLOOR_SIGMAS: Final = 4.0  # sigmas of the depth noise across the floor; readings higher than this are above the floor
+JUMP_M, JUMP_SIGMAS = 0.03, 4.0  # maximum step on one object, in m and sigmas, for a bar's slanted side and for noise
+SUPPORT: Final = 4  # minimum number of neighbours, out of eight, at a pixel's depth; flying pixels have fewer
+FREE_SHARE: Final = 0.5  # minimum share of an object's pixels that lie in the region; walls and cupboards have less
 BEYOND_PX: Final = 14  # pixels around a free-standing object whose rays are known to pass by it
 UNREAD_M: Final = 100.0  # m, depth assigned to a large area without readings, where the room is out of range
-UNREAD_PX: Final = 21  # pixels, least width of such an area; the unread side of a tube at a grazing angle is narrower
-TOP_M: Final = 2.2  # m above the floor, largest height; lamps and ceiling lifts are not part of the equipment
+UNREAD_PX: Final = 21  # pixels, minimum width of such an area; the unread side of a tube at a grazing angle is narrower
+TOP_M: Final = 2.2  # m, maximum height of the equipment above the floor; lamps and ceiling lifts are not part of it
 
 
 @settings
@@ -149,21 +149,23 @@ def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[n
     return objects, max(int(count), 1)
 
 
-BAR_RADIUS_M: Final = 0.055  # m from a bar's middle line to its surface at most: tubes of 3 cm to pads of 9 cm
-SURROUNDINGS_M: Final = 0.10  # m around a bar in which nothing is beside it, unlike a strip of a plate
-MOST_BESIDE: Final = 0.5  # largest number of readings beside a bar over those on it; other bars may start from it
-LEAST_LENGTH_M: Final = 0.15  # m, shortest bar; shorter pieces are handles, screws and corners
-SLENDERNESS: Final = 2.5  # least ratio of length to breadth of a bar
-GAP_M: Final = 0.06  # m, longest stretch of a bar without readings, which another bar hides
+# m, maximum distance from a bar's middle line to its surface; bars are tubes of 3 cm to pads of 9 cm
+BAR_RADIUS_M: Final = 0.055
+SURROUNDINGS_M: Final = 0.10  # m around a bar within which nothing is beside it, in contrast to a strip of a plate
+# maximum ratio of the readings beside a bar to the readings on it, since other bars may start from it
+MOST_BESIDE: Final = 0.5
+LEAST_LENGTH_M: Final = 0.15  # m, minimum length of a bar; shorter pieces are handles, screws and corners
+SLENDERNESS: Final = 2.5  # minimum ratio of length to breadth of a bar
+GAP_M: Final = 0.06  # m, maximum length of a stretch of a bar without readings, which another bar may hide
 SEEDS: Final = 120  # number of places from which a bar is searched, drawn again for each bar
-NEAR_M: Final = 0.12  # m around a seed; its points give a direction: twice a thick bar's breadth
-LEAST_PIXELS: Final = 40  # least number of pixels of a bar or plate; fewer give no direction
+NEAR_M: Final = 0.12  # m, radius around a seed whose points give a direction, twice a thick bar's breadth
+LEAST_PIXELS: Final = 40  # minimum number of pixels of a bar or plate; fewer give no direction
 PLATE_RADIUS_M: Final = 0.09  # m, radius of a disc that readings can fill on a plate, but never on a bar
-PLATE_FILLED: Final = 0.85  # least share of the disc's cells with readings for it to count as filled
-PLATE_FLATNESS_M: Final = 0.02  # m, deviation from a plane: noise and upholstery
+PLATE_FILLED: Final = 0.85  # minimum share of the disc's cells with readings for it to count as filled
+PLATE_FLATNESS_M: Final = 0.02  # m, maximum deviation of readings from a plate's plane, due to noise and upholstery
 PLATE_EDGE_M: Final = 0.05  # m, thickness of a seat's edge, which is not a separate bar
-CELL_M: Final = 0.02  # m, cell of the disc: three pixels at 2.4 m
-MOST_PARTS: Final = 40  # largest number of parts of one piece of equipment
+CELL_M: Final = 0.02  # m, side of a cell of the disc; three pixels at 2.4 m
+MOST_PARTS: Final = 40  # maximum number of parts of one piece of equipment
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,20 +17,23 @@ from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.calibration.proposal_readings import Readings
 from anchorpose.recording.equipment import Box, Cylinder
 
-LEAST_SIGMA_M: Final = 0.003  # m; neither are tubes straighter than this, nor camera poses more accurate
+LEAST_SIGMA_M: Final = 0.003  # m, minimum sigma of a distance; neither tubes nor camera poses are more accurate
 REACH_M: Final = 0.03  # m from a part; readings within this distance belong to it
-BEYOND_M: Final = 0.05  # m; a ray that ends this far behind a part has passed it
-STEP_M: Final = 0.015  # m, step along a ray: half the thickness of a thin plate
-ROWS: Final = 300  # largest number of readings, and of rays, for one part: faces are then precise to half a millimetre
-TRIALS: Final = 25  # largest number of iterations of the solver; most fits converge after ten
-SQUARE_SIGMA_M: Final = 0.02  # m, usual deviation of a bar's cross-section from a square; any visible side overrules it
+BEYOND_M: Final = 0.05  # m; if a ray ends this far behind a part, it has passed the part
+STEP_M: Final = 0.015  # m, step along a ray, half the thickness of a thin plate
+ROWS: Final = 300  # maximum number of readings, and of rays, for one part; faces are then precise to half a millimetre
+TRIALS: Final = 25  # maximum number of iterations of the solver; most fits converge after ten
+# m, usual deviation of a bar's cross-section from a square; if a side is visible, it decides
+SQUARE_SIGMA_M: Final = 0.02
 PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge is not seen, and its sigma
-ASLANT: Final = 0.4  # sine of 24 degrees: a 5 cm bar at this angle shows three pixels of its side
+ASLANT: Final = 0.4  # sine of 24 degrees; at this angle a 5 cm bar shows three pixels of its side
 ASSUMED: Final = 20.0  # weight of the assumption that a bar is square if no camera sees a side
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, limits of a bar's cross-section; broader parts, such as pads, are plates
-END_SIGMA_M: Final = 0.05  # m, sigma with which an end without evidence stays at its last reading
-ROUNDER: Final = 1.12  # largest ratio of costs at which a tube replaces the bar, which has one more free length
-LEAST_SUPPORT: Final = 12  # least number of readings or passing rays at a face; with fewer, its place is a guess
+END_SIGMA_M: Final = 0.05  # m, sigma with which an end without further evidence stays at its last reading
+# maximum ratio of costs, of tube to bar, at which the tube is used, since a bar has one more free length
+ROUNDER: Final = 1.12
+# minimum number of readings or passing rays at a face; with fewer, the face's place is a guess
+LEAST_SUPPORT: Final = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +101,8 @@ def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bo
 
 
 def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tubes: bool = False) -> Fit:
-    """Fit the box that explains the readings best. If ``tubes`` is set and a tube is about as good, return the tube.
+    """Fit the box that explains the readings best. If ``tubes`` is set and a tube explains them about as well, return
+    the tube.
 
     own (n,) bool: readings on this part. turn: whether the axes may turn too.
     """

@@ -32,10 +32,13 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording, depths_of
 
-TILTED_RAD: Final = 0.035  # two degrees between a measured floor and the world's; a foot at 1 m is then 3.5 cm off
-# four degrees: floors are level to one degree, lenses bend them by one; with more, the pose is wrong
+# rad (two degrees), limit of the angle between a measured floor and the world's; it displaces a foot at 1 m by 3.5 cm
+TILTED_RAD: Final = 0.035
+# rad (four degrees); floors are level to one degree, and lenses bend them by one; with more than this, the pose is
+# wrong
 WORST_FLOOR_TILT_RAD: Final = 0.07
-# m between the heights of one floor in two cameras: known to 2 cm each; at the second limit each is 10 cm off
+# m, limits of the difference between one floor's heights in two cameras, each known to 2 cm; at the second limit, each
+# camera is 10 cm off
 UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15
 
 
@@ -53,7 +56,7 @@ def find_world(
     equipment, the world has Y up, the origin on the floor below the patient's first place, and X from the patient
     towards the camera: the patient is assumed to face the camera, and a note states this assumption. Other cameras are
     placed relative to the first by the people that both see (``placing``). rough_clocks: whether the clocks are known
-    only to 50 ms, so that these placements may be less accurate. Raises InputError where poses are missing and cannot
+    only to 50 ms, so that these placements may be less accurate. Raises InputError if poses are missing and cannot
     be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]

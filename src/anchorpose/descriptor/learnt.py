@@ -26,18 +26,20 @@ from anchorpose.recording.regular_file import read_whole
 
 FOCAL_PX: Final = 200.0  # pixels, focal length of the images that the network was trained on
 INPUTS: Final = 5  # number of layers of the network's input, see ``inputs_of``
-STEP: Final = 2  # the network has an output for every second pixel
-MULTIPLE: Final = 32  # width and height of the image must be multiples of this: the network halves it five times
-SMALLEST_PX: Final = 32  # pixels, least width and height of the network's image
-WIDEST: Final = 1.2  # largest tangent of a ray's angle to the axis (50 degrees): training images show no wider view
+STEP: Final = 2  # pixels between the network's outputs along rows and columns
+# width and height of the network's image are multiples of this, since the network halves it five times
+MULTIPLE: Final = 32
+SMALLEST_PX: Final = 32  # pixels, minimum width and height of the network's image
+# maximum tangent of a ray's angle to the axis (50 degrees), since training images show no wider view
+WIDEST: Final = 1.2
 FARTHEST_M: Final = 9.0  # m; a farther value counts as no reading
-NEAREST_M: Final = 0.3  # m
+NEAREST_M: Final = 0.3  # m; a nearer value is not used
 # windows (pixels) in which relief is measured, and the largest relief (m) in each
 WINDOWS: Final = ((9, 0.15), (33, 0.5))
 OFFSET: Final = 0.1  # statures, the unit in which the network gives places within a patch
-LARGEST_BYTES: Final = 64_000_000  # bytes, largest file of weights; the package's file has 4 MB
-LONGEST_LINE: Final = 4096  # bytes, longest first line of such a file
-REMEMBERED: Final = 8  # number of described images kept in memory: two moments of four cameras
+LARGEST_BYTES: Final = 64_000_000  # bytes, maximum size of a file of weights; the package's file has 4 MB
+LONGEST_LINE: Final = 4096  # bytes, maximum length of the first line of such a file
+REMEMBERED: Final = 8  # number of described images kept in memory, enough for two moments of four cameras
 FORMAT: Final = "anchorpose-learnt-descriptor"
 REMEDY: Final = "export it by tools/train_descriptor.py, or use the weights of the package"
 

@@ -14,24 +14,24 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import FOCAL_PX, STEP, Described, described, nearest_rays
 
 APART_M: Final = 0.35
-"""Least distance in metres between the pelvises of two people. In 24 new scenes of the generator for training, 96 % of
-the votes are nearer than this to the pelvis of their person.
+"""Minimum distance in metres between the pelvises of two people. In 24 new scenes of the generator for training, 96 %
+of the votes are nearer than this to the pelvis of their person.
 """
 
-NEAR_M: Final = 0.2  # m around the middle of one person's votes: twice their median error
-STRAY_M: Final = 0.7  # m; a vote farther than this from every pelvis belongs to nobody
+NEAR_M: Final = 0.2  # m, radius around the middle of one person's votes, twice their median error
+STRAY_M: Final = 0.7  # m; a vote farther from every pelvis belongs to nobody
 
-MOST_VOTES: Final = 4000  # most votes that are counted; three cameras give 20,000
+MOST_VOTES: Final = 4000  # maximum number of votes that are counted; three cameras give 20,000
 
 LEAST_AREA_M2: Final = 0.06
-"""Least seen surface (m2) of a person: a head with its neck. Clutter that is taken for people can be larger, but has a
-lower certainty.
+"""Minimum seen surface (m2) of a person: a head with its neck. Clutter that is taken for people can be larger, but has
+a lower certainty.
 """
 
 
 LEAST_CERTAINTY: Final = 0.7
-"""Least mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``), all people in
-plain view have more. So have 0.2 to 3 objects per image; they are rejected later, since no body explains them
+"""Minimum mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``), all people
+in plain view have more. So have 0.2 to 3 objects per image; they are rejected later, since no body explains them
 (``tracker.patient_choice.HUMAN``).
 """
 
@@ -75,9 +75,10 @@ def find_people(
     return tuple(sorted(people, key=lambda person: -person.area_m2))
 
 
-# width of the rim added around a person's rays, in rays (6 cm at two metres): the network leaves out fingers and shoes
+# number of rays added around a person's rays as a rim (6 cm at two metres), since the network leaves out fingers and
+# shoes
 RIM_RAYS: Final = 3
-RIM_M: Final = 0.1  # m, largest depth difference between the person and pixels of the rim
+RIM_M: Final = 0.1  # m, maximum depth difference between the person and pixels of the rim
 
 
 def people_mask(depth_m: np.ndarray, camera: Camera) -> np.ndarray:

@@ -57,17 +57,18 @@ FROM_HEAD: Final = np.array([0.47, 0.47, 0.92, 0.92])
 head.
 """
 
-FROM_HEAD_TOLERANCE: Final = 0.20  # spread of these distances
-# all costs are in tolerances
+FROM_HEAD_TOLERANCE: Final = 0.20  # spread of these distances, divided by the body height
+# The unit of all costs is one tolerance.
 MISSED: Final = 4.0  # cost of a missed anchor; if every extremum costs more, the anchor is missed
-PREDICTION: Final = 1.5  # largest cost added for the distance from the predicted place
+PREDICTION: Final = 1.5  # maximum cost added for the distance from the predicted place
 UNPREDICTED: Final = 1.0  # cost added without a prediction, so that an anchor is at most 3 tolerances off
-AT_PREDICTION: Final = 3.5  # largest total cost at the predicted place, so that an end there is the anchor in any pose
-CLEAR: Final = 2.0  # largest distance from its usual place at which an extremum away from the prediction gets the name
-FARTHEST_OFF: Final = 3.0  # limit of each single measure, for example if an arm is crossed or a path is wrong
-HEADLESS: Final = 1.5  # cost added for hands and feet if no head is found: distances from the head are then missing
-ENTRY: Final = 0.20  # distance from the centre, over the height, at which a path enters the trunk
-STEP: Final = 0.05  # distance, over the height, between the compared places of a path
+AT_PREDICTION: Final = 3.5  # maximum total cost at the predicted place, so that an end there is the anchor in any pose
+CLEAR: Final = 2.0  # maximum distance from its usual place at which an extremum away from the prediction gets the name
+FARTHEST_OFF: Final = 3.0  # limit of each single measure, since an arm may be crossed or a path may be wrong
+# cost added for hands and feet if no head is found, since their distances from the head are then missing
+HEADLESS: Final = 1.5
+ENTRY: Final = 0.20  # distance from the centre, divided by the height, at which a path enters the trunk
+STEP: Final = 0.05  # distance, divided by the height, between the compared places of a path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,8 +110,8 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
-    """Return the distance (k, k) between extrema: along their paths (k, l, 3), and straight between one place of each
-    path, whichever places give the least distance.
+    """Return the distance (k, k) between extrema: along their paths (k, l, 3), and straight from a place on one path to
+    a place on the other. The places with the least distance are used.
     """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)
@@ -173,8 +174,8 @@ def _assign(cost: np.ndarray) -> np.ndarray:
 class Anchors:
     """The five identified anchors of a surface; missed anchors are marked, never guessed."""
 
-    # (5,) int32, index into the surface, -1 = missed: the node of the cap nearest to its centre, which moves half as
-    # much from frame to frame as the extremum itself, and so do distances measured from it
+    # (5,) int32, index into the surface, -1 = missed: the node of the cap nearest to its centre, From frame to frame
+    # it moves half as much as the extremum, and so do distances measured from it
     node: np.ndarray
     position_m: np.ndarray  # (5, 3) float64 world, centre of the extremal cap; NaN if missed
     sigma_m: np.ndarray  # (5,) float64, standard deviation of the centre per axis; NaN if missed
@@ -193,13 +194,15 @@ class AnchorConfig:
     """Settings of the anchors. Lengths are fractions of the subject's height (paper, Section V)."""
 
     radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
-    cap: Positive = 0.06 / 1.75  # depth of the extremal cap below its tip: 6 cm, about a fist
-    gate: Positive = 0.25 / 1.75  # half a forearm; an end this near to its prediction is the anchor in any pose
+    cap: Positive = 0.06 / 1.75  # depth of the extremal cap below its tip (6 cm, about a fist)
+    # half a forearm; an end within this distance of its prediction is the anchor in any pose
+    gate: Positive = 0.25 / 1.75
 
 
-# gate of the head, over the body height: a head moves less than a hand, and the neck of a hidden head is 20 cm away
+# gate of the head, divided by the body height; a head moves less than a hand, and a hidden head's neck is 20 cm away
 HEAD_GATE: Final = 0.18 / 1.75
-# over the body height; an end this near to its prediction counts as an end even at a cut or before hidden skin
+# divided by the body height; an end within this distance of its prediction is an end even at a cut or before hidden
+# skin
 END_GATE: Final = 0.09 / 1.75
 
 

@@ -21,7 +21,7 @@ from anchorpose.geodesics.paths import apart
 from anchorpose.surface.links import pieces
 from anchorpose.surface.surface import MeshArrays, Surface
 
-LEAST_AREA_M2: Final = 0.0020  # m2, least area of a measured piece: half a palm, as ``SurfaceConfig.min_piece_m2``
+LEAST_AREA_M2: Final = 0.0020  # m2, minimum area of a measured piece: half a palm, as ``SurfaceConfig.min_piece_m2``
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -38,7 +38,7 @@ from anchorpose.geodesics.fans import (
 from anchorpose.surface.surface import MeshArrays, Surface
 
 _BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
-# (256, 8): per byte, the numbers of the lanes, those of its set bits first
+# (256, 8): for each byte, the numbers of all lanes; the lanes of its set bits come first
 SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)
 SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set bits per byte
 
@@ -57,8 +57,8 @@ class Front(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """The condition at which a front stops: beyond ``reach``, or earlier at the first node, other than a source, at
-    which ``field`` is at least ``level``.
+    """The condition at which a front stops: at the distance ``reach``, or earlier at the first node, other than a
+    source, at which ``field`` is at least ``level``.
     """
 
     reach: float  # metres

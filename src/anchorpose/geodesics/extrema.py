@@ -16,16 +16,17 @@ from anchorpose.errors import DegenerateGeometry
 from anchorpose.geodesics.distance import Stop, band_of, geodesic_distance, march_on, new_front, start_at
 from anchorpose.surface.surface import MeshArrays, Surface
 
-# number of farthest nodes whose mean distance is the end's distance; a single node has half a centimetre of noise
+# number of farthest nodes whose mean distance is the distance of the end, since a single node has half a centimetre of
+# noise
 FARTHEST: Final = 10
-# least share of a cap's outer half that lies at a cut, for a stump; beside a bar all of it does
+# minimum share of the outer half of a stump's cap that lies at a cut; beside a bar, all of it does
 STUMP_SHARE: Final = 0.5
-# least length, in cap depths (9 cm), by which hidden skin continues a limb: more than fingers lost by the sensor
+# minimum length, in cap depths (9 cm), by which hidden skin continues a limb; fingers lost by the sensor are shorter
 LONGER: Final = 1.5
-LONGER_AT_CUT: Final = 1.0  # cap depths, the same if an object is in front of the end, such as a bar before a wrist
-# area of a hidden node divided by that of a seen node: skin points are 2.2 cm apart, nodes 1.3 cm
+LONGER_AT_CUT: Final = 1.0  # the same if an object is in front of the end, such as a bar in front of a wrist
+# area of a hidden node divided by that of a seen node, since skin points are 2.2 cm apart and nodes 1.3 cm
 HIDDEN_AREA: Final = 3.0
-LEAST_SIGMA_M: Final = 0.003  # m, least sigma of a cap's centre, a quarter of the nodes' spacing
+LEAST_SIGMA_M: Final = 0.003  # m, minimum sigma of a cap's centre, a quarter of the nodes' spacing
 SPREAD: Final = 0.20  # sigma of a cap's centre from frame to frame, as a share of the cap's radius
 
 

@@ -19,7 +19,7 @@ from anchorpose.surface.surface import MeshArrays
 
 LANES: Final = 8
 PLACE: Final = np.array([0, 2, 4, 6, 1, 3, 5, 7])  # ring place of each lane
-LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # per lane, lane of the third corner of the left triangle
+LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # for each lane, the lane of the third corner of the left triangle
 RIGHT: Final = np.array([3, 0, 1, 2, 0, 1, 2, 3])
 # first columns of a fan's squared edges and of their dot products with the sides; the last value is the fan's width
 EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24
@@ -32,17 +32,18 @@ BEFORE, CANDIDATE, CANDIDATE_BEND, OWN, OWN_BEND, OWN_RIM, UPDATED, ROW = 66, 74
 WIDE: Final = 4  # number of columns that are copied as one number
 
 AWAY: Any = np.float32(1e6)  # metres; larger than any distance, but its square fits into a float32
-# m2, least squared distance of two nodes (a micrometre), to avoid a division by 0
+# m2, minimum squared distance of two nodes (a micrometre), to avoid a division by 0
 SMALLEST: Any = np.float32(1e-12)
 NOT_FILLED: Any = np.uint8(2)
 
 ZERO: Any
 ONE: Any
 TWO: Any
-ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)  # literals would convert all numbers to float64
+# constants in single precision, since literals would convert all numbers to float64
+ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 
 FULL_TURN: Any = np.float32(1.0 / (1.0 - np.cos(np.radians(4.0))))
-"""Least sharpness of a turn at the surface's rim from which the front starts again there; pixel steps have less."""
+"""Minimum sharpness of a turn at the surface's rim from which the front starts again there; pixel steps have less."""
 
 FUSED: Final = {"contract", "nsz", "arcp"}  # fused and reordered products are allowed, but NaN stays NaN
 

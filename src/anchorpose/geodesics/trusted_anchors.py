@@ -17,9 +17,9 @@ from numba import njit
 from anchorpose.geodesics.paths import adjoin, apart, by_distance, came_from, is_bare, open_nodes
 from anchorpose.surface.surface import MeshArrays, Surface
 
-POINT, NORMAL, SKIN = 0, 3, 6  # columns of skin: place, normal; width
-PLACE, HEADING, SIDE, BEND = 0, 2, 5, 6  # columns of bend: below; width
-CORNER, ROOT, CHAIN = 0, 1, 2  # columns of chain: below; width
+POINT, NORMAL, SKIN = 0, 3, 6  # first columns of place and normal in ``skin``, and its number of columns
+PLACE, HEADING, SIDE, BEND = 0, 2, 5, 6  # first columns of ``bend`` (see below), and its number of columns
+CORNER, ROOT, CHAIN = 0, 1, 2  # columns of ``chain`` (see below), and their number
 """Columns of the arrays in which the kernels keep the values of the n nodes.
 
 Functions that are called for every node take plain arrays and are inlined: with a named tuple of arrays, counting the
@@ -185,7 +185,7 @@ def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: i
 
 
 TOLERANCE_M: Final = 0.010
-"""Largest detour in metres that tracking may ignore: half of the gate's allowance for the jitter of anchors."""
+"""Maximum detour in metres that tracking may ignore: half of the gate's allowance for the jitter of anchors."""
 
 
 def trusted_anchors(

@@ -18,8 +18,8 @@ from anchorpose.isolation.components import JUMP_GATE, without_flying_pixels
 from anchorpose.isolation.depth_noise import Sensor
 from anchorpose.recording.equipment import EquipmentModel
 
-# limit for a 3x3 median, in sigmas of a single pixel; a median's sigma is 0.4 of a pixel's, so the limit is five of its
-# own sigmas
+# limit for a 3x3 median, in sigmas of a single pixel; the median's sigma is 0.4 of that, so the limit is five of its
+# sigmas
 BACKGROUND_GATE: Final = 2.0
 EQUIPMENT_GATE: Final = 3.0  # limit in sigmas of a single pixel; no median is used, since thin bars are 3 pixels wide
 # m, error of the equipment model, which was measured by hand and whose pose was estimated
@@ -41,8 +41,8 @@ class RestingLayer:
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 at pixels without the object
     sigma_m: np.ndarray  # (height, width) float32, standard deviation of its readings
-    from_s: float  # s on the reference clock, when the object comes to rest
-    until_s: float  # s on the reference clock, when the object is moved away
+    from_s: float  # s on the reference clock, time at which the object comes to rest
+    until_s: float  # s on the reference clock, time at which the object is moved away
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,14 +54,14 @@ class BackgroundModel:
     sensor: Sensor
     source: BackgroundSource
     layers: tuple[RestingLayer, ...] = ()  # movable objects, each for the time that it rests
-    usual_share: float = 0.0  # share of the known pixels that read the room in a usual frame (``other_place``)
+    usual_share: float = 0.0  # share of the known pixels that show the room in a usual frame (``other_place``)
 
 
 def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Return (depth_m, sigma_m), (height, width) float32 each, with which the readings of a frame are compared.
 
-    They describe the room, or a layer that rests there at the time unless the reading lies behind the layer. time_s
-    None: only the room.
+    They describe the room or, unless the reading lies behind it, a layer that rests there at this time. With None as
+    time_s, they describe only the room.
     """
     room, sigma = model.depth_m, model.sigma_m
     for layer in model.layers:

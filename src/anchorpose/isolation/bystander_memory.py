@@ -14,15 +14,15 @@ from anchorpose.isolation.ownership import OwnershipLikelihood
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
-SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels: two centimetres at 2.5 m
-CELL_M: Final = 0.05  # m; newly seen skin replaces remembered skin within this distance
-MEMORY_S: Final = 1.0  # s for which hidden skin is remembered: a person crosses in front of it
-SIGMA_M: Final = 0.012  # m, error of remembered points: noise and half of their spacing
-# m/s, growth of the error: skin of people who hold or stand; region growing finds the skin of walking people
+SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels; two centimetres at 2.5 m
+CELL_M: Final = 0.05  # m; newly seen skin replaces remembered skin within this distance from it
+MEMORY_S: Final = 1.0  # s, time for which hidden skin is remembered, as long as a person takes to cross in front of it
+SIGMA_M: Final = 0.012  # m, error of remembered points, due to noise and half of their spacing
+# m/s, growth of the error, for people who hold or stand; region growing finds the skin of walking people
 SPEED_M_S: Final = 0.30
-# m, largest gap within one cluster: a bar with its margins, so that a head above a rail still belongs to its body
+# m, maximum gap within one cluster: a bar with its margins, so that a head above a rail still belongs to its body
 CLUSTER_GAP_M: Final = 0.10
-CLUSTER_AREA_M2: Final = 0.25  # m2, least skin of a person, seen by all cameras together; an arm has 0.15
+CLUSTER_AREA_M2: Final = 0.25  # m2, minimum skin area of a person, seen by all cameras together; an arm has 0.15
 # mean number of cubes of a grid that a surface passes through, per area of one cube face
 CUBES_PER_FACE: Final = 1.5
 
@@ -34,7 +34,7 @@ class BystanderMemory:
     points_m: np.ndarray  # (n, 3) float32 world
     owner: np.ndarray  # (n,) uint8 label of the person
     age_s: np.ndarray  # (n,) float32, time since the point was last seen
-    next_label: int  # the label for the next new person
+    next_label: int  # label for the next new person
 
     @property
     def without_patient(self) -> BystanderMemory:

@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-SUPPORT: Final = 3  # least supporting neighbours out of eight; a pixel at the corner of a convex outline has three
-JUMP_GATE: Final = 4.0  # sigmas by which neighbours on one surface may differ in addition to the slope
+# minimum number of supporting neighbours out of eight; a pixel at a convex outline's corner has three
+SUPPORT: Final = 3
+JUMP_GATE: Final = 4.0  # sigmas, by which neighbours on one surface may differ in addition to the slope
 STEEPEST_SLOPE_RAD: Final = 1.40  # rad (80 degrees); steeper surfaces return no reading
 
 
@@ -19,8 +20,8 @@ class JumpLimit:
     z.
     """
 
-    square: float  # 1/m, part due to noise
-    slope: float  # part due to the slope of the steepest surface that returns a reading, per pixel
+    square: float  # 1/m, part of the limit due to noise
+    slope: float  # part of the limit due to the slope of the steepest surface that returns a reading, per pixel
 
     def at(self, depth_m: np.ndarray) -> np.ndarray:
         """Return the limit of every pixel, in the shape of ``depth_m``."""

@@ -22,7 +22,7 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.components import JumpLimit, jump_limit
 
 LIMB_M: Final = 0.08  # m, thickness of a forearm, the thinnest limb (25 cm in circumference)
-# pixels, width of a sharp edge: neighbouring pixels show one side and the other, with at most one mixed pixel between
+# pixels, width of a sharp edge, at which neighbouring pixels show both sides, with at most one mixed pixel between them
 SHARP_EDGE_PX: Final = 2.0
 
 
@@ -30,7 +30,7 @@ SHARP_EDGE_PX: Final = 2.0
 class DepthDetail:
     """The edges and steps of one camera's depth."""
 
-    edge_px: float  # width of its depth edges in pixels
+    edge_px: float  # width of the camera's depth edges in pixels
     focal_px: float  # focal length in pixels
     step_per_m: float = 0.0  # 1/m; the step between grey values is ``step_per_m z^2``; 0 = unknown
 
@@ -53,13 +53,13 @@ class DepthDetail:
         return LIMB_M * self.focal_px / self.edge_px
 
 
-WIDEST_PX: Final = 16  # pixels; a wider edge is a slanting surface
-# m, least depth difference between the sides of a measured edge; clothes, arms and seats are nearer to what is behind
+WIDEST_PX: Final = 16  # pixels, maximum width of an edge; a wider ramp is a slanting surface
+# m, minimum depth difference between the sides of a measured edge; clothes, arms and seats have less to what is behind
 JUMP_M: Final = 0.40
-FLAT: Final = 0.1  # largest difference between two pixels on one side of an edge, as a share of the jump
+FLAT: Final = 0.1  # maximum difference between two pixels on one side of an edge, as a share of the jump
 MIDDLE: Final = (0.2, 0.8)  # shares of the jump between which the ramp's width is measured
-LEAST_EDGES: Final = 1000  # fewest edges in all frames together; real recordings have tens of thousands
-SHARP_PX: Final = 2.0  # pixels, largest width of the middle of a sharp edge; an unfiltered camera has at most one there
+LEAST_EDGES: Final = 1000  # minimum number of edges in all frames together; real recordings have tens of thousands
+SHARP_PX: Final = 2.0  # pixels, maximum width of the middle of a sharp edge; without filters it is at most one pixel
 FRAMES: Final = 8  # number of frames that are measured
 ON_RAMP: Final = 0.15  # a pixel that differs from both sides by more than this share of the jump is on the ramp
 
@@ -104,34 +104,38 @@ def smeared(depth_m: np.ndarray, width_px: int) -> np.ndarray:
     return np.asarray(seen & (jump > JUMP_M) & (depth_m > near + ON_RAMP * jump) & (depth_m < far - ON_RAMP * jump))
 
 
-CHANGES: Final = 6  # pairs of frames that are compared: half a million pixels or more
-STILL_GATE: Final = 6.0  # sigmas; readings nearer to the background show the background, since people are farther off
-OUTLIER_GATE: Final = 4.0  # sigmas; 1 in 16,000 readings of a normal distribution is beyond
+CHANGES: Final = 6  # number of pairs of frames that are compared; they have half a million pixels or more
+# sigmas; readings closer to the background show the background, since people are farther from it
+STILL_GATE: Final = 6.0
+OUTLIER_GATE: Final = 4.0  # sigmas; beyond it lies 1 in 16,000 readings of a normal distribution
 ROUNDS: Final = 3  # number of rounds in which outliers are left out
-EDGE_PX: Final = 2  # pixels beside a depth edge, where readings may be flying; they are counted separately
-EDGE_M: Final = 0.10  # m, least depth range of 5x5 pixels at an edge; a slanted surface has less
+# pixels beside a depth edge, where readings may lie between two surfaces; they are counted separately
+EDGE_PX: Final = 2
+EDGE_M: Final = 0.10  # m, minimum depth range of 5x5 pixels at an edge; a slanted surface has less
 BIN_M: Final = 0.5  # m, width of a depth bin
-SLANTS_DEG: Final = (35.0, 60.0)  # degrees between ray and surface normal, limits of facing, slanted and steep surfaces
-# fewest readings per depth and slant: their deviation has an error of a tenth even if 40 readings share one error
+# degrees between ray and surface normal; they separate facing, slanted and steep surfaces
+SLANTS_DEG: Final = (35.0, 60.0)
+# minimum number of readings per depth and slant; even if 40 readings share one error, their deviation is then known to
+# a tenth
 LEAST_READINGS: Final = 2000
-LONGEST_PX: Final = 24  # pixels, largest distance at which errors of neighbours are compared
-UNRELATED: Final = 0.05  # a smaller correlation may be chance
-SMOOTH_PX: Final = 9  # pixels, window over which a surface normal is computed
+LONGEST_PX: Final = 24  # pixels, maximum distance at which errors of neighbours are compared
+UNRELATED: Final = 0.05  # correlation below which pixels count as independent, since a smaller value may be chance
+SMOOTH_PX: Final = 9  # pixels, side of the window over which a surface normal is computed
 
 
 @dataclass(frozen=True, slots=True)
 class DepthNoise:
     """The random error of one camera's readings along its optical axis."""
 
-    at_m: tuple[float, ...]  # depths in increasing order
+    at_m: tuple[float, ...]  # m, depths in increasing order
     sigma_at_m: tuple[float, ...]  # m, sigma of a reading at these depths, on a surface that faces the camera
     # factors on sigma for a slanted surface (35 to 60 degrees between ray and normal) and for a steep surface; None if
     # not measured
     slants: tuple[float | None, float | None] = (None, None)
-    shared_px: float = 1.0  # mean number of pixels that share one error; 1 = independent pixels
+    shared_px: float = 1.0  # mean number of pixels that share one error; 1 = pixels are independent
     flying: float | None = None  # share of the readings beside depth edges that show neither side; None if not measured
     holes: float | None = None  # share of the pixels on the room's surfaces without a reading; None if not measured
-    # False if no still background was seen: sigma is then measured between neighbouring readings, a lower bound
+    # False if no still background was seen; sigma is then a lower bound, measured between neighbouring readings
     measured: bool = True
 
     def sigma_m(self, depth_m: np.ndarray, slant_deg: np.ndarray | None = None) -> np.ndarray:
@@ -163,7 +167,7 @@ class Sensor(DepthDetail):
     """The measured properties of one camera's depth images."""
 
     noise_per_m: float  # 1/m; the deviation between neighbouring readings of one surface is ``noise_per_m z^2``
-    noise: DepthNoise  # noise of single readings
+    noise: DepthNoise  # noise of a single reading
 
     @property
     def jump_limit(self) -> JumpLimit:
@@ -248,7 +252,7 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
     logs, depth_m = np.log(np.array(list(cells.values()))).T
     found = np.linalg.lstsq(matrix, logs, rcond=None)[0]
     by_level, by_slant = found[: len(levels)], dict(zip(slants, found[len(levels) :], strict=True))
-    # facing surfaces or, without these, the least slanted surfaces, whose sigma is too large
+    # sigma is that of facing surfaces; if none is seen, that of the least slanted surfaces, which is too large
     reference = by_slant[slants[0]]
     at_m = [float(np.exp(np.mean([d for d, (at, _) in zip(depth_m, cells, strict=True) if at == k]))) for k in levels]
     times = [float(np.exp(by_slant[k] - reference)) if k in by_slant else None for k in (1, 2)]
@@ -293,7 +297,7 @@ def _shared(in_sigmas: np.ndarray) -> float:
     related = _at_lags(value) / np.maximum(np.rint(_at_lags(seen.astype(np.float32))), 1.0)
     rows, columns = np.ogrid[: related.shape[0], -LONGEST_PX : LONGEST_PX + 1]
     ring = np.rint(np.hypot(rows, columns)).astype(np.int64)
-    # one lag of each opposite pair
+    # each lag stands for two opposite lags
     twice = np.where((rows > 0) | (columns > 0), 1.0, 0.5) * ((rows > 0) | (columns >= 0))
     weight = np.bincount(ring.ravel(), twice.ravel())[: LONGEST_PX + 1]
     total = np.bincount(ring.ravel(), (twice * related).ravel())[: LONGEST_PX + 1] / related[0, LONGEST_PX]

@@ -40,16 +40,18 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
 BLOCK_PX: Final = 16  # pixels, side of the blocks in which noise is measured; noise changes slowly over the image
-READINGS_NEEDED: Final = 32  # fewest readings per block: the median then has an error of a sixth
-LEAST_READ: Final = 0.15  # the room is known at a pixel if this share of the frames agree on its depth
-OFTEN_READ: Final = 0.5  # least share of the frames with a reading; people hide the room, but add no readings of it
-SAME_SIGMAS: Final = 6.0  # largest difference between readings of one surface: ``SAME_M`` plus this many sigmas
-FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room at a pixel that is free for a fifth of the time
+READINGS_NEEDED: Final = 32  # minimum number of readings per block; their median then has an error of a sixth
+LEAST_READ: Final = 0.15  # minimum share of the frames that agree on a pixel's depth for the room to be known there
+# share of the frames with a reading from which a surface also counts as known; passers-by alone add fewer readings
+OFTEN_READ: Final = 0.5
+SAME_SIGMAS: Final = 6.0  # maximum difference between readings of one surface, in sigmas, in addition to ``SAME_M``
+# percentiles that both show the room at a pixel if the pixel is free for a fifth of the time
+FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a normal distribution, in sigmas
 
-LEAN_M: Final = 0.25  # m beyond the equipment's outline on the ground: arms over the rails, and the back
-HEAD_M: Final = 2.3  # m above the floor: a raised arm
-SOLE_M: Final = 0.015  # m above the floor: the plane's error and a third of a foot's height
+LEAN_M: Final = 0.25  # m beyond the equipment's outline on the ground, for arms over the rails and the back
+HEAD_M: Final = 2.3  # m above the floor, the height of a raised arm
+SOLE_M: Final = 0.015  # m above the floor, for the plane's error and a third of a foot's height
 
 
 def learn_background(

@@ -17,16 +17,19 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet
 
 SENTENCE: Final = "shows another place than usual: it was covered, or moved, for a moment"
-STEP_PX: Final = 4  # every fourth pixel of every fourth row is tested
-# largest difference between the room and a reading of it: SAME_M (m; the learnt room may be one step wrong) plus sigmas
+STEP_PX: Final = 4  # pixels; every fourth pixel of every fourth row is tested
+# maximum difference between the room and a reading of it: SAME_M, since the learnt room may be one step wrong, plus
+# sigmas
 SAME_M, SAME_SIGMAS = 0.05, 6.0
-FRAMES_NEEDED: Final = 3  # fewest frames from which the usual share of the room is known
-# least share of the image where the room is known; recorders that remove the room leave at most some objects
+FRAMES_NEEDED: Final = 3  # minimum number of frames from which the room's usual share is computed
+# minimum share of the image where the room is known; recorders that remove the room leave at most some objects
 LEAST_KNOWN: Final = 0.2
-LEAST_USUAL: Final = 0.2  # a camera that usually sees less than this share of the room's pixels is not tested
-COVERED: Final = 0.05  # times the usual share, below which the camera is covered; a near passer-by leaves half of it
-MOVED: Final = 0.6  # times the usual share, below which an image with many readings behind the room shows another place
-# least share of the room's pixels with readings behind the room: 0.002 if people walk, 0.04 if furniture is moved
+LEAST_USUAL: Final = 0.2  # minimum share of the room's pixels that a camera usually sees; otherwise it is not tested
+# factor on the usual share, below which the camera is covered; a passer-by near the camera leaves half of the share
+COVERED: Final = 0.05
+# factor on the usual share; with less, an image with many readings behind the room shows another place
+MOVED: Final = 0.6
+# minimum share of the room's pixels with readings behind the room; 0.002 if people walk, 0.04 if furniture is moved
 MOST_BEHIND: Final = 0.05
 
 

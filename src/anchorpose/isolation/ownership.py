@@ -13,10 +13,10 @@ NOBODY: Final = 0
 MIXED: Final = 255  # label of a cell with skin of several people
 # m; skin is searched in the cell of a place and the 26 cells around it, so all skin within this distance is found
 CELL_M: Final = 0.035
-# m, half the spacing of skin points; a place this far from the nearest point may still be on the skin
+# m, half the spacing of skin points; a place at this distance from the nearest point may still be on the skin
 SAMPLING_M: Final = 0.01
 GATE: Final = 3.0  # sigmas; a place farther from all expected skin gets its owner by region growing
-LEAST_LEAD: Final = 2.0  # least lead of the most likely owner over all other people, in squared standard deviations
+LEAST_LEAD: Final = 2.0  # minimum lead of the most likely owner over all other people, in squared standard deviations
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Correct the patient's pixels: add parts that were labelled as another person, and remove stray pieces of others."""
+"""Correct the patient's pixels: add parts with another person's label, and remove stray pieces of other people."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel
 
-LEAST_CONTACT_M: Final = 0.05  # m, least length of the border between a stray piece and its person: a wrist's width
-# least length of that border, times the piece's width; half a head continues along its longest side, a forearm does not
+LEAST_CONTACT_M: Final = 0.05  # m, minimum length of the border between a stray piece and its person, a wrist's width
+# minimum length of that border, as a factor on the piece's width; the border of half a head is its longest side, that
+# of a forearm is shorter
 LEAST_CONTACT: Final = 1.0
-# m2, largest stray piece: a head; a leg below a bar is larger, but may border on people who kneel in front of it
+# m2, maximum area of a stray piece, a head's area; a leg below a bar is larger, but may border on people who kneel in
+# front of it
 LARGEST_M2: Final = 0.03
 
 
@@ -56,8 +58,10 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
     return grow_regions(pixels, np.where(mine & stray[piece], np.uint8(NOBODY), owner))
 
 
-PART_CONTACT_M: Final = 0.05  # m, least border between a part of the patient and the rest: a wrist's width
-ON_SKIN_M: Final = 0.05  # m; pixels nearer to the patient's expected skin are on it: its spacing, clothes, movement
+# m, minimum length of the border between a part of the patient and the rest, a wrist's width
+PART_CONTACT_M: Final = 0.05
+# m; pixels within this distance of the expected skin are on it, for its spacing, clothes and movement
+ON_SKIN_M: Final = 0.05
 LAST_LABEL: Final = 254  # the largest person label
 
 

@@ -20,16 +20,17 @@ from anchorpose.threads import each
 class IsolationConfig:
     """Settings of how closely people's skin follows its prediction."""
 
-    skin_sigma_m: Positive = 0.02  # m, deviation of the patient's skin from its prediction: clothes and shape
+    # m, deviation of the patient's skin from its prediction, due to clothes and body shape
+    skin_sigma_m: Positive = 0.02
 
 
-PERSON_AREA_M2: Final = 0.12  # m2, least seen surface of a person: a fifth of an adult's frontal area
+PERSON_AREA_M2: Final = 0.12  # m2, minimum seen surface of a person, a fifth of an adult's frontal area
 FOREGROUND: Final = 0.33
-"""Least share of a found person's area that is foreground; it is asked only if the foreground is smaller than
+"""Minimum share of a found person's area that is foreground; it is tested only if the foreground is smaller than
 ``LEAST_AREA_M2``. People have 0.5 to 0.9, since rays at outlines have no pixel of their depth; parts of the room that
 were taken for people had 0.1 and 0.16."""
 
-EDGE_M: Final = 0.1  # m, largest depth step from a pixel to its nearest ray; across an outline depth jumps by more
+EDGE_M: Final = 0.1  # m, maximum depth step from a pixel to its nearest ray; across an outline, depth jumps by more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +38,8 @@ class Person:
     """One person."""
 
     ground_xz_m: np.ndarray  # (2,) float64, place of the pelvis over the ground
-    bottom_m: float  # lowest height of the seen surface
-    top_m: float  # highest height of the seen surface
+    bottom_m: float  # height of the lowest point of the seen surface
+    top_m: float  # height of the highest point of the seen surface
     area_m2: float  # area of the seen surface
 
 

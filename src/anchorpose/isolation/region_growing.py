@@ -12,9 +12,9 @@ from anchorpose.isolation.scene import Pieces
 
 # cost of a valley, in steps per standard deviation of the noise by which it is deeper than CREASE_SIGMAS
 CREASE_COST: Final = 4.0
-CREASE_PX: Final = 3  # pixels on either side with which a pixel is compared: a finger's width at 2.5 m
+CREASE_PX: Final = 3  # pixels on either side with which a pixel is compared; at 2.5 m a finger's width
 CREASE_SIGMAS: Final = 2.0  # standard deviations of the noise; a deeper valley is a crease
-DEEPEST: Final = 60  # steps, largest cost of a crease: as many pixels as a forearm is long
+DEEPEST: Final = 60  # steps, maximum cost of a crease; as many pixels as a forearm is long
 
 
 def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_COST) -> np.ndarray:

@@ -17,11 +17,12 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
 
-PLANES: Final = 6  # most planes that are searched: floor, ceiling and the walls in view
+PLANES: Final = 6  # maximum number of planes that are searched: floor, ceiling and the walls in view
 TRIALS: Final = 200  # number of trials per plane; a plane with a fifth of the points is drawn once in 125 trials
 VOTERS: Final = 5000  # number of points that vote on a plane
-LEAST_SHARE: Final = 0.03  # least share of the image; a smaller plane is furniture, or a person's back
-MOST_BEYOND: Final = 0.02  # largest share of the readings on a wall's far side, where nothing should be seen
+# minimum share of the image that a plane covers; a smaller plane is furniture, or a person's back
+LEAST_SHARE: Final = 0.03
+MOST_BEYOND: Final = 0.02  # maximum share of the readings on a wall's far side, where nothing should be seen
 
 
 def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.ndarray:
@@ -85,8 +86,8 @@ def _best(
     most_beyond: float,
     rng: np.random.Generator,
 ) -> np.ndarray | None:
-    """Return the plane through three of the points ``left_m`` that has most points on it and few beyond; None if too
-    few points are on it.
+    """Return the plane through three of the points ``left_m`` that has most points on it and few points beyond it; None
+    if too few points are on every such plane.
     """
     normals, offsets = drawn_planes(left_m, TRIALS, rng)
     sign = np.where(offsets < 0, -1.0, 1.0)
@@ -114,8 +115,9 @@ def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np
     return np.append(normal, normal @ centre)
 
 
-UPRIGHT: Final = 0.2  # largest cosine between an upright plane's normal and the vertical: it may lean by 11 degrees
-FRAMED: Final = 0.6  # least share of a gap's border that is wall; a doorway has no wall at the floor
+# maximum cosine between an upright plane's normal and the vertical, so that it may lean by 11 degrees
+UPRIGHT: Final = 0.2
+FRAMED: Final = 0.6  # minimum share of a gap's border that is wall; a doorway has no wall at its lower border
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,10 +29,12 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 
 SMALLEST_PIECE_M2: Final = 0.0005  # m2, a fingertip; a smaller piece is not a person
-FEET_M: Final = 0.3  # m above the lowest pixel: an ankle's height, and the part that is removed together with the floor
-LEAST_M2: Final = 0.15  # m2; smaller pieces are not tested for flatness: a patch of a body between bars may be flat
-FLATTEST: Final = 0.025  # largest deviation of a board from a plane, as a share of its width; trunks bulge by 5 %
-LEAST_FILLED: Final = 0.85  # least share of its enclosing rectangle that a board fills; a trunk with thighs fills less
+FEET_M: Final = 0.3  # m above the lowest pixel: the height of an ankle plus the part that is removed with the floor
+# m2; smaller pieces are not tested for flatness, since a patch of a body between bars may be flat
+LEAST_M2: Final = 0.15
+FLATTEST: Final = 0.025  # maximum deviation of a board from a plane, as a share of its width; trunks bulge by 5 %
+# minimum share of its enclosing rectangle that a board fills; a trunk with thighs fills less
+LEAST_FILLED: Final = 0.85
 SAMPLE: Final = 500  # number of points of a piece that are tested
 
 

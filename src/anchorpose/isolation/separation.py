@@ -29,7 +29,7 @@ from anchorpose.threads import each
 
 # pixels; between two people, the owner is decided in every second row and column, and region growing fills the rest
 DECISION_PX: Final = 2
-# m, largest distance of a detached piece from its person: a bar's width and the movement of a hidden forearm
+# m, maximum distance of a detached piece from its person: a bar's width plus the movement of a hidden forearm
 DETACHED_M: Final = 0.12
 # m, added to the standard deviation of remembered skin without a body, so that it does not beat the predicted skin
 UNSUPPORTED_SIGMA_M: Final = 0.04

@@ -13,7 +13,7 @@ class PixelLabel(IntEnum):
 
     NO_READING = 0
     BACKGROUND = 1
-    EQUIPMENT = 2  # a label of its own, since the patient may be behind the equipment
+    EQUIPMENT = 2  # a separate label, since the patient may be behind the equipment
     CLUTTER = 3  # foreground that is not part of a person: flying pixels, small components
     PATIENT = 4
     OTHER_PERSON = 5

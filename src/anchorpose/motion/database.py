@@ -27,9 +27,9 @@ from anchorpose.recording.writable import whole_file
 COMPARED: Final = 3 * JOINT_COUNT
 """Number of columns of a pose vector that measure how similar two poses are."""
 
-# number of sub-lists, neighbours in time, that share a bound; larger groups have looser bounds and cost more tests
+# number of sub-lists, successive in time, that share a bound; larger groups have looser bounds and cost more tests
 SEGMENT: Final = 4
-COLUMNS: Final = 16  # number of principal columns used for the bounds; bounds then reach nine tenths of the cost
+COLUMNS: Final = 16  # number of principal columns used for the bounds; these then reach nine tenths of the cost
 _SAMPLES: Final = 5000  # number of poses from which the principal directions are computed
 
 _ROOT: Final = JOINT_INDEX["SpineBase"]
@@ -44,9 +44,9 @@ class SubLists(NamedTuple):
     stride: np.ndarray  # (w,) float64, rows per frame
     followed: np.ndarray  # (w,) int32, number of frames after the newest pose in its clip
     summary: np.ndarray  # (w, 2, COLUMNS) float32, mean pose and displacement, in the leading columns of ``turned``
-    segment: np.ndarray  # (s + 1,) int64, where each segment (group of neighbours) begins
+    segment: np.ndarray  # (s + 1,) int64, index at which each segment (group of neighbours) begins
     centre: np.ndarray  # (s, 2, COLUMNS) float32, mean of the segment's summaries
-    radius: np.ndarray  # (s, 2) float32, largest distance of its mean poses, and of its displacements, from the centre
+    radius: np.ndarray  # (s, 2) float32, maximum distance of its mean poses, and of its displacements, from the centre
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +54,9 @@ class MotionDatabase:
     """Reference movements D, one after another, and the sub-lists of D_s."""
 
     theta: np.ndarray  # (n, d) float32, pose vectors at their recorded rates
-    compared: int  # the first so many columns decide how similar two poses are; the rest, the path, is only predicted
+    # number of the first columns, which decide how similar two poses are; the other columns, the path, are only
+    # predicted
+    compared: int
     turned: np.ndarray  # (n, compared) float32 = theta[:, :compared] @ basis; distances are mostly in its first columns
     basis: np.ndarray  # (compared, compared) orthonormal
     sublists: SubLists
@@ -198,7 +200,7 @@ _SKELETON_ARRAYS: Final = ("joints_mm", "offsets", "names", "joint_names", "rate
 _SKELETON_REMEDY: Final = (
     "give joints_mm (frames, joints, 3) with Y up, offsets (clips + 1), names (clips) and joint_names (joints)"
 )
-FARTHEST_MM: Final = 10_000  # mm, largest distance from the first frame; larger values are not in millimetres
+FARTHEST_MM: Final = 10_000  # mm, maximum distance from the first frame; larger values are not in millimetres
 
 _TRUNK: Final = {"SpineBase": "Waist", "SpineMid": "Spine", "SpineShoulder": "Chest"}
 _LIMBS: Final = {

@@ -29,8 +29,8 @@ from anchorpose.motion.database import (
 )
 from anchorpose.settings import Count, NotNegative, Positive, settings
 
-_SEEDS: Final = 16  # number of segments that are searched first, to get a cost with which bounds are compared
-# factor on bounds and metres subtracted from them, since single precision may round a bound up
+_SEEDS: Final = 16  # number of segments that are searched first, to get a cost to which bounds are compared
+# factor on bounds, and metres subtracted from them, since single precision may round a bound up
 _ROUNDED: Final = np.float32(0.9999)
 _SLACK_M: Final = np.float32(1e-5)
 
@@ -196,10 +196,12 @@ def _cost(
 
 SPANS: Final = (1, 2, 4)  # numbers of frames over which the patient's velocity is measured
 DAMPING: Final = 0.85  # factor on the velocity per frame, since a limb reverses within a few tenths of a second
-OWN_VELOCITY: Final = 0.8  # share of the velocity difference, patient minus matches, that is added; 1 adds its noise
+# share of the velocity difference (patient minus matches) that is added; 1 would add all of its noise
+OWN_VELOCITY: Final = 0.8
 # number of one-frame predictions on which each span is tested; each has about 60 columns
 _CHECKED_STEPS: Final = 6
-_SHARPNESS: Final = 4  # exponent of the weights: a span with a squared error larger by a fifth gets half the weight
+# exponent of the weights; if the squared error of a span is larger by a fifth, the span gets half the weight
+_SHARPNESS: Final = 4
 
 
 class MotionRule(StrEnum):
@@ -219,12 +221,14 @@ class MotionConfig:
     """
 
     rule: MotionRule = MotionRule.BLEND
-    history: Annotated[int, Field(ge=2, strict=True)] = 5  # number of frames compared; at 30 Hz they show a direction
-    # factors on the speed of reference movements, half an octave apart
+    # number of frames that are compared; at 30 Hz, they show the direction of a movement
+    history: Annotated[int, Field(ge=2, strict=True)] = 5
+    # factors on the speed of reference movements, in steps of half an octave
     speeds: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.71, 1.0, 1.41, 2.0)
     displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0 = the paper's equation
-    neighbours: Count = 32  # similar sub-lists that are averaged: a single one would add its noise, 64 are no better
-    checked: Count = 7  # frames back at which predictions are tested, to weight matches and velocity
+    # number of similar sub-lists that are averaged; a single one would add its noise, and 64 are no better
+    neighbours: Count = 32
+    checked: Count = 7  # number of frames since the tested predictions were made; the tests weight matches and velocity
 
     @property
     def uses_database(self) -> bool:

@@ -25,33 +25,35 @@ _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES: Final = 33  # length of the signature and the IHDR chunk of a PNG file
 _GREY: Final = 0  # code of the colour type grey in a PNG file
 _DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # the only chunks that a grey image needs
-_OTHER_BYTES: Final = 1 << 20  # bytes allowed for chunks of notes and for the overhead of failed compression
+_OTHER_BYTES: Final = 1 << 20  # maximum number of bytes for chunks of notes and for the overhead of failed compression
 
 FARTHEST_M: Final = 20.0
 """Distance in m that no indoor depth camera exceeds: a larger value is an error code, or light from outside."""
 
-SATURATED: Final = np.iinfo(np.uint16).max  # the largest value of the file is a code, not a distance
-ROWS: Final = 128  # number of rows that are examined, evenly spaced: surfaces are many rows high
-LEAST_READ: Final = 0.001  # least share of pixels with a reading; a distant person alone fills 0.03
-ENOUGH: Final = 4000  # least number of readings for the other checks; with fewer, a sound image may fail by chance
-MOST_ALIKE: Final = 0.98  # largest share of the readings with one value; a whole body on a coarse scale has 0.3
-LEAST_BESIDE: Final = 0.5  # least share of the readings with a neighbour in their row; real images have at least 0.93
-JUMP: Final = 0.1  # step between neighbours as a share of the distance; only surfaces seen edge-on have more
-MOST_JUMPS: Final = 0.25  # largest share of neighbours with such a jump; real images of cluttered rooms have up to 0.03
+SATURATED: Final = np.iinfo(np.uint16).max  # the largest value of the file, which is a code, not a distance
+ROWS: Final = 128  # number of examined rows, evenly spaced; they meet every surface, since surfaces are many rows high
+LEAST_READ: Final = 0.001  # minimum share of pixels with a reading; a distant person alone fills 0.03
+ENOUGH: Final = 4000  # minimum number of readings for the other checks; with fewer, a sound image may fail by chance
+MOST_ALIKE: Final = 0.98  # maximum share of the readings with one value; a whole body on a coarse scale has 0.3
+LEAST_BESIDE: Final = 0.5  # minimum share of the readings with a neighbour in their row; real images have at least 0.93
+# minimum step between neighbours that counts as a jump, as a share of the distance; only surfaces seen edge-on have
+# more
+JUMP: Final = 0.1
+MOST_JUMPS: Final = 0.25  # maximum share of neighbours with such a jump; real images of cluttered rooms have up to 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthImage:
     """A depth image, or the problem that makes it unusable."""
 
-    depth_m: np.ndarray | None  # (height, width) float32 metres, 0 = no reading; None where unusable
-    problem: str  # empty where usable
+    depth_m: np.ndarray | None  # (height, width) float32 metres, 0 = no reading; None if unusable
+    problem: str  # empty if usable
 
 
 def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: Stamp | None = None) -> DepthImage:
     """Read the depth image of a file as ``image_of_grey`` does; for a damaged file the result has a ``problem``.
 
-    listed: the file's stamp when the recording was opened. Raises InputError where the file was replaced since then.
+    listed: the file's stamp when the recording was opened. Raises InputError if the file was replaced since then.
     """
     try:
         data = read_bounded(path, largest_png(camera.width, camera.height), listed)
@@ -64,7 +66,7 @@ def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: S
 def read_stream_image(recording: Recording, camera: int, position: int) -> DepthImage:
     """Read a camera's depth image at a position in its stream, and check its content.
 
-    Raises InputError where the file was replaced since the recording was opened.
+    Raises InputError if the file was replaced since the recording was opened.
     """
     stream = recording.streams[camera]
     listed = None if stream.listed is None else stream.listed[position].item()
@@ -114,7 +116,7 @@ def grey_png_size(head: bytes) -> tuple[int, int] | None:
 
 
 def _png_header(head: bytes) -> tuple[int, int, int, int] | None:
-    """Return width, height, bits and colour type by a file's first 33 bytes; None where it is not a PNG file."""
+    """Return width, height, bits and colour type by a file's first 33 bytes; None if it is not a PNG file."""
     if len(head) < _HEADER_BYTES or not head.startswith(_SIGNATURE) or head[12:16] != b"IHDR":
         return None
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
@@ -122,7 +124,7 @@ def _png_header(head: bytes) -> tuple[int, int, int, int] | None:
 
 
 def _header_problem(head: bytes, wide: int, high: int) -> str:
-    """Return the problem that a file's first 33 bytes show; empty where they fit a camera's width and height."""
+    """Return the problem that a file's first 33 bytes show; empty if they fit a camera's width and height."""
     header = _png_header(head)
     if header is None:
         return "is not a PNG file"
@@ -133,7 +135,7 @@ def _header_problem(head: bytes, wide: int, high: int) -> str:
 
 
 def image_chunks(data: bytes) -> tuple[bytes, str]:
-    """Return a PNG file reduced to the chunks that its image needs, and its problem (empty where it is sound).
+    """Return a PNG file reduced to the chunks that its image needs, and its problem (empty if it is sound).
 
     Every chunk is checked up to the end: decoders may return half an image for a truncated file. Optional chunks (PNG,
     Section 5.4: names that begin with a small letter) are left out; an unknown chunk that is not optional is a problem.
@@ -169,7 +171,7 @@ def measured_m(grey: np.ndarray, depth_scale: float) -> np.ndarray:
 
 
 def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
-    """Return why an image is not a measurement, as the end of a sentence that begins with its name; empty where it may
+    """Return why an image is not a measurement, as the end of a sentence that begins with its name; empty if it may
     be a measurement.
 
     grey (height, width) uint16 as the file has it; depth_m (height, width) float32: the same in metres, 0 = no reading.
@@ -213,7 +215,7 @@ class RecordedFrames:
         return tuple(stream.time_s for stream in self.recording.streams)
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
-        """Read a depth image (height, width) float32 metres, 0 = no reading; None where unusable."""
+        """Read a depth image (height, width) float32 metres, 0 = no reading; None if unusable."""
         stream = self.recording.streams[camera]
         if stream.duplicate is not None and stream.duplicate[position]:
             return None

@@ -32,19 +32,19 @@ from anchorpose.recording.regular_file import LARGEST_TABLE, is_there, read_whol
 from anchorpose.settings import LARGEST, STRICT, Unfit, explain, shown
 
 LARGEST_BYTES: Final = 16 * 2**20
-"""Limit of a JSON file in bytes. A description of a recording has some thousand; parsed values need up to twenty times
-its size.
+"""Maximum size of a JSON file in bytes. A description of a recording has some thousand; parsed values need up to twenty
+times its size.
 """
 
 DEEPEST: Final = 64
-"""Limit of nested objects and lists; no format of this project or of a recorder has more than ten levels."""
+"""Maximum depth of nested objects and lists; no format of this project or of a recorder has more than ten levels."""
 
 LARGEST_INTEGER: Final = 2**64
 """Limit of integers, beyond every counter and time stamp; arrays and floats cannot hold arbitrarily large integers."""
 
 ROTATION_TOLERANCE: Final = 5e-4
-"""Largest entry of R^T R - I for a rotation R. Rounding to four decimals explains it; a larger entry is a scale, a
-shear or a mistake.
+"""Maximum entry of R^T R - I for a rotation R. Rounding to four decimals causes such an entry; a larger entry means a
+scale, a shear or a mistake.
 """
 
 LONGEST_NAME: Final = 200
@@ -80,7 +80,7 @@ def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
 
 
 def require_plain(value: Any, levels: int = DEEPEST) -> None:
-    """Raise Unfit where values are nested too deeply, an integer is too large, or a text contains a null character or
+    """Raise Unfit if values are nested too deeply, an integer is too large, or a text contains a null character or
     half a surrogate pair: such a text cannot be printed or be a file's name.
     """
     if levels < 0:
@@ -166,7 +166,7 @@ def _require_inside(name: str) -> str:
 
 
 def require_file_name(name: str) -> str:
-    """Return the name; raises Unfit where it is too long, or has characters that file names cannot have."""
+    """Return the name; raises Unfit if it is too long, or has characters that file names cannot have."""
     if not name.isprintable() or len(name.encode()) > LONGEST_NAME:
         raise Unfit(f"is {shown(name)}", "it names a file: use letters, digits, - and _, no more than 50 of them")
     return name
@@ -236,7 +236,7 @@ def read_json(path: Path, largest_bytes: int = LARGEST_BYTES) -> dict[str, Any]:
 def read_rows(path: Path, delimiter: str = ",", largest_bytes: int = LARGEST_TABLE) -> list[tuple[int, list[str]]]:
     """Read the non-empty rows of a table: (number of the last line, cells without spaces around them) of each.
 
-    Raises InputError where the file cannot be read, or is not a table with this delimiter.
+    Raises InputError if the file cannot be read, or is not a table with this delimiter.
     """
     text = read_text(path, largest_bytes)
     if "\0" in text:
@@ -251,7 +251,7 @@ def read_rows(path: Path, delimiter: str = ",", largest_bytes: int = LARGEST_TAB
 
 
 def require_distinct(path: Path, columns: Sequence[str]) -> None:
-    """Raise InputError where two columns have the same name."""
+    """Raise InputError if two columns have the same name."""
     repeated = next((name for name, count in Counter(columns).items() if count > 1 and name), None)
     if repeated is not None:
         raise InputError(path, f"has two columns '{repeated[:40]}'", "keep one of them")
@@ -285,7 +285,7 @@ def load_config(path: Path, kind: type[Document]) -> Document:
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """Read a configuration file; raises InputError where it is neither TOML nor JSON."""
+    """Read a configuration file; raises InputError if it is neither TOML nor JSON."""
     if path.suffix not in (".toml", ".json"):
         raise InputError(path, "is neither .toml nor .json", "give a configuration file of one of the two")
     return read_json(path) if path.suffix == ".json" else read_toml(path)

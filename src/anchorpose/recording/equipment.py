@@ -319,7 +319,7 @@ _Element = tuple[str, int, list[_Property]]  # name, count, properties
 def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Read vertices (v, 3) float64 and faces (f, 3) int32 of a PLY file.
 
-    Raises InputError where the file cannot be read, is cut short, or a face refers to a vertex that does not exist.
+    Raises InputError if the file cannot be read, is cut short, or a face refers to a vertex that does not exist.
     """
     data = read_whole(path, MOST_PLY_BYTES, "check the path of the mesh")
     try:

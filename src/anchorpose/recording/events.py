@@ -77,7 +77,7 @@ class Trial:
 
     number: from 1, in the order of the file. condition: the trial_type. onset_s: time since the recording's first
     frame. start_s, end_s: on the clock of the first camera; a frame at start_s belongs to the trial, one at end_s does
-    not. cells: for each ``TrialColumn`` a number, a text, or None where empty.
+    not. cells: for each ``TrialColumn`` a number, a text, or None if empty.
     """
 
     number: int
@@ -111,7 +111,7 @@ class Trials:
         return tuple(dict.fromkeys((*named, *(trial.condition for trial in self.rows))))
 
     def column(self, name: str) -> tuple[float | str | None, ...]:
-        """Return the cells of a column; raises ValueError where there is no such column."""
+        """Return the cells of a column; raises ValueError if there is no such column."""
         place = [column.name for column in self.columns].index(name)
         return tuple(trial.cells[place] for trial in self.rows)
 
@@ -225,7 +225,7 @@ def _trial(path: Path, line: int, cells: dict[str, str], span: RecordedSpan) -> 
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float | None:
-    """Parse a number; None where it is missing."""
+    """Parse a number; None if it is missing."""
     if text in ("", MISSING):
         return None
     try:
@@ -268,7 +268,7 @@ class ColumnEntry(Entry, extra="ignore"):
 
 
 def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
-    """Read the entries of the user's columns from the file of units; empty where there is no such file."""
+    """Read the entries of the user's columns from the file of units; empty if there is no such file."""
     if not is_there(path):
         return {}
     document = read_json(path, LARGEST_EVENTS)
@@ -277,7 +277,7 @@ def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
 
 
 def _column(path: Path, name: str, texts: Sequence[str], entry: ColumnEntry | None) -> TrialColumn:
-    """Return a user's column: of numbers if it has a unit, of texts if any cell is a text. Raises InputError where a
+    """Return a user's column: of numbers if it has a unit, of texts if any cell is a text. Raises InputError if a
     unit is missing.
     """
     description = "" if entry is None else entry.description

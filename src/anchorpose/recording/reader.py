@@ -62,7 +62,7 @@ def _without_dead_cameras(recording: Recording) -> Recording:
     """Return the recording without the cameras that never measured anything; the recording gets a note on each of them.
 
     Such a camera was blinded, covered or broken: its files are complete but hold no measurement (``content_problem``).
-    Raises InputError where no camera is left.
+    Raises InputError if no camera is left.
     """
     dead = {number: why for number in range(len(recording.cameras)) if (why := _why_dead(recording, number))}
     if not dead:
@@ -86,7 +86,7 @@ def _without_dead_cameras(recording: Recording) -> Recording:
 
 
 def _why_dead(recording: Recording, camera: int) -> str:
-    """Return why no depth image of a camera can be used; empty where at least one can."""
+    """Return why no depth image of a camera can be used; empty if at least one can."""
     count = len(recording.streams[camera].files)
     problem = ""
     for position in np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int)).tolist():
@@ -109,12 +109,12 @@ def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -
 
 
 def read_frame(recording: Recording, position: int) -> FrameSet:
-    """Read the frame set at one position in the first camera's stream; raises InputError as ``read_frames``."""
+    """Read the frame set at one position in the first camera's stream; raises InputError as ``read_frames`` does."""
     return next(read_frames(recording, position, position + 1))
 
 
 def frame_range(recording: Recording, start: int = 0, stop: int | None = None) -> range:
-    """Return the positions ``start`` to ``stop`` of the first camera; raises InputError where there are none."""
+    """Return the positions ``start`` to ``stop`` of the first camera; raises InputError if there are none."""
     count = len(recording.streams[0].files)
     stop = count if stop is None else min(stop, count)
     if not 0 <= start < stop:
@@ -208,7 +208,7 @@ def _check_same_frames(folder: Path, path: Path, files: dict[int, str], times: d
 
 
 def _require_usable(camera: Camera, stream: DepthStream) -> None:
-    """Raise InputError where no depth image can be used. Then the fault lies in the camera's description, not in an
+    """Raise InputError if no depth image can be used. Then the fault lies in the camera's description, not in an
     image.
     """
     first_problem = ""

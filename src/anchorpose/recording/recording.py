@@ -67,7 +67,7 @@ Height = Annotated[
 Age = Annotated[float, Field(ge=0, le=OLDEST_YEARS, description="the patient's age in years")]
 BirthYear = Annotated[Whole, Field(ge=1900, le=2100, description="the year the patient was born in")]
 
-GROWN_YEARS: Final = 16.0  # age from which bodies count as adult
+GROWN_YEARS: Final = 16.0  # years, minimum age at which a body counts as an adult's
 FIRST_RECORDED: Final = 2010  # year in which the first consumer depth cameras appeared
 
 
@@ -90,7 +90,7 @@ class Subject:
 
     @property
     def grown(self) -> bool | None:
-        """Return whether the patient is an adult; None where unknown.
+        """Return whether the patient is an adult; None if unknown.
 
         Without an age, the birth year decides only for people who were adults when the first depth cameras appeared:
         the year of the recording is unknown, and results must not depend on today's date.
@@ -134,10 +134,10 @@ class DepthStream:
     files: Sequence[Path]
     time_s: np.ndarray  # (n,) float64, increasing; on the camera's clock, after ``align_clocks`` on the reference clock
     frame: np.ndarray  # (n,) int64, the number in the file's name
-    duplicate: np.ndarray | None = None  # (n,) bool, True: equal to the previous image; None where not checked
+    duplicate: np.ndarray | None = None  # (n,) bool, True: equal to the previous image; None if not checked
     repeated: int = 0  # number of files left out because their time equals that of the previous file
     fps: float | None = None  # frames per second as stated in recording.json
-    listed: np.ndarray | None = None  # (n,) ``STAMP`` of each file when listed; None where not kept
+    listed: np.ndarray | None = None  # (n,) ``STAMP`` of each file when listed; None if not kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,7 +154,7 @@ class Recording:
 
     @property
     def part_names(self) -> tuple[str, ...]:
-        """Return the names of the equipment's parts; empty where its model is unknown."""
+        """Return the names of the equipment's parts; empty if its model is unknown."""
         return () if self.equipment is None else tuple(part.name for part in self.equipment.parts)
 
     @property
@@ -217,7 +217,7 @@ def pair_frames(recording: Recording) -> np.ndarray:
 
     Paired frames are mutually nearest in time, within half a period of the first camera, so no depth image is used
     twice. A duplicate is never paired, since it shows another moment than its time states; a duplicate of the first
-    camera leaves a frame set without that camera's depth image. Raises InputError where a camera never overlaps with
+    camera leaves a frame set without that camera's depth image. Raises InputError if a camera never overlaps with
     the first one.
     """
     reference, time_s = recording.streams[0], recording.streams[0].time_s
@@ -280,19 +280,21 @@ def _span(time_s: np.ndarray) -> str:
 USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
 """Usual frame rates of depth cameras."""
 
-# quantile of the steps that is several periods long if frames are lost: already if every third one is lost
+# quantile of the steps that is several periods long if frames are lost, even if only every third frame is lost
 LONGER_SHARE: Final = 0.6
-# largest candidate for the period, as a share of that step: the period is at most 0.5 of it; 30 Hz is 0.83 of 25 Hz
+# maximum period that is tried, as a share of that step; the true period is at most 0.5 of it, and 30 Hz is 0.83 of 25
+# Hz
 SHORTER: Final = 0.75
-LEAST_SHORT: Final = 0.1  # least share of the steps that must be one period; fewer are time stamps that come too early
-OFF_BEAT: Final = 0.25  # periods; a step farther from a whole number of periods is off the beat
-LEAST_ON_BEAT: Final = 0.8  # least share of the steps that must be whole numbers of periods
+# minimum share of the steps that must be one period; a smaller share are time stamps that come too early
+LEAST_SHORT: Final = 0.1
+OFF_BEAT: Final = 0.25  # periods; if a step differs by more from a whole number of periods, it is off the beat
+LEAST_ON_BEAT: Final = 0.8  # minimum share of the steps that must be whole numbers of periods
 
 
 def nominal_period_s(stream: DepthStream) -> float:
-    """Return the time between frames when none is lost, as stated in recording.json. Otherwise it is the median step;
-    but if some steps are one period of a usual rate and the others several, it is that period. 0 for a single frame
-    without a stated rate.
+    """Return the time between frames when none is lost, as stated in recording.json. Otherwise it is the median step.
+    But if some steps are one period of a usual rate and all other steps are several periods, it is that period. The
+    result is 0 for a single frame without a stated rate.
 
     Frames lost in a regular pattern change the median. A recording that lost every second frame has even steps: only
     recording.json can distinguish it from half the rate.
@@ -317,7 +319,7 @@ def off_beat(steps_s: np.ndarray, period_s: float) -> np.ndarray:
 
 
 PAUSE_S: Final = 1.0
-"""Seconds; a longer stretch without depth images is a pause, not dropped frames."""
+"""Maximum time in s without depth images that counts as dropped frames; a longer time is a pause."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -344,7 +346,7 @@ class CameraGaps:
 
     @property
     def sentence(self) -> str:
-        """Return a sentence on missing images; empty where none is missing."""
+        """Return a sentence on missing images; empty if none is missing."""
         parts = []
         if self.dropped:
             parts.append(f"{self.dropped} of {self.usable + self.dropped} depth images are missing")

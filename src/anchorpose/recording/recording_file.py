@@ -1,4 +1,4 @@
-"""Read recording.json (format ``rgbd-recording``) and timestamps.csv, and what may replace parts of them:
+"""Read recording.json (format ``rgbd-recording``), timestamps.csv, and two inputs that may replace parts of them:
 calibration.json and a given height.
 
 Some recorders write an image twice under two times: the second copy shows an earlier moment than its time states.
@@ -39,16 +39,16 @@ from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.settings import LARGEST, Unfit, shown
 
 MOST_REPEATED: Final = 0.1
-"""Largest share of a camera's times that may equal the previous time; with more, its clock is too coarse."""
+"""Maximum share of a camera's times that may equal the previous time; with more, its clock is too coarse."""
 
 SHORTEST_STEP_S: Final = 1e-4
 """Time in s within which no camera takes two depth images: times that differ by less are the same time, rounded."""
 
 LONGEST_STEP_S: Final = 5.0
-"""Longest median step in s: nobody can be followed over more, so the unit of the times is probably wrong."""
+"""Maximum median step in s. Over a longer step nobody can be followed, so the unit of the times is probably wrong."""
 
 FARTHEST_TIME_S: Final = 1e11
-"""Largest time in s; seconds since any epoch in use are at most a fifth of it."""
+"""Maximum time in s; seconds since any epoch in use are at most a fifth of it."""
 
 Seconds = Annotated[float, Field(ge=-FARTHEST_TIME_S, le=FARTHEST_TIME_S, description="a time in seconds")]
 
@@ -59,7 +59,7 @@ def read_timestamps(path: Path) -> dict[int, float]:
     """Read frame numbers and their times in seconds, in the order of the file.
 
     Recorders sometimes give a frame the time of the previous frame; such a time is kept, and the caller leaves its
-    depth image out. Raises InputError where frame numbers do not increase, where times decrease, or where so many times
+    depth image out. Raises InputError if frame numbers do not increase, if times decrease, or if so many times
     repeat that the clock is too coarse.
     """
     times: dict[int, float] = {}
@@ -92,7 +92,7 @@ def read_timestamps(path: Path) -> dict[int, float]:
 
 
 def require_seconds(path: Path, time_s: np.ndarray) -> None:
-    """Raise InputError where the times (n,) cannot be seconds."""
+    """Raise InputError if the times (n,) cannot be seconds."""
     with np.errstate(over="ignore"):
         step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if step > LONGEST_STEP_S:
@@ -119,7 +119,7 @@ def _parse_row(path: Path, line: int, cells: list[str]) -> tuple[int, float]:
 
 
 MOST_DUPLICATES: Final = 0.5
-"""Largest share of images that may equal the previous image; with more, the images have no noise and equality means
+"""Maximum share of images that may equal the previous image; with more, the images have no noise and equality means
 nothing.
 """
 
@@ -151,26 +151,26 @@ mm.
 """
 
 COARSEST_DEPTH_SCALE_M: Final = 0.1
-"""Largest accepted metres per grey value. A step of 10 cm resolves no limb, so a larger scale means a wrong unit."""
+"""Maximum accepted metres per grey value. A step of 10 cm resolves no limb, so a larger scale means a wrong unit."""
 
 FOCAL_PX: Final = (1.0, 1e5)
-"""Least and largest focal length in pixels. With 1 pixel, the whole field of view would fall into one pixel; with a
+"""Minimum and maximum focal length in pixels. With 1 pixel, the whole field of view would fall into one pixel; with a
 hundred thousand, the image would show a coin at 20 m.
 """
 
 FARTHEST_PRINCIPAL_PX: Final = 1e5
-# coefficients of the rational model nearly cancel each other, and are some hundreds at most
+# limit of a coefficient; coefficients of the rational model nearly cancel each other, and are at most some hundreds
 LARGEST_COEFFICIENT: Final = 1e4
 MOST_PIXELS: Final = 1 << 23
 """Limit of an image in pixels: the largest depth cameras have five million."""
 
 LARGEST_SIDE_PX: Final = 16384
 MOST_CAMERAS: Final = 16
-NARROWEST_LENS: Final = 0.01  # least valid radius of rays, in units of z: half a degree from the axis
-FINEST_DEPTH_SCALE_M: Final = 1e-6  # least m per grey value; the largest 16-bit value is then 6 cm
-SLOWEST_HZ: Final = 0.1  # lowest frame rate in Hz; nobody can be followed with fewer images
+NARROWEST_LENS: Final = 0.01  # minimum valid radius of rays, in units of z; half a degree from the axis
+FINEST_DEPTH_SCALE_M: Final = 1e-6  # m per grey value, minimum; the largest 16-bit value is then 6 cm
+SLOWEST_HZ: Final = 0.1  # minimum frame rate in Hz; nobody can be followed with fewer images
 
-SAME_HEIGHT_M: Final = 0.03  # m, largest difference of two stated heights that shoes and the time of day explain
+SAME_HEIGHT_M: Final = 0.03  # m, maximum difference of two stated heights that shoes and the time of day explain
 
 
 def _require_in_room(pose: np.ndarray) -> np.ndarray:
@@ -234,8 +234,8 @@ class LensEntry(Entry):
 
 
 class CameraEntry(Entry):
-    """The description of a camera. ``camera_to_world`` is None where unknown, ``fps`` is None where timestamps.csv
-    gives the times, ``model`` and ``serial`` (number) of the device are None where not recorded.
+    """The description of a camera. ``camera_to_world`` is None if unknown, ``fps`` is None if timestamps.csv
+    gives the times, ``model`` and ``serial`` (number) of the device are None if not recorded.
     """
 
     name: Annotated[str, AfterValidator(_require_folder_name)]
@@ -339,7 +339,7 @@ def camera_document(camera: Camera) -> dict[str, Any]:
 def with_height(recording: Recording, height_m: float | None) -> Recording:
     """Return the recording with the given height of the patient or, if None, with the recorded height.
 
-    Raises InputError where the two contradict each other, since either may be wrong.
+    Raises InputError if the two contradict each other, since either may be wrong.
     """
     own_m = recording.subject.height_m
     if height_m is None:
@@ -386,9 +386,9 @@ def read_calibration(path: Path) -> dict[str, np.ndarray]:
 
 
 def with_poses(recording: Recording, path: Path) -> Recording:
-    """Return the recording with the poses of a calibration file instead of its own.
+    """Return the recording with the poses of a calibration file instead of the recording's poses.
 
-    Raises InputError where the file lacks the pose of a camera: old and new poses, which are in different worlds,
+    Raises InputError if the file lacks the pose of a camera: old and new poses, which are in different worlds,
     cannot be mixed.
     """
     poses = read_calibration(path)

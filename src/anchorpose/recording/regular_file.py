@@ -52,7 +52,7 @@ _REDIRECTED: Final = Lock()
 
 
 class Unreadable(Exception):
-    """The reason why a file cannot be read, as the end of a sentence that begins with its name."""
+    """The error for a file that cannot be read. Its message ends a sentence that begins with the file's name."""
 
 
 STAMP: Final = np.dtype([("size", np.int64), ("changed_ns", np.int64), ("inode", np.uint64)])
@@ -74,7 +74,7 @@ def list_file(path: Path) -> Stamp:
 def require_regular(path: Path, most_bytes: int | None = None) -> os.stat_result:
     """Return the status of a regular file without opening it, for libraries that open a path themselves.
 
-    Raises OSError where it does not exist, InputError where it is not a regular file or has more than ``most_bytes``.
+    Raises OSError if it does not exist, InputError if it is not a regular file or has more than ``most_bytes``.
     """
     found = path.stat()
     if problem := _not_a_file(found.st_mode):
@@ -85,7 +85,7 @@ def require_regular(path: Path, most_bytes: int | None = None) -> os.stat_result
 
 
 def open_regular(path: Path) -> BufferedReader:
-    """Open a regular file to be read in pieces; raises OSError as ``open``, InputError where it is not a regular
+    """Open a regular file to be read in pieces; raises OSError as ``open``, InputError if it is not a regular
     file.
     """
     try:
@@ -110,11 +110,11 @@ class _Ended(FileIO):
         super().__init__(descriptor)
 
     def readinto(self, buffer: Any) -> int:
-        """Read as FileIO does; raises OSError where there is nothing to read yet."""
+        """Read as FileIO does; raises OSError if there is nothing to read yet."""
         return self._there(super().readinto(buffer))
 
     def readall(self) -> bytes:
-        """Read as FileIO does; raises OSError where there is nothing to read yet."""
+        """Read as FileIO does; raises OSError if there is nothing to read yet."""
         return self._there(super().readall())
 
     def _there(self, found: Found | None) -> Found:
@@ -184,7 +184,7 @@ def _not_a_file(mode: int) -> str:
 
 
 def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]:
-    """Read those of the named arrays that an .npz file has; raises InputError where it is not an .npz file."""
+    """Read those of the named arrays that an .npz file has; raises InputError if it is not an .npz file."""
     try:
         with open_regular(path) as stream, zipfile.ZipFile(stream) as packed:
             size = sum(packed.getinfo(f"{name}.npy").file_size for name in names if f"{name}.npy" in packed.namelist())
@@ -201,7 +201,7 @@ def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]
 
 
 def read_image(path: Path, flags: int = AS_STORED) -> np.ndarray | None:
-    """Read the pixels of an image file with OpenCV; None where it cannot be read or is damaged."""
+    """Read the pixels of an image file with OpenCV; None if it cannot be read or is damaged."""
     import cv2
 
     try:
@@ -214,7 +214,7 @@ def read_image(path: Path, flags: int = AS_STORED) -> np.ndarray | None:
 
 @contextmanager
 def _silent_decoders() -> Iterator[None]:
-    """Discard what libpng and libjpeg print about damaged files: no log level of OpenCV reaches them.
+    """Discard the messages of libpng and libjpeg about damaged files, which OpenCV's log level does not affect.
 
     The error stream of the whole process is redirected, so do not use it while other threads work.
     """

@@ -16,7 +16,8 @@ from typing import Final
 from anchorpose.errors import InputError
 from anchorpose.recording.regular_file import open_regular
 
-ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)  # "C:/" is a Windows drive, so two letters at least
+# at least two letters, since "C:/" is a Windows drive
+ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)
 
 RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")
 
@@ -24,8 +25,8 @@ BEGINNING: Final = 4096  # number of bytes at the beginning of a file in which i
 
 
 def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) -> None:
-    """Raise InputError where the path may not be written: an address, the root, a link, a place in a recording, a place
-    inside an input, or a place that contains an input.
+    """Raise InputError if the path may not be written: if it is an address, the root, a link, a place in a recording, a
+    place inside an input, or a place that contains an input.
 
     of_recording: the output is a part of a recording, so it may lie in a recording.
     """
@@ -50,7 +51,7 @@ def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) ->
 
 
 def check_file(path: Path, mark: str, *inputs: Path | None, of_recording: bool = False) -> None:
-    """Raise InputError where the file may not be written: for the reasons of ``check_place``, or because an existing
+    """Raise InputError if the file may not be written: for the reasons of ``check_place``, or because an existing
     file is not an earlier output, which has ``mark`` in its first 4,096 bytes.
     """
     check_place(path, *inputs, of_recording=of_recording)
@@ -74,7 +75,7 @@ def _begins_with(path: Path, mark: str) -> bool:
 def new_folder(folder: Path, path: Path) -> Iterator[None]:
     """Make a folder and its missing parents; if the block raises, those of them that are still empty are removed.
 
-    Raises InputError about ``path``, which the user named, where a folder cannot be made.
+    Raises InputError about ``path``, which the user named, if a folder cannot be made.
     """
     made = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
     try:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 DEPTH_CAMERA: Final = "CALIBRATION_CameraLocationD0"
 MODEL: Final = "CALIBRATION_LensDistortionModelBrownConrady"
 """The only lens model that is read; its formula is that of OpenCV's rational model. Only early internal devices had
-others.
+other models.
 """
 SENSOR_PX: Final = 1024
 """Width and height of the sensor; the SDK also refuses the calibration of a sensor of another size."""
@@ -68,7 +68,7 @@ MODES: Final = (
 
 
 def depth_mode(width: int, height: int) -> DepthMode | None:
-    """Return the mode whose images have this size; None where there is none."""
+    """Return the mode whose images have this size; None if there is none."""
     return next((mode for mode in MODES if (mode.width, mode.height) == (width, height)), None)
 
 
@@ -126,7 +126,7 @@ def _parameters(camera: dict) -> tuple[float, ...]:
 
 
 def _radius(camera: dict) -> float | None:
-    """Return the radius, in units of z, up to which the lens was calibrated; None where the maker gives 0."""
+    """Return the radius, in units of z, up to which the lens was calibrated; None if the maker gives 0."""
     radius = camera.get("MetricRadius")
     if not isinstance(radius, int | float) or not np.isfinite(radius) or radius <= 1e-4:
         return None
@@ -145,7 +145,7 @@ def matches(path: Path, head: bytes) -> bool:
 
 
 def open_source(path: Path) -> AzureKinectFile:
-    """Read tracks, tags and calibration; raises InputError if the file has no depth, MissingPackage without PyAV."""
+    """Read tracks, tags and calibration; raises InputError if it has no depth, MissingPackage if PyAV is missing."""
     with _opened(path) as container:
         _, mode = _depth_track(path, container)
         lens, lens_note = _lens(container, mode)
@@ -178,14 +178,14 @@ class AzureKinectFile:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for the user, complete once all frames were read."""
+        """Return sentences for the user; they are complete once all frames were read."""
         damaged = f"depth images left out because their size or time is damaged: {self.left_out}"
         return (*self.header_notes, damaged) if self.left_out else self.header_notes
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """Yield the depth images by time, one in memory at a time; damaged images are left out, and counted in a note.
 
-        Raises InputError where the file has no depth image that can be read, or reading it fails.
+        Raises InputError if the file has no depth image that can be read, or reading it fails.
         """
         camera = self.cameras[0]
         count = self.left_out = 0
@@ -268,7 +268,7 @@ def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, De
             "is a video without depth: it has no track named DEPTH",
             "give a recording of k4arecorder made with depth, not a colour or infrared video",
         )
-    code = stream.codec_context  # None where the codec is unknown
+    code = stream.codec_context  # None if the codec is unknown
     if code is None or code.name != "rawvideo" or code.pix_fmt != "gray16be":
         problem = "has depth that is not uncompressed in 16 bits, big-endian"
         raise InputError(path, problem, "give the file as the recorder wrote it")

@@ -26,7 +26,7 @@ ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 SQLITE_MAGIC: Final = b"SQLite format 3\0"
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
-# bytes, limit of an unpacked message, a hundred times the usual size: a damaged file may state any size
+# maximum number of bytes of an unpacked message, a hundred times the usual, since a damaged file may state any size
 _LARGEST_BYTES: Final = 1 << 30
 _MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # values of the field "op" in ROS 1
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
@@ -60,7 +60,7 @@ class Message:
 
 
 class BagFile(ABC):
-    """An opened file of messages. Raises InputError where it cannot be opened, MissingPackage without rosbags."""
+    """An opened file of messages. Raises InputError if it cannot be opened, MissingPackage without rosbags."""
 
     repair: str
 
@@ -86,7 +86,7 @@ class BagFile(ABC):
         return (self._damage,) if self._damage else ()
 
     def count(self, topic: str) -> int | None:
-        """Return the number of messages of a topic; None where they can be counted only by reading the whole file."""
+        """Return the number of messages of a topic; None if they can be counted only by reading the whole file."""
         counts = [self._counts[number] for number in self._on((topic,))]
         return None if None in counts else sum(count or 0 for count in counts)
 

@@ -1,5 +1,5 @@
-"""Convert recorders' files to a recording folder. The conversion is streamed and can be resumed; an incomplete one is
-not a recording.
+"""Convert recorders' files to a recording folder. The conversion is streamed and can be resumed. Until it is
+complete, the folder is not a recording.
 
 conversion.json holds the inputs and options, to resume or repeat the conversion.
 """
@@ -35,11 +35,11 @@ CONVERSION_FILE: Final = "conversion.json"
 LOCK_FILE: Final = ".conversion.lock"
 
 BLOCK: Final = 65536
-BLOCKS: Final = 16  # number of blocks sampled in a large file: another recording has other noise in all
+BLOCKS: Final = 16  # number of blocks sampled in a large file; in another recording, the noise differs in all of them
 
 SMALL: Final = 65536
 LISTED: Final = 200
-"""Largest number of text files, up to ``SMALL`` bytes each, that are read whole: a corrected lens may not change a
+"""Maximum number of text files, up to ``SMALL`` bytes each, that are read whole: a corrected lens may not change a
 file's size.
 """
 
@@ -148,7 +148,7 @@ def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress
     """Write the recording ``out`` from recorders' files and folders; recording.json comes last.
 
     A stopped conversion of the same inputs with the same options is resumed. Raises InputError before anything is
-    written where an input cannot be used, information is missing that only the user has, or ``out`` has other content.
+    written if an input cannot be used, if only the user has missing information, or if ``out`` has other content.
     """
     check_places(inputs, out)
     sources = [open_source(path) for path in inputs]
@@ -183,7 +183,7 @@ def _convert(
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
-    """Raise InputError where ``out`` cannot be written, or an input would be given twice or overwritten."""
+    """Raise InputError if ``out`` cannot be written, or an input would be given twice or overwritten."""
     check_place(out, *inputs)
     sources = [path.resolve() for path in inputs]
     for path, source in zip(inputs, sources, strict=True):
@@ -197,7 +197,7 @@ def check_places(inputs: Sequence[Path], out: Path) -> None:
 
 @contextmanager
 def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
-    """Claim ``out`` with its conversion.json for this program alone; raises InputError where it has other content."""
+    """Claim ``out`` with its conversion.json for this program alone; raises InputError if it has other content."""
     if out.is_dir() and any(file.name != LOCK_FILE for file in out.iterdir()):
         found = read_conversion(out)
         if found is None:
@@ -225,7 +225,7 @@ def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
 def _write_images(
     sources: Sequence[Source], plan: Plan, out: Path, options: ConvertOptions, progress: Progress
 ) -> tuple[dict[str, int], tuple[str, ...]]:
-    """Write all images; return their number by camera, and notes. Raises InputError where no image can be read."""
+    """Write all images; return their number by camera, and notes. Raises InputError if no image can be read."""
     counts, notes = dict[str, int](), list[str]()
     expected = [one.count for own in plan.cameras for one in own]
     total = None if None in expected else sum(count or 0 for count in expected)
@@ -252,7 +252,7 @@ def _write_images(
 
 
 def _require_images(source: Source, cameras: Sequence[CameraPlan], counts: dict[str, int]) -> list[str]:
-    """Return a note for each camera without an image; raises InputError where the source has none at all."""
+    """Return a note for each camera without an image; raises InputError if the source has none at all."""
     empty = [own.camera.name for own in cameras if not counts[own.camera.name]]
     if len(empty) == len(cameras):
         told = source.notes[-1].rstrip(".") if source.notes else "nothing says why"
@@ -288,7 +288,7 @@ class DirectInput:
 def look_at(path: Path) -> DirectInput:
     """Identify the kind of ``path``. A recording, and a path that no reader recognises, is left to ``open_recording``.
 
-    Raises InputError where an earlier recording is there that was converted from other content and contains files added
+    Raises InputError if an earlier recording is there that was converted from other content and contains files added
     by hand.
     """
     if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:

@@ -20,7 +20,8 @@ ENDINGS: Final = {".png", ".pgm"}
 Size = tuple[int, int]
 """Width and height in pixels."""
 
-_SCALES: Final = (0.00025, 0.0005, 0.001)  # metres per grey value: up to 16, 33, 65 m; depth cameras are coarser
+# metres per grey value, for images of up to 16, 33 and 65 m; the steps of depth cameras are coarser
+_SCALES: Final = (0.00025, 0.0005, 0.001)
 _WHOLE_MM: Final = 0.01  # tolerance in millimetres within which a reading is a whole millimetre
 _SPARE: Final = 1.25  # factor by which the range of later images may exceed that of the first
 GREY_M: Final = _SCALES[0]
@@ -57,7 +58,7 @@ class ImageFiles:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for the user, complete once all frames were read."""
+        """Return sentences for the user; they are complete once all frames were read."""
         if not self._left_out:
             return self._notes
         first, problem = next(iter(self._left_out.items()))
@@ -106,7 +107,7 @@ def grey_size(path: Path) -> Size | None:
 
 
 def first_size(path: Path, files: Sequence[Path]) -> Size:
-    """Return the size of the first image that is 16-bit grey; raises InputError where none is."""
+    """Return the size of the first image that is 16-bit grey; raises InputError if none is."""
     for file in files:
         size = grey_size(file)
         if size is not None:
@@ -161,8 +162,8 @@ def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, s
 def scale_of(metres: np.ndarray) -> float | None:
     """Return the metres per grey value that preserve an image; None without a reading.
 
-    It is a millimetre where all readings are whole millimetres, otherwise the finest of a few scales that reaches a
-    quarter farther than the image.
+    It is a millimetre if all readings are whole millimetres. Otherwise it is the finest of a few scales whose range is
+    larger by a quarter than that of the image.
     """
     given = metres[np.isfinite(metres)].astype(np.float64)
     if given.size == 0:

@@ -43,7 +43,7 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
-# m, least median of depth in metres; depth in millimetres has a median beyond ``FARTHEST_M``
+# m, minimum median of depth in metres; depth in millimetres has a median beyond ``FARTHEST_M``
 NEAREST_M: Final = 0.1
 
 _NPY: Final = b"\x93NUMPY"
@@ -64,7 +64,7 @@ class ImageArray:
         self.cameras: tuple[SourceCamera, ...] = (replace(camera, count=len(times_s)),)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; raises InputError where the file ends early."""
+        """Yield the depth images in order; raises InputError if the file ends early."""
         for position in range(skip[0], len(self._times_s)):
             grey = self._read(position)
             grey[grey == NO_READING] = 0
@@ -92,7 +92,7 @@ def _is_array(path: Path, head: bytes) -> bool:
 
 
 def _open_array(path: Path) -> ImageArray:
-    """Open an array; raises InputError where it does not hold depth images."""
+    """Open an array; raises InputError if it does not hold depth images."""
     with open_regular(path) as file:
         try:
             shape, columns, kind = _npy_header(file)
@@ -110,7 +110,7 @@ def image_array(
 ) -> ImageArray:
     """Make the source of an array (images, height, width); ``read`` returns an image by its position, as stored.
 
-    Raises InputError where its size or its numbers are not those of depth images.
+    Raises InputError if its size or its numbers are not those of depth images.
     """
     count, height, width = shape
     if count < 1 or not (0 < height <= LARGEST_SIDE_PX and 0 < width <= LARGEST_SIDE_PX):
@@ -131,7 +131,7 @@ def _as_uint16(image: np.ndarray) -> np.ndarray:
 
 
 def _require_metres(path: Path, image: np.ndarray) -> None:
-    """Raise InputError where the median of the readings cannot be in metres."""
+    """Raise InputError if the median of the readings cannot be in metres."""
     seen = image[np.isfinite(image) & (image > 0)]
     if len(seen) and not NEAREST_M < float(np.median(seen)) < FARTHEST_M:
         problem = f"holds depth of {float(np.median(seen)):.4g} in the middle, which is no distance in metres"
@@ -148,7 +148,8 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 SIDECAR: Final = "depth.json"
 """Name of the sidecar of a folder; the sidecar of a single file has the file's name with the ending .json."""
 
-LOOK_AT: Final = 100  # number of images tested before a folder counts as one without depth: it may also hold colour
+# number of images tested before a folder counts as a folder without depth, since it may also hold colour
+LOOK_AT: Final = 100
 
 FASTEST_S, SLOWEST_S = 0.003, 1.0
 """Limits in seconds of the time between two images of a depth camera; numbers with other steps are not times."""
@@ -176,7 +177,7 @@ def _is_images(path: Path, head: bytes) -> bool:
 
 
 def _open_images(path: Path) -> ImageFiles:
-    """Open a folder of images; raises InputError where the sidecar cannot be used."""
+    """Open a folder of images; raises InputError if the sidecar cannot be used."""
     images = _images(path)
     width, height = first_size(path, images)
     grey = [file for file in images if grey_size(file) is not None]
@@ -209,7 +210,7 @@ def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
 
 
 def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> SourceCamera:
-    """Return ``camera`` completed by the sidecar ``path``; raises InputError where the images have another size."""
+    """Return ``camera`` completed by the sidecar ``path``; raises InputError if the images have another size."""
     for name, own, said in (("width", camera.width, given.width), ("height", camera.height, given.height)):
         if said is not None and said != own:
             raise InputError(path, f"{name} is {said}, the images have {own}", "correct the number")
@@ -224,7 +225,7 @@ def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> Sourc
 
 
 def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndarray | None:
-    """Return (n,) seconds of images with these numbers, or None; raises InputError where ``times_s`` has another
+    """Return (n,) seconds of images with these numbers, or None; raises InputError if ``times_s`` has another
     length."""
     if given.times_s is not None:
         if len(given.times_s) != len(numbers):
@@ -235,7 +236,7 @@ def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndar
 
 
 def file_times(given: SidecarDocument, path: Path, files: Sequence[FrameFile]) -> list[FrameFile] | None:
-    """Return the files, now numbered, with the sidecar's times; None where the sidecar has no times."""
+    """Return the files, now numbered, with the sidecar's times; None if the sidecar has no times."""
     times = times_of(given, path, np.array([file.time_s for file in files]))
     return None if times is None else [replace(file, time_s=t) for file, t in zip(files, times.tolist(), strict=True)]
 
@@ -261,7 +262,7 @@ def _is_raw_dump(path: Path, head: bytes) -> bool:
 
 
 def _open_raw(path: Path) -> Source:
-    """Open a raw dump; raises InputError where the sidecar does not fit."""
+    """Open a raw dump; raises InputError if the sidecar does not fit."""
     sidecar = _sidecar(path)
     given = read_document(sidecar, SidecarDocument)
     if given.width is None or given.height is None:

@@ -52,7 +52,7 @@ class MatArray:
         return math.prod(self.shape) * self.dtype.itemsize
 
     def read(self) -> np.ndarray:
-        """Read the values; raises ValueError or zlib.error where the element is damaged."""
+        """Read the values; raises ValueError or zlib.error if the element is damaged."""
         matrix = self.content
         if self.compressed:
             unpack = zlib.decompressobj()
@@ -96,7 +96,7 @@ def _body(data: memoryview, order: str) -> memoryview:
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Yield type and content of each element; raises ValueError where one ends beyond the data."""
+    """Yield type and content of each element; raises ValueError if one ends beyond the data."""
     place = 0
     while place < len(data):
         kind, size = struct.unpack_from(f"{order}II", data, place)
@@ -119,7 +119,7 @@ def _is_mat(path: Path, head: bytes) -> bool:
 def _open_mat(path: Path) -> ImageArray:
     """Open a MATLAB file, which cannot be read in part: the whole array is held in memory.
 
-    Raises InputError where the file is damaged, cut off, or has no array or several that could be depth.
+    Raises InputError if the file is damaged, cut off, or has no array or several that could be depth.
     """
     data = memoryview(read_whole(path, LARGEST_ARRAYS, "save it in several files, or as .npy"))
     try:

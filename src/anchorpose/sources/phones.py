@@ -47,9 +47,10 @@ from anchorpose.sources.source import (
 
 VIDEO: Final = (1920, 1440)  # width and height of the colour image of these devices; checked by the principal point
 
-OFF_CENTRE: Final = 0.1  # principal point off the middle, as a share of the width; real lenses have up to 0.02
+# maximum distance of the principal point from the middle, as a share of the width; real lenses have up to 0.02
+OFF_CENTRE: Final = 0.1
 
-LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 images per second has 30 MB
+LARGEST_METADATA: Final = 100_000_000  # bytes, maximum size of the metadata; an hour at 60 images per second has 30 MB
 _DAMAGE: Final = (
     zipfile.BadZipFile,
     zlib.error,
@@ -73,7 +74,7 @@ def _is_stray(path: Path, head: bytes) -> bool:
 
 
 def _open_stray(path: Path) -> ImageFiles:
-    """Open a folder of Stray Scanner; raises InputError where the files do not fit each other."""
+    """Open a folder of Stray Scanner; raises InputError if the files do not fit each other."""
     images = images_in(path / "depth")
     size = first_size(path / "depth", images)
     times, positions_m = _odometry(path / "odometry.csv")
@@ -98,7 +99,7 @@ def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> I
     """Scale the lens (3, 3) of a colour image to the depth image that shows the same view with fewer pixels.
 
     Pixel centres have whole-numbered coordinates, so the images are scaled about their common corner at -0.5. Raises
-    InputError where the matrix is not of a picture of that size, or the shapes differ.
+    InputError if the matrix is not of a picture of that size, or the shapes differ.
     """
     wide, high = depth[0] / picture[0], depth[1] / picture[1]
     centre = np.array([matrix[0, 2] / picture[0], matrix[1, 2] / picture[1]])
@@ -144,7 +145,7 @@ def _is_record3d(path: Path, head: bytes) -> bool:
 
 
 def _open_record3d(path: Path) -> ImageFiles:
-    """Open a file of Record3D; raises InputError where the file cannot be used, MissingPackage without lzfse."""
+    """Open a file of Record3D; raises InputError if the file cannot be used, MissingPackage without lzfse."""
     try:
         import lzfse  # noqa: F401
     except ImportError:

@@ -1,4 +1,4 @@
-"""Plan what a conversion writes (the cameras of all inputs with the user's additions), and write a camera's folder.
+"""Plan the output of a conversion (the cameras of all inputs with the user's additions), and write a camera's folder.
 
 Images are written before their rows, so that every image with a row is complete.
 """
@@ -31,8 +31,8 @@ QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraPlan:
-    """A camera to write, with upright images. model and serial: empty where unknown; fps: None where the images have
-    times; count: number of images, None where unknown.
+    """A camera to write, with upright images. model and serial: empty if unknown; fps: None if the images have
+    times; count: number of images, None if unknown.
     """
 
     camera: Camera
@@ -58,7 +58,7 @@ class Plan:
 
 
 def make_plan(sources: Sequence[Source], options: ConvertOptions) -> Plan:
-    """Make the plan; raises InputError where information is missing that only the user can give, or where information
+    """Make the plan; raises InputError if information is missing that only the user can give, or if information
     is given twice.
     """
     all_cameras = [camera for source in sources for camera in source.cameras]
@@ -165,7 +165,7 @@ def _poses_of_one_world(
 
 
 def _require_valid(sources: Sequence[Source], cameras: Sequence[Sequence[CameraPlan]]) -> None:
-    """Raise InputError where a file's numbers are invalid for a recording."""
+    """Raise InputError if a file's numbers are invalid for a recording."""
     for source, own in zip(sources, cameras, strict=True):
         document = {"format": "rgbd-recording", "version": 1, "cameras": [plan.document() for plan in own]}
         validate(source.path, RecordingDocument, document)
@@ -283,7 +283,7 @@ class CameraWriter:
 
     def note(self, source: Path) -> str:
         """Return a note on images that were left out because of their times; empty if there are none. Raises
-        InputError, naming ``source``, where too many were left out, or where the remaining times cannot be seconds.
+        InputError, naming ``source``, if too many were left out, or if the remaining times cannot be seconds.
         """
         if self.written:
             self._require_times(source)

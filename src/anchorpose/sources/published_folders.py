@@ -3,7 +3,7 @@
 TUM: a text file lists times and depth images, in 1/5000 m (the benchmark's file formats page); the lens is published
 per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON file with ``intrinsic_matrix``,
 column by column; ``depth_scale`` there is grey values per metre (Open3D's RGBDVideoMetadata). ScanNet's reader of .sens
-files: intrinsic/intrinsic_depth.txt, depth in mm, and poses in an arbitrary world, which are those of a carried camera.
+files: intrinsic/intrinsic_depth.txt, depth in mm, and the poses of a carried camera in an arbitrary world.
 Times that a folder lacks are not invented.
 """
 
@@ -37,7 +37,7 @@ TUM_M: Final = 1.0 / 5000.0
 
 LISTS: Final = ("depth.txt", "associations.txt", "associate.txt", "associated.txt", "association.txt")
 
-POSES_READ: Final = 100  # number of poses read, spread over the recording: enough to see that a camera was carried
+POSES_READ: Final = 100  # number of poses read, spread over the recording; so many show whether a camera was carried
 
 
 def _is_tum(path: Path, head: bytes) -> bool:
@@ -52,7 +52,7 @@ def _is_tum(path: Path, head: bytes) -> bool:
 
 
 def _open_tum(path: Path) -> ImageFiles:
-    """Open a folder with a list; raises InputError where the list names no usable depth image."""
+    """Open a folder with a list; raises InputError if the list names no usable depth image."""
     listing = _list_in(path)
     if listing is None:
         raise InputError(path, "holds no depth.txt", "give the folder that does")
@@ -108,7 +108,7 @@ def _is_exported(path: Path, head: bytes) -> bool:
 
 
 def _open_exported(path: Path) -> ImageFiles:
-    """Open an exported folder; raises InputError where the matrix or the images cannot be used."""
+    """Open an exported folder; raises InputError if the matrix or the images cannot be used."""
     found = _camera_file(path)
     if found is None:
         raise InputError(path, "holds no JSON file with an intrinsic_matrix", "give the folder that does")

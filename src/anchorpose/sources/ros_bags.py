@@ -45,7 +45,7 @@ def matches(path: Path, head: bytes) -> bool:
 
 
 def open_source(path: Path) -> BagSource:
-    """Open a bag; raises InputError where it has no depth images that can be read."""
+    """Open a bag; raises InputError if it has no depth images that can be read."""
     try:
         bag = open_bag(path)
         for find in (find_realsense, find_orbbec, find_streams):
@@ -72,7 +72,7 @@ class BagSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for the user, complete once all frames were read."""
+        """Return sentences for the user; they are complete once all frames were read."""
         counted = (
             sentence.format(tally[what], camera.name)
             for tally, camera in zip(self._tallies, self.cameras, strict=True)

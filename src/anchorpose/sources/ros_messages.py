@@ -20,7 +20,7 @@ from anchorpose.sources.source import NO_READING, SourceCamera
 INTEGERS: Final = frozenset({"16UC1", "mono16", "Z16", "z16"})
 METRES: Final = "32FC1"
 _PNG: Final = b"\x89PNG"
-_HEADER: Final = 12  # bytes of the header that compressed_depth_image_transport adds: format, two parameters
+_HEADER: Final = 12  # number of bytes of the header that compressed_depth_image_transport adds: format, two parameters
 T = TypeVar("T")
 IMAGE = "sensor_msgs/Image"
 COMPRESSED = "sensor_msgs/CompressedImage"
@@ -104,7 +104,7 @@ class ImageMessage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompressedMessage:
-    """``sensor_msgs/CompressedImage``."""
+    """A ``sensor_msgs/CompressedImage``."""
 
     stamp_ns: int
     frame_id: str
@@ -287,6 +287,6 @@ def first(bag: Bag, topic: str, read: Callable[[Message], T]) -> T | None:
 
 
 def first_grey_image(bag: Bag, topic: str, read: Callable[[Message], Image] = read_any_image) -> Image | None:
-    """Return the first image of a topic, or None where its values are not whole numbers of depth."""
+    """Return the first image of a topic, or None if its values are not whole numbers of depth."""
     image = first(bag, topic, read)
     return image if image is not None and encoding_of(image) in INTEGERS else None

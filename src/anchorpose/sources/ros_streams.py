@@ -53,7 +53,7 @@ _LARGEST: Final = 1e6  # limit of any number of a lens, and of positions in metr
 _SHORTEST_PX: Final = 1.0
 _TOPIC: Final = "/tf_static"
 _WORLDS: Final = frozenset({"world", "map", "odom"})
-_LONGEST: Final = 100  # limit of successive transforms: in a damaged file they may form a cycle
+_LONGEST: Final = 100  # maximum number of successive transforms, since in a damaged file they may form a cycle
 T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
 """Rotation (4, 4) from the world of REP 103, x forward and z up, to this project's, x forward and y up."""
 
@@ -158,7 +158,7 @@ class _Search:
 
 
 def find_streams(bag: Bag, path: Path) -> Streams:
-    """Find the most direct depth images of each camera. Raises InputError where the bag has no depth images."""
+    """Find the most direct depth images of each camera. Raises InputError if the bag has no depth images."""
     notes: list[str] = []
     candidates = _candidates(bag, notes)
     if not candidates:

@@ -20,7 +20,8 @@ MILLIMETRE_M: Final = 0.001
 
 NO_READING: Final = 65535  # value that, like 0, marks "too far" or "too near"
 
-STANDS_STILL_M: Final = 0.03  # m; the estimated position of a phone on a tripod drifts by some millimetres
+# m, maximum movement of a resting camera; the estimated position of a phone on a tripod drifts by some millimetres
+STANDS_STILL_M: Final = 0.03
 
 MODULES: Final = (
     "azure_kinect",
@@ -28,7 +29,7 @@ MODULES: Final = (
     "phones",
     "published_folders",
     "mat_file",
-    "image_folder",  # last: most formats above include a folder of images
+    "image_folder",  # tried last, since most formats above include a folder of images
 )
 """Modules of this package with ``READERS``, in the order in which they are tried; they are imported one by one."""
 
@@ -39,8 +40,8 @@ HEAD_BYTES: Final = 4096
 class SourceCamera:
     """One depth camera of a recorder's file, as far as the file describes it.
 
-    name: for the camera's folder; depth_scale: metres per grey value, None where unknown; intrinsics: None where the
-    file has no lens; T_world_camera: (4, 4) where the file places the camera; model and serial: empty where unknown;
+    name: for the camera's folder; depth_scale: metres per grey value, None if unknown; intrinsics: None if the
+    file has no lens; T_world_camera: (4, 4) where the file places the camera; model and serial: empty if unknown;
     count: number of its depth images, None if only reading the whole file would show it; has_times: False where the
     file only numbers its images.
     """
@@ -82,13 +83,13 @@ class Source(Protocol):
         """Yield the depth images in the order of the file, streamed; skip: number of images of each camera to leave
         out.
 
-        A damaged image is left out with a note; raises InputError where the rest of the file cannot be read.
+        A damaged image is left out with a note; raises InputError if the rest of the file cannot be read.
         """
         ...
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences for the user, complete once all frames were read."""
+        """Return sentences for the user; they are complete once all frames were read."""
         ...
 
 
@@ -97,8 +98,8 @@ class Reader:
     """A format of a recorder: how it is recognised and opened.
 
     matches: function that tests the content, not the ending; it gets a path and the first 4096 bytes of a file, or no
-    bytes for a folder. open_source: function that opens it; it raises InputError where the header cannot be used,
-    MissingPackage where an extra is missing.
+    bytes for a folder. open_source: function that opens it; it raises InputError if the header cannot be used,
+    MissingPackage if an extra is missing.
     """
 
     matches: Callable[[Path, bytes], bool]
@@ -121,7 +122,7 @@ def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
 def find_reader(path: Path) -> Reader | None:
     """Return the reader that recognises a file or folder by its content, or None.
 
-    Raises InputError where the path cannot be read, or where only its vendor's software can read it.
+    Raises InputError if the path cannot be read, or if only its vendor's software can read it.
     """
     if not path.exists():
         raise InputError(path, "there is no such file or folder", "check the path")
@@ -137,7 +138,7 @@ def find_reader(path: Path) -> Reader | None:
 
 
 def open_source(path: Path) -> Source:
-    """Open a recorder's file or folder; raises InputError where no reader knows it or its header cannot be used."""
+    """Open a recorder's file or folder; raises InputError if no reader knows it or its header cannot be used."""
     if (path / "recording.json").is_file():
         raise InputError(path, "is a recording already", "give it to 'anchorpose track' as it is")
     reader = find_reader(path)

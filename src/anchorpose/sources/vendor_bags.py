@@ -43,7 +43,7 @@ _OWN_FIELDS: Final = "1"  # in place of the frame's name; then the depth unit fo
 
 
 def find_realsense(bag: Bag, path: Path) -> Streams | None:
-    """Find the depth images of a recording, None where it is not RealSense's. Raises InputError where the unit is
+    """Find the depth images of a recording, None if it is not RealSense's. Raises InputError if the unit is
     unknown.
     """
     topics = sorted(channel.topic for channel in bag.channels)
@@ -176,7 +176,7 @@ _BROWN_CONRADY, _RATIONAL, _KANNALA_BRANDT = 3, 4, 5  # OBCameraDistortionModel
 
 
 def find_orbbec(bag: Bag, path: Path) -> Streams | None:
-    """Find the depth images of a recording, None where it is not Orbbec's. Raises InputError where it has no depth."""
+    """Find the depth images of a recording, None if it is not Orbbec's. Raises InputError if it has no depth."""
     if any(_OF_SDK_1 in channel.definition for channel in bag.channels):
         raise InputError(path, "it is of Orbbec Viewer or SDK 1, whose format is not published", _PLAY_IT)
     if _ORBBEC_DEPTH not in {channel.topic for channel in bag.channels}:
@@ -259,7 +259,7 @@ def _refuse_disparity(bag: Bag, properties: dict[int, bytes], path: Path) -> Non
 
 
 def _unit_m(properties: dict[int, bytes]) -> float | None:
-    """Return metres per grey value, None where the file does not state it."""
+    """Return metres per grey value, None if the file does not state it."""
     level, unit_mm = int.from_bytes(properties.get(_PRECISION_LEVEL, b"\xff"), "little"), 0.0
     if len(properties.get(_UNIT_MM, b"")) == 4:
         (unit_mm,) = struct.unpack("<f", properties[_UNIT_MM])

@@ -18,23 +18,25 @@ from anchorpose.surface.denoise import extent
 from anchorpose.surface.surface import Surface
 from anchorpose.threads import each
 
-REACH_PX = 5  # pixels, distance up to which an edge marks nodes: two nodes, and the pixels lost at a depth edge
+# pixels, maximum distance between an edge and the nodes that it marks: two nodes plus the pixels lost at a depth edge
+REACH_PX = 5
 SEARCH_PX = 3  # pixels that are searched across the lost or mixed pixels of an edge
-SUPPORT = 3  # fewest pixels of an edge within 5x5 pixels; one noisy reading beside the skin is not an edge
-IN_FRONT_M = 0.04  # m, least distance of an object in front: the least thickness of a bar, above sensor noise
-# m, largest depth difference between the patient and a hand that holds the patient: a hand's thickness
+SUPPORT = 3  # minimum number of pixels of an edge within 5x5 pixels; one noisy reading beside the skin is not an edge
+IN_FRONT_M = 0.04  # m, minimum distance of an object in front of the patient: the thinnest bar, above sensor noise
+# m, maximum depth difference between the patient and a hand on the patient, a hand's thickness
 TOUCHING_M = 0.10
-HOLE_RADIUS_PX = 3  # pixels, least radius of a hole; the rim of lost readings around every silhouette is thinner
-MARGIN_PX = 24  # pixels around the patient that are examined: half a hole of 0.15 m at 2.4 m
-HOLE_ENCLOSED = 0.4  # least share of a hole's rim that shows the patient; half a hole at a limb's end still counts
+HOLE_RADIUS_PX = 3  # pixels, minimum radius of a hole; the rim of lost readings around every silhouette is thinner
+MARGIN_PX = 24  # pixels around the patient that are examined; half a hole of 0.15 m at 2.4 m
+HOLE_ENCLOSED = 0.4  # minimum share of a hole's rim that shows the patient; half a hole at a limb's end still counts
 
 
 class Border(IntEnum):
     """The kind of border within reach of a node; the highest value if there are several."""
 
-    INSIDE = 0  # skin all around, or the patient's own silhouette before farther surfaces
+    INSIDE = 0  # skin all around, or the patient's own silhouette in front of surfaces farther from the camera
     SELF = 1  # another part of the patient stands in front
-    CUT = 2  # equipment, another person or an object of the room stands in front; or a hole, or the image's edge
+    # equipment, another person or an object of the room stands in front, or there is a hole or the image's edge
+    CUT = 2
 
 
 def border(surface: Surface, views: Sequence[View]) -> np.ndarray:

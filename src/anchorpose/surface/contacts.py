@@ -1,7 +1,7 @@
 """Separate parts of the patient's body that touch, such as thigh on thigh or a hand on the trunk, at their creases.
 
-A mesh from a depth frame connects touching parts. First it is decided which part each node shows; the crease between
-the parts is the limit. Then the mesh is cut where neighbours show skin that is far apart on the body.
+A mesh from a depth frame connects touching parts. First it is decided which part each node shows; the limit between
+the parts is the crease. Then the mesh is cut where neighbours show skin that is far apart on the body.
 """
 
 from __future__ import annotations
@@ -15,12 +15,16 @@ from numba import njit
 from anchorpose.surface.links import find_root, unite
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
-CREASE_COST: Any = np.float32(20.0)  # a fold of 3 degrees per node makes the path over it twice as long
-# m on the body, least distance between the ends of an edge of a contact; skin points 3 cm apart blur smaller distances
+# factor on folds in the length of a path; with a fold of 3 degrees per node, a path over it counts twice as long
+CREASE_COST: Any = np.float32(20.0)
+# m on the body, minimum distance between the ends of a contact's edge; smaller distances are uncertain, as skin points
+# are 3 cm apart
 LEAST_APART_M: Any = np.float32(0.07)
-# rad (6 degrees per node), least fold of a contact; smooth skin never folds so much, even if an arm is mispredicted
+# rad (6 degrees per node), minimum fold of a contact; smooth skin never folds so much, even if an arm is predicted
+# wrongly
 LEAST_CREASE: Any = np.float32(0.10)
-LEAST_STEP: Final = 0.6  # least sine of the angle between an edge and the skin at either end, as at a hand on the trunk
+# minimum sine of the angle between an edge and the skin at either end, as at a hand on the trunk
+LEAST_STEP: Final = 0.6
 # an edge needs no crease if its ends are this far apart on the body (m), and if both ends are this near (m) to the skin
 # point that they show and to that point's plane; along the skin the prediction may have an error of half a limb
 SHOWN_APART_M: Any = np.float32(0.25)

@@ -13,12 +13,14 @@ from numba import njit
 
 MAD_TO_SIGMA: Final = 1.4826  # factor from median absolute deviation to standard deviation of a normal distribution
 SECOND_DIFFERENCE_GAIN: Final = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1], divided by that of z
-MAX_STEP: Final = 0.02  # share of the depth; a larger step is an edge of the body instead of a step of the grey values
-QUANTISED_SHARE: Final = 0.3  # with a larger share of equal neighbours, differences show depth steps instead of noise
+MAX_STEP: Final = 0.02  # maximum step of the grey values, as a share of the depth; a larger step is an edge of the body
+# maximum share of equal neighbours; with more, differences show the step between grey values instead of noise
+QUANTISED_SHARE: Final = 0.3
 # standard deviations of the noise at which the biweight ends; twice the usual 3, since the centre pixel is noisy, too
 RANGE_SIGMAS: Final = 6.0
-MAX_SLANT_DEG: Final = 76.0  # largest slant of one surface; steeper skin is few pixels wide, and arms jump by more
-JUMP_SIGMAS: Final = 2.0  # standard deviations of the raw noise; at an edge smoothing leaves about half of the noise
+# degrees, maximum slant of one surface; steeper skin is few pixels wide, and arms jump by more
+MAX_SLANT_DEG: Final = 76.0
+JUMP_SIGMAS: Final = 2.0  # standard deviations of the raw noise; at an edge, smoothing leaves about half of the noise
 
 
 def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:

@@ -54,20 +54,21 @@ def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32
     return np.float32(row), np.float32(column), z
 
 
-# m, largest distance from a node to the skin point that it shows: the prediction error of a fast hand
+# m, maximum distance from a node to the skin point that it shows, the prediction error of a fast hand
 REACH_M: Any = np.float32(0.12)
-MAX_TURN_DEG: Final = 70.0  # largest angle between the normals of node and skin; excludes the far side of a wrist
+MAX_TURN_DEG: Final = 70.0  # maximum angle between the normals of node and skin; excludes the far side of a wrist
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-OFF_PLANE_WEIGHT: Any = np.float32(3.0)  # weight of distances along the normal: skin points are samples of a surface
-AMBIGUOUS_M: Any = np.float32(0.04)  # m; two skin points with distances that differ by less may be confused
-FAR_ON_BODY_M: Any = np.float32(0.12)  # m on the body; candidates farther apart make a node ambiguous
+# weight of distances along the normal; above 1, since skin points are samples of a surface
+OFF_PLANE_WEIGHT: Any = np.float32(3.0)
+AMBIGUOUS_M: Any = np.float32(0.04)  # m; if two skin points' distances from a node differ by less, they may be confused
+FAR_ON_BODY_M: Any = np.float32(0.12)  # m on the body; if candidates are farther apart, the node is ambiguous
 
-CELL_PX: Final = 6  # pixels, side of a cell of skin points: 4 cm at 2.4 m, slightly over their spacing
-# least cosine between the skin's normal and the direction to the camera along the optical axis (120 degrees)
+CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
+# minimum cosine between the skin's normal and the direction to the camera along the optical axis (120 degrees)
 LEAST_FACING: Any = np.float32(-0.5)
-# factor on a pixel's span at the optical axis: rays slant, and nodes lie in front of the nearest skin
+# factor on a pixel's span at the optical axis, since rays slant, and nodes lie in front of the nearest skin
 NARROWEST: Any = np.float32(0.75)
-MOST_CANDIDATES: Final = 128  # most skin points kept for one node; about fifty are within reach
+MOST_CANDIDATES: Final = 128  # maximum number of skin points kept for one node; about fifty are within reach
 
 
 def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
@@ -106,7 +107,7 @@ class SkinGrid(NamedTuple):
     place: np.ndarray  # (6, m) float32, their positions and normals
     rows: int  # number of rows of cells
     cols: int  # number of columns of cells
-    span_m: float  # least width that a pixel covers on the skin; inf without skin
+    span_m: float  # minimum width that a pixel covers on the skin; inf without skin
 
 
 @njit(cache=True, nogil=True)
@@ -244,7 +245,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     return marked
 
 
-SEEN_THROUGH_M: Any = np.float32(0.05)  # m; a reading this far behind a skin point shows that no skin is there
+SEEN_THROUGH_M: Any = np.float32(0.05)  # m; if a reading is this far behind a skin point, no skin is there
 # factor on the length of paths over skin points, which are 2 % longer than straight paths
 STRETCH: Any = np.float32(0.98)
 

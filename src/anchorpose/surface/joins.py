@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from anchorpose.surface.links import add_links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
-# largest departure from either tangent plane, divided by the gap's width: one shin has less, two legs have far more
+# maximum departure from either tangent plane, as a share of the gap's width; one shin has less, two legs have far more
 MAX_DEPARTURE: Final = 0.35
 SLACK_M: Final = 0.015  # m, additional departure for soft tissue and noise beside a narrow bar
 MARGIN_PX: Final = 4  # pixels beside a bar in which readings are lost or removed
@@ -23,7 +23,7 @@ MARGIN_PX: Final = 4  # pixels beside a bar in which readings are lost or remove
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
 """Row and column offsets of ring places E, NE, N, NW; with these, every pair of grid neighbours occurs once."""
 
-# times the smallest gap between two pieces, up to which they are linked; where it is larger, they only overlap
+# factor on the smallest gap between two pieces, up to which they are linked; where the gap is larger, they only overlap
 SPREAD: Final = 1.5
 
 
@@ -42,7 +42,7 @@ def bridge_pairs(
     length. Returns (m, 2) int32.
     """
     step, max_width_m = config.step, config.bridge_max_width_m
-    spacing_m = step * float(points_m[:, 2].min()) / focal_px  # smallest distance between two neighbours on the grid
+    spacing_m = step * float(points_m[:, 2].min()) / focal_px  # minimum distance between two neighbours on the grid
     longest = int(np.ceil(max_width_m / max(spacing_m, 1e-4))) + 1
     return _facing_pairs(index, hidden, points_m, normals, step, longest, -(-MARGIN_PX // step), float(max_width_m))
 

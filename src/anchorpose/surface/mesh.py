@@ -155,7 +155,8 @@ def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> N
         sums[NX + k], sums[NY + k], sums[NZ + k] = a / length, b / length, c / length
 
 
-NORMAL_RADIUS_PX: Final = 3  # pixels; the plane then covers 4 cm at 2.4 m: wider than wrinkles, narrower than a wrist
+# pixels; at 2.4 m the plane then covers 4 cm, which is wider than wrinkles and narrower than a wrist
+NORMAL_RADIUS_PX: Final = 3
 
 RING = np.array([[0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0], [1, 1]], dtype=np.int64)
 """Row and column offsets of the eight ring places, E NE N NW W SW S SE."""

@@ -24,11 +24,13 @@ from anchorpose.surface.mesh import build_surface, keep_nodes
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geodesic_lower_bound
 from anchorpose.threads import each
 
-# m along the normal, largest distance of two nodes on the same skin: clothes and noise; an arm on the trunk has more
+# m along the normal, maximum distance of two nodes on the same skin, for clothes and noise; an arm on the trunk has
+# more
 MAX_OFF_PLANE_M: Any = np.float32(0.015)
-MAX_TURN_DEG: Final = 60.0  # largest angle between normals of the same skin: their noise in two cameras
+MAX_TURN_DEG: Final = 60.0  # degrees, maximum angle between normals of the same skin, due to their noise in two cameras
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# m on the body, largest distance between nodes on the same skin: spacing of skin points; between thighs it is larger
+# m on the body, maximum distance between nodes on the same skin, the spacing of skin points; between thighs it is
+# larger
 MAX_ON_BODY_M: Any = np.float32(0.09)
 
 

@@ -23,18 +23,22 @@ HIDDEN_SKIN: Final = 255
 class SurfaceConfig:
     """Settings for meshing labelled depth images to one surface."""
 
-    by_body: bool = True  # cut and close the mesh by the predicted body; False = by the depth images, as in the paper
-    # pixels between nodes, 13 mm at 2.4 m; the geodesic error is 3 mm more than with 1, the time a quarter
+    # whether the mesh is cut and closed by the predicted body; False = by the depth images, as in the paper
+    by_body: bool = True
+    # pixels between nodes, 13 mm at 2.4 m; with 2 instead of 1, the geodesic error is 3 mm larger and the time a
+    # quarter
     step: Count = 2
     min_piece_m2: NotNegative = 0.0020  # m2, half a palm; smaller pieces are left out: bits of clothes, bars and floor
-    max_join_m: NotNegative = 0.10  # m, widest gap across which pieces are joined: chin to neck; 0 = no joins
+    # m, maximum width of a gap across which pieces are joined, such as chin to neck; 0 = no joins
+    max_join_m: NotNegative = 0.10
     # pixels; a window of 5x5 pixels is below a finger's width at 2.4 m and reduces the path error to about 1 %
     denoise_radius_px: Count = 2
-    # least number of neighbours on the same surface, out of 8; at a fingertip 2 pixels wide, a pixel has 3
+    # minimum number of neighbours on the same surface, out of 8; at a fingertip 2 pixels wide, a pixel has 3
     min_support: Annotated[int, Field(ge=0, le=8)] = 3
-    # m, widest bar that is bridged: a knee pad with its shadow; behind wider bars the shape of the skin is unknown
+    # m, maximum width of a bridged bar: a knee pad with its shadow; behind wider bars the shape of the skin is unknown
     bridge_max_width_m: NotNegative = 0.15
-    # m, largest distance between nodes of two cameras on the same skin: calibration error, and half a slanted mesh cell
+    # m, maximum distance between nodes of two cameras on the same skin, for calibration errors and half a slanted mesh
+    # cell
     fusion_max_apart_m: Positive = 0.03
 
 

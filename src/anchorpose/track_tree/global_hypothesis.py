@@ -30,7 +30,7 @@ from anchorpose.track_tree.parts import ITERATIONS, joints_of_parts, register_pa
 from anchorpose.track_tree.tree import Support, TrackResult, TreeConfig, best_branches
 
 PART_REACH_M = 0.08  # m; a node farther from the body's skin belongs to no part
-PAIR_SIGMA_M = 0.04  # m, error of a match by the descriptor: 17 to 40 mm with the best subset
+PAIR_SIGMA_M = 0.04  # m, error of a match by the descriptor; it was 17 to 40 mm with the best subset
 ANCHOR_SIGMA_M = 0.05  # m, the paper's bound on the localisation error of anchors
 
 

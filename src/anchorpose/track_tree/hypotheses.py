@@ -32,9 +32,12 @@ class HypothesisConfig:
     """Settings of how hypotheses are made."""
 
     feature: Feature = Feature.GEODESIC
-    subset_size: Count = 3  # N_S, anchors per hypothesis; three are enough (paper, Section IV-D); 5 = all in one
-    always: bool = False  # match every frame with the next frames, as the paper does; False = match no frames
-    trusted_only: bool = True  # leave out distances that a hole lengthens; False = the subsets decide, as in the paper
+    # N_S, number of anchors per hypothesis; three are enough (paper, Section IV-D); 5 = all in one hypothesis
+    subset_size: Count = 3
+    # whether every frame is matched with the next frames, as in the paper; False = match no frames
+    always: bool = False
+    # whether distances that a hole lengthens are left out; False = the subsets decide, as in the paper
+    trusted_only: bool = True
 
 
 @settings
@@ -43,10 +46,12 @@ class GateConfig:
     (e_1) and surface noise (e_2) explain.
     """
 
-    # e_1, m; the gate is then 3 cm at 1 m; with the paper's 5 cm, matches were a quarter worse
+    # e_1, m; the gate is then 3 cm at 1 m; with the paper's 5 cm, matches were worse by a quarter
     anchor_bound_m: NotNegative = 0.020
-    surface_bound_per_m: NotNegative = 0.010  # e_2, m per m of path to the anchor: geodesic noise left after smoothing
-    search_radius_m: Positive = 0.12  # m around the predicted place: a hand at 3.6 m/s in one frame of 33 ms
+    # e_2, m per m of path to the anchor, for the geodesic noise that is left after smoothing
+    surface_bound_per_m: NotNegative = 0.010
+    # m around the predicted place; a hand at 3.6 m/s moves this far in one frame of 33 ms
+    search_radius_m: Positive = 0.12
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -40,8 +40,8 @@ class Scratch(NamedTuple):
 
 
 def sort_balls(centres: np.ndarray, radius: float, voxels: Voxels) -> Balls:
-    """Sort balls of one radius around centres (m, 3) float32. Radius inf: the ball contains all nodes; centre NaN:
-    none.
+    """Sort balls of one radius around centres (m, 3) float32. With an infinite radius, a ball contains all nodes; with
+    a NaN centre, it contains none.
     """
     last_voxel = voxels.shape - 1
     low, high = np.zeros((len(centres), 3), np.int64), np.tile(last_voxel, (len(centres), 1))

@@ -20,15 +20,17 @@ from anchorpose.camera import transform_points
 from anchorpose.rotations import COLLINEAR_RATIO, ONE_PLACE_M2, rotate, rotation_matrices
 from anchorpose.surface.surface import Nodes
 
-LEAST_PAIRS: Final = 6  # fewest pairs of a part; with fewer, a rigid motion follows the noise of single nodes
-PAIR_ROUNDS: Final = 8  # rounds of reweighting the pairs; the fit settles in five
-LEAST_SCALE_M: Final = 0.01  # m, least scale of residuals: pairs with less than the spacing of nodes are equally good
-# m, sigma of a node's distance from its part's skin: clothes, sensor, and shared errors of neighbours
+# minimum number of pairs of a part; with fewer, a rigid motion follows the noise of single nodes
+LEAST_PAIRS: Final = 6
+PAIR_ROUNDS: Final = 8  # number of rounds of reweighting the pairs; after five, the fit hardly changes
+# m, minimum scale of residuals; pairs whose residuals are below the spacing of nodes are equally good
+LEAST_SCALE_M: Final = 0.01
+# m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbours share
 SURFACE_SIGMA_M: Final = 0.02
-# rad and m, sigma of the rotation and of the shift of a step: so a part does not slide in unconstrained directions
+# rad and m, sigma of a step's rotation and shift, so that a part does not slide in unconstrained directions
 TURN_SIGMA: Final = 0.15
 SHIFT_SIGMA_M: Final = 0.02
-ALIKE: Final = 0.5  # least cosine between normals (60 degrees): excludes the other side of a limb
+ALIKE: Final = 0.5  # minimum cosine between normals (60 degrees), which excludes the other side of a limb
 
 
 @njit(cache=True)
@@ -178,7 +180,7 @@ def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.
     step[:] = np.linalg.solve(matrix, right)
 
 
-ITERATIONS: Final = 5  # iterations of ICP after the pairs
+ITERATIONS: Final = 5  # number of iterations of ICP after the pairs
 REACH_M: Final = 0.06  # m, a limb's radius; farther nodes belong to another limb
 
 

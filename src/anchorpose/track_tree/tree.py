@@ -19,9 +19,9 @@ from anchorpose.settings import Count, Positive, settings
 class TreeConfig:
     """Settings of the tree."""
 
-    missed_cost_m: Positive = 0.10  # m, cost of a frame without a match: twice the anchor bound
-    # most branches visited per tree before it is pruned; on 3650 nodes with ten noisy subsets, exact searches visited
-    # fewer than 50
+    missed_cost_m: Positive = 0.10  # m, cost of a frame without a match, twice the bound on an anchor's error
+    # maximum number of branches visited per tree before it is pruned; exact searches on 3650 nodes with ten noisy
+    # subsets visited fewer than 50
     max_branches: Count = 200
 
 
@@ -43,7 +43,7 @@ class TrackResult:
     score: np.ndarray
     subset: np.ndarray  # (m,) int32, column of the match among the hypotheses, -1 = missed
     support: np.ndarray  # (m,) int8 of ``Support``
-    pruned: int  # number of trees above the size limit; their branch is good, but perhaps not the best
+    pruned: int  # number of trees above the size limit; their branch is good, but another may be better
 
 
 def best_branches(

@@ -60,23 +60,24 @@ def nodes_of_pixels(
 ROUGHLY: Final = RegistrationConfig(
     reaches_m=(0.20, 0.12, 0.08), held_steps=0, least_nodes=60, node_count=700, rows_per_observation=2.0
 )
-"""A third of the patient's nodes and steps."""
+"""Registration of a rough body, with a third of the nodes and steps that the patient's body gets."""
 
 WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # uncertainty of a walking person's next pose
 
-TALLEST_CHILD_M: Final = 1.5  # a taller person has an adult's proportions
-STATURE_STEP_M: Final = 0.05  # m, statures are rounded to this step, the error of a stature estimated from one frame
+TALLEST_CHILD_M: Final = 1.5  # m; a taller person has an adult's proportions
+STATURE_STEP_M: Final = 0.05  # m; statures are rounded to this step, which is the error of a stature from one frame
 HEIGHT_SIGMA_M: Final = 0.01  # m, uncertainty of a child's height; small, so that the given height is kept
-LEAST_EXPLAINED: Final = 0.75  # least share of a person's nodes that the body must explain, else no body is used
-# largest share of a trunk that a camera may see past: rough bodies are a few centimetres off
+LEAST_EXPLAINED: Final = 0.75  # minimum share of a person's nodes that a body must explain to be used
+# maximum share of a trunk that a camera may see past; it is not 0, since rough bodies have errors of some centimetres
 MOST_TRUNK_PAST: Final = 0.25
-# largest share of a limb that a camera may see past; one limb may exceed it, since it may be misplaced
+# maximum share of a limb that a camera may see past; one limb may exceed it, since it may be misplaced
 MOST_LIMB_PAST: Final = 0.5
-LEAST_NODES: Final = 150  # fewest nodes to start following a person: a third of a person's front at 4 m
+LEAST_NODES: Final = 150  # minimum number of nodes to follow a person; a third of a person's front at 4 m has this many
 SKIN_SIGMA_M: Final = 0.03  # m, uncertainty of predicted skin: clothes, hair, and an average body shape
-GROWTH_M_S: Final = 0.4  # m/s, growth of SKIN_SIGMA_M with time: a hand moves faster than predicted
-DAMPING: Final = 0.8  # share of the last movement that the prediction continues, since movements slow down
-FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between failed searches for a body, doubled from the first to the longest
+GROWTH_M_S: Final = 0.4  # m/s, growth of SKIN_SIGMA_M with time, since a hand may move faster than predicted
+# share of the last movement with which the prediction continues; below 1, since movements slow down
+DAMPING: Final = 0.8
+FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between failed searches; doubled each time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,8 +88,8 @@ class Bystander:
     body: Body
     belief: PoseBelief
     change: np.ndarray  # (POSE_SIZE,) change of the pose in the last ``elapsed_s``
-    elapsed_s: float  # s between the last two fits
-    hidden_s: float = 0.0  # s since enough of the person was seen to fit the body
+    elapsed_s: float  # s, time between the last two fits
+    hidden_s: float = 0.0  # s, time since enough of the person was seen to fit the body
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,7 @@ class Search:
 
     label: int
     wait: int  # number of frames until the next search
-    pause: int  # number of frames from that search to the one after it, if it fails
+    pause: int  # number of frames between that search and the following search, if that search fails
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +127,7 @@ def bystanders_placed(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> Bystanders:
-    """Move the bystanders' bodies over the ground to where their skin was found in the next frame (``find_steps``)."""
+    """Move the bystanders' bodies over the ground to the places where the next frame shows them (``find_steps``)."""
     seen, points, moved = memory.seen_last, body_points(), list[Bystander]()
     for one in bystanders.followed:
         if one.label in seen:
@@ -216,8 +217,8 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
-    """Return the nodes of one person, to which a body can be fitted. The outline is left out, since half of it is an
-    occluder's edge. The fewer pixels show the person, the closer are the nodes.
+    """Return the nodes of one person, to which a body can be fitted. The outline is left out, since half of it is the
+    edge of an occluder. If fewer pixels show the person, the nodes are closer to each other.
     """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]

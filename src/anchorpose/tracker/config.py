@@ -24,7 +24,8 @@ from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.track_tree.tree import TreeConfig
 
-HEIGHTS_M: Final = (1.2, 2.2)  # m; a height outside is beyond the shape model and probably has the wrong unit
+# m, limits of a height; one outside them is beyond the shape model, and its unit is probably wrong
+HEIGHTS_M: Final = (1.2, 2.2)
 
 
 class Method(StrEnum):
@@ -39,12 +40,13 @@ class FollowConfig:
     """Settings of how the patient is followed over time."""
 
     look_ahead: Count = 3  # N_Tr, depth of the track tree in frames (paper, Section V)
-    tree_nodes: Count = 800  # source nodes of the track tree: 40 per body part
-    history: Count = 12  # frames kept for the motion dynamics
-    samples: Count = 16  # frames read before tracking, to find the background and the people who stay
+    tree_nodes: Count = 800  # number of source nodes of the track tree, 40 per body part
+    history: Count = 12  # number of frames kept for the motion dynamics
+    samples: Count = 16  # number of frames read before tracking, to find the background and the people who stay
     lost_sigma_m: Positive = 0.25  # m, half a forearm; a joint with a larger sigma is reported as lost
-    lost_after_s: Positive = 1.0  # s without any evidence, after which the whole patient is searched for again
-    bystanders: bool = True  # fit a body to each other person and follow it; False = only remember their last skin
+    lost_after_s: Positive = 1.0  # s; after this time without evidence, the whole patient is searched for again
+    # whether a body is fitted to each other person and followed; False = only their last skin is kept
+    bystanders: bool = True
 
 
 @settings
@@ -54,7 +56,7 @@ class TrackConfig:
     method: Method = Method.ARTICULATED
     start: int = 0  # first frame to track
     stop: int | None = None  # frame before which tracking stops; None = the end
-    smooth: bool = False  # also track backward in time and combine both passes; takes twice as long, not for live use
+    smooth: bool = False  # whether a backward pass is added and combined; it doubles the time and cannot be used live
     height_m: float | None = None  # m, the patient's standing height; None = the height in recording.json, if any
     patient_xz_m: tuple[float, float] | None = None  # m, x and z of the patient on the floor; None = found by tracking
     # number of the frame in which the patient is at patient_xz_m; None = the first frame with a person there

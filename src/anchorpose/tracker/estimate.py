@@ -58,7 +58,7 @@ class Estimate:
     moved: bool = False  # whether limbs were found in another place than earlier frames suggested
     ends: frozenset[int] = frozenset()  # lost hands and feet, as in ``lost_ends``
     rivals: tuple[Rival, ...] = ()  # other poses that explain the images almost as well
-    # joint states from the images alone: a joint that is lost only because its sigma is too large is hidden here
+    # joint states from the images alone; a joint that is lost only because of its large sigma is hidden here
     shown: tuple[JointState, ...] = ()
 
 
@@ -150,7 +150,8 @@ def _sigma(
     noise = noise_covariance(body, belief, evidence, noises, config.registration)
     patch_m = finest_patch_m(evidence, noises)
     sigma = joint_sigma(body, posed, belief.covariance, uncertainty, noise, patch_m)
-    # the posterior trusts the pose of the frame before; but people move, so a hidden part gets more uncertain with time
+    # the posterior relies on the pose of the frame before, but people move: with time, hidden parts become more
+    # uncertain
     sigma = frame_alone_sigma(
         body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
     )

@@ -18,7 +18,8 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, find_start
 
-# frames between failed searches, doubled from the first to the longest: a search takes as long as thirty frames
+# number of frames between failed searches, doubled from the first value to the second, since a search takes as long as
+# thirty frames
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15
 
 
@@ -41,10 +42,10 @@ def follow_openly(
     known: FittedShape | None,
     begin: Start | None = None,
 ) -> Iterator[tuple[Estimate, PatientTracker | None]]:
-    """Follow the patient from any frame, and yield the tracker with each estimate; see ``follow_patient``.
+    """Follow the patient from any frame, and yield the tracker with each estimate, as ``follow_patient`` does.
 
-    choice: where the patient stands in the first frame, None if no patient is to be searched for; begin: the patient as
-    found in the first frame, None if not searched for yet.
+    choice: place of the patient in the first frame, None if no patient is to be searched for; begin: the patient as
+    found in the first frame, None before the search.
     """
     follower = Follower(run, choice, known, begin)
     for frame_set in frames:

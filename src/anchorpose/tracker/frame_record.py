@@ -1,4 +1,4 @@
-"""Make the stored record of a frame: joints, pose, anchors, person labels, nearness of other people and others."""
+"""Make the stored record of a frame: joints, pose, anchors, person labels, nearness of other people and more."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class TrackedFrame:
 
 
 Kept = TrackedFrame | PassResult | tuple[TrackedFrame, PassResult]
-"""The values that a pass stores for a frame; they differ between a single pass and one of two passes to combine."""
+"""The values that a pass stores for a frame. A single pass stores other values than each of two combined passes."""
 
 
 def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
@@ -125,7 +125,7 @@ def _bones(estimate: Estimate, body: Body | None, run: Run) -> BodyPose:
 
 
 def _near(estimate: Estimate, body: Body | None, run: Run) -> Nearness | None:
-    """Measure how near other people are to the patient's body; None where the patient is lost."""
+    """Measure how near other people are to the patient's body; None if the patient is lost."""
     seen, belief = estimate.observation, estimate.belief
     if body is None or seen is None or belief is None:
         return None

@@ -1,8 +1,8 @@
-"""Check the camera poses that a recording gives, before tracking: by floor, equipment and the other cameras.
+"""Check the camera poses that a recording gives, before tracking, by the floor, the equipment and the other cameras.
 
-If poses are contradicted by far more than noise, the recording is refused; a smaller contradiction is noted and
-increases every sigma. A single camera can be checked only by floor and equipment. If it sees neither, a wrong pose
-remains unnoticed and displaces all joints equally.
+If a contradiction is far larger than noise, the recording is refused. A smaller contradiction is noted and increases
+every sigma. A single camera can be checked only by the floor and the equipment. If it sees neither of them, a wrong
+pose remains unnoticed and displaces all joints equally.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
 
-# share of one camera's error that displaces the joints if other cameras see the patient, too
+# share of one camera's pose error by which the joints are displaced if other cameras see the patient, too
 AMONG_OTHERS: Final = 0.5
 REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
@@ -38,13 +38,13 @@ class PosesAsked:
     """The results of checking all camera poses."""
 
     pairs: tuple[CameraPair, ...]  # the comparison of every two cameras; empty if no pose is given
-    doubts: tuple[PoseDoubt, ...]  # all contradictions
+    doubts: tuple[PoseDoubt, ...]  # all contradictions of camera poses
 
 
 def agreeing_poses(
     recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> Calibration:
-    """Return the calibration with notes on minor contradictions; raises InputError if a given pose cannot be right."""
+    """Return the calibration with notes on minor contradictions; raises InputError if a given pose must be wrong."""
     asked = ask_poses(recording, calibration, clocks, scenes, samples)
     _refuse_contradicted(recording, asked, scenes)
     notes = (*calibration.notes, *(f"{doubt.sentence}; the given pose is used" for doubt in asked.doubts))
@@ -82,8 +82,8 @@ def _excused(doubt: PoseDoubt) -> PoseDoubt:
 
 
 def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequence[Scene]) -> None:
-    """Raise InputError if poses are contradicted by far more than noise; it states what contradicts them, by how much,
-    and a remedy.
+    """Raise InputError if a contradiction of the poses is far larger than noise. The error states the contradiction,
+    its size and a remedy.
     """
     refuted = [doubt for doubt in asked.doubts if doubt.refuted]
     if not refuted:

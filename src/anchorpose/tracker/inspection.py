@@ -28,9 +28,10 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-# most frames from the initial to the inspected frame, half a minute of work; if there are more, a nearer start is used
+# maximum number of frames from the initial to the inspected frame, about 30 s of computing; if there are more, tracking
+# starts nearer to the inspected frame
 MOST_FOLLOWED = 60
-# length of the range of frames before the inspected frame, and number of these frames that are tried as initial frame
+# number of frames before the inspected frame in which an initial frame is searched, and number of them that are tried
 NEARBY, NEARBY_SAMPLES = 45, 10
 
 
@@ -49,10 +50,10 @@ class Inspection:
 
     room: Room
     frame_set: FrameSet
-    observation: Observation | None  # the stages up to geodesics; None if no patient could be searched for
+    observation: Observation | None  # results of the stages up to geodesics; None if no patient could be searched for
     estimate: Estimate | None  # None if the patient was not found
     next: Next | None  # None if the recording ends here or the patient was not found
-    height_m: float  # the height that scales anchor distances
+    height_m: float  # the patient's height, with which anchor distances scale
     account: tuple[str, ...]  # sentences about the steps taken and the reasons for missing results
 
 

@@ -10,7 +10,7 @@ list. Anything else is a JSON object with one key:
 - ``{"shared": "run"}`` is an object that the reader already has;
 - ``{"array": 5}`` is an array; with the key ``number`` or ``bytes``, it stands for a numpy scalar or for bytes.
 
-An object or array that occurs twice in a value is one object again after reading; a container becomes two.
+An object or array that occurs twice in a value is a single object after reading, too. A container becomes two.
 
 The digest of a file covers its name. Each pass stores its frames in blocks and, with each block, the state that the
 next frame needs. A run always continues from values that were stored and read back, so that a resumed run has the same
@@ -41,9 +41,9 @@ from anchorpose.recording.document import parse_json
 from anchorpose.recording.regular_file import LARGEST_ARRAYS, is_there, read_whole
 from anchorpose.results.folder import naming_place
 
-NUMBERS: Final = "biuf"  # kinds of dtype: boolean, integers, floats; all others are refused
+NUMBERS: Final = "biuf"  # allowed kinds of dtype: boolean, integers, floats
 ALSO: Final = {float: (int, np.floating, np.integer), int: (np.integer,), bool: (np.bool_,)}
-"""Types that a field may hold besides its declared type, as for type checkers."""
+"""Types that a field may hold besides its declared type; type checkers allow the same."""
 
 
 def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) -> None:

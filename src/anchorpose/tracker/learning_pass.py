@@ -31,7 +31,7 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
-# frames kept per frame used in a window; the frames with the most different poses are used
+# number of frames kept for each frame that a window uses; the kept frames with the most different poses are used
 CANDIDATES: Final = 2
 
 
@@ -61,7 +61,7 @@ class OtherFacing:
 
     pose: Pose
     shape: FittedShape
-    behind: float  # nats by which this facing is less likely than the chosen one
+    behind: float  # nats, by which this facing is less likely than the chosen facing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +70,7 @@ class LearntPatient:
 
     belief: ShapeBelief  # at the end of learning
     first: ShapeBelief  # after the first window
-    seconds: float  # s, length of the stretches learnt from
+    seconds: float  # s, total length of the stretches learnt from
     pose: Pose  # the pose in frame ``frame``
     frame: int  # number of the first frame learnt from
     contradiction: str = ""  # how the user's statements about the patient contradict the images; empty if they agree
@@ -121,7 +121,7 @@ class _Window:
     """A window of frames that the body is learnt from together."""
 
     kept: list[_Seen]
-    seconds: float  # s from the stretch's first frame with the patient to the end of this window
+    seconds: float  # s, time from the stretch's first frame with the patient to the end of this window
     moved: float  # nats, cost of the moves in which the body turned round between two frames of this window
     tracker: PatientTracker | None  # the tracker after this window; None if tracking ended
     turned: Start | None  # the start with the opposite facing in ``frame``; None if that frame excludes it
@@ -172,11 +172,11 @@ def _last(learning: _Learning) -> LearntPatient:
 
 
 def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
-    """Learn with both facings until one is clearly more probable, and return the more probable patient. If the whole
+    """Learn with both facings until one facing is clearly more probable, and return its patient. If the whole
     stretch does not decide, the result also has the other facing.
 
-    A single frame may show too little to decide. But with a mistaken facing, one body of human shape hardly explains
-    all windows, or the person seems to turn round at some time.
+    A single frame may show too little to decide. But with the wrong facing, a single body of human shape hardly
+    explains all windows, or the person seems to turn round at some time.
     """
     lead, mine, theirs = _compared(one, other, run)
     if theirs is None:
@@ -189,8 +189,8 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
 
 
 def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step, _Step | None]:
-    """Return the lead of the first facing in nats, and the window of each facing in which the comparison ended. The
-    last value is None if nobody who faces the other way can be followed.
+    """Return the lead of the first facing in nats, and for each facing the window in which the comparison ended. The
+    last value is None if nobody with the second facing can be followed.
 
     Errors of shape are common to all windows, so the mean over the windows counts, not the sum.
     """
@@ -222,7 +222,7 @@ def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
 
 
 def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the log probability, in nats, of the body's shape and of its facing in a window."""
+    """Return the log probability, in nats, of the body's shape and of its facing in this window."""
     body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
     facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))
     return facing - 0.5 * shape_cost(learnt.shape, run.room.recording.subject, run.config)
@@ -231,9 +231,9 @@ def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
 def _windows(
     run: Run, stretch: Stretch, before: LearntPatient | None, longest_s: float, one_facing: bool = False
 ) -> Iterator[_Window]:
-    """Yield the frames of a stretch in windows; tracking continues when the next window is requested.
+    """Yield the frames of a stretch in windows. Tracking continues only when the next window is requested.
 
-    one_facing: end where the body turns round, since another pass covers that facing.
+    one_facing: whether to end where the body turns round, since another pass covers that facing.
     """
     learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES

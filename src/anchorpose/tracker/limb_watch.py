@@ -18,11 +18,11 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.tracker.observation import Observation, is_described
 from anchorpose.tracker.room import Run
 
-SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing; a search takes as long as three frames
-# nats; a limb below is confused with another limb; correctly tracked people have more (``measure_named_places``)
+SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between vain searches; one takes as long as three frames
+# nats; a limb with less is confused with another limb; correctly tracked people have more (``measure_named_places``)
 MISNAMED: Final = -1.0
-MORE: Final = 1.5  # a new search starts at once if the uncovered area exceeds this multiple of the last search's
-# m, largest distance from anchor to limb end: at a bar the visible hand ends, so the anchor may be at wrist or elbow
+MORE: Final = 1.5  # if the uncovered area exceeds that of the last search by this factor, a new search starts at once
+# m, maximum distance from an anchor to the limb's end; a bar may hide the hand, so the anchor may be at wrist or elbow
 ELSEWHERE_M: Final = 0.25
 LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet
 

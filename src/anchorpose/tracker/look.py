@@ -1,7 +1,7 @@
 """Examine sampled frames before tracking: find people, recognise mirror images, and list possible initial frames.
 
-A person seen beyond a wall is either in the next room or a mirror image. A mirror image has a twin: a real person who
-stands, in most of the sampled frames, exactly where the image falls when reflected in the wall's plane.
+A person who is seen beyond a wall is either in the next room or a mirror image. A mirror image has a twin: a real
+person who stands, in most of the sampled frames, at the place of the image after reflection in the wall's plane.
 """
 
 from __future__ import annotations
@@ -25,8 +25,10 @@ from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-TWIN_M: Final = 0.35  # m, largest distance of a twin from the reflected image: front and back views differ by this
-LEAST_TWINS: Final = 3  # frames with a twin; two people who pass each other may look like twins in one or two frames
+# m, maximum distance of a twin from the reflected image; front and back of a person differ by this
+TWIN_M: Final = 0.35
+# minimum number of frames with a twin; people who pass each other may look like twins in one or two frames
+LEAST_TWINS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +124,7 @@ def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras:
 
 
 def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequence[Camera]) -> bool | None:
-    """Return whether a person stands where a mirror image would come from; None where that place is not visible."""
+    """Return whether a person stands where a mirror image would come from; None if that place is not visible."""
     x, z = image.place_xz_m
     middle = wall.reflected(np.array([x, _middle(image)[1], z]))
     others = [one.place_xz_m for one in sighting.people if one is not image]
@@ -140,7 +142,7 @@ def _middle(one: SeenPerson) -> np.ndarray:
 
 
 def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
-    """Return whether a camera that has most of the points (n, 3) in view sees farther than most of them."""
+    """Return whether a camera with most of the points (n, 3) in view has readings behind most of them."""
     return any(np.mean(read > own + BEFORE_M) > 0.5 for own, read in looks_at_most(points_m, depths_m, cameras))
 
 

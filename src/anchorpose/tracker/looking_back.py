@@ -24,8 +24,8 @@ from anchorpose.tracker.start import turn_round
 
 AGREEING: Final = 3  # tracking back stops after this many successive frames in which both directions agree
 IN_VAIN: Final = 10  # tracking back stops after this many successive frames without seeing more of the body
-ELSEWHERE_M: Final = 0.15  # m; a joint that jumps farther between two frames belongs to a limb that was found again
-FIRST_PAUSE, LONGEST_PAUSE = 4, 64  # frames until the next look back, doubled after each look that changes nothing
+ELSEWHERE_M: Final = 0.15  # m; if a joint jumps by more between two frames, its limb was found again
+FIRST_PAUSE, LONGEST_PAUSE = 4, 64  # frames until the next look back, doubled after each vain look
 
 
 @dataclass(frozen=True, slots=True, eq=False)

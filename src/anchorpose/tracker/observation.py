@@ -22,23 +22,23 @@ from anchorpose.surface.surface import ExpectedSkin, Surface
 from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
-# anchors; three distances identify a node (paper, Section IV-D), four give two subsets of three anchors; a node with
-# fewer undisturbed distances keeps all its distances
+# minimum number of anchors; a node with fewer undisturbed distances keeps all its distances. Three distances identify a
+# node (paper, Section IV-D); four give two subsets of three anchors
 LEAST_TRUSTED = 4
-# frames from one check by the learnt descriptor to the next; a check takes a third of a frame's time
+# number of frames from one check by the learnt descriptor to the next; a check takes a third of the time of a frame
 DESCRIBED_EVERY: Final = 8
 
 
 def is_described(frame: int) -> bool:
-    """Return whether the descriptor checks this frame: the names of the patient's limbs, and how many people have
-    the patient's label. No prediction decides this.
+    """Return whether the descriptor checks, in this frame, the names of the patient's limbs and the number of people
+    with the patient's label. This does not depend on predictions.
     """
     return frame % DESCRIBED_EVERY == 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectation:
-    """Where the patient is expected in a frame."""
+    """The place and pose in which the patient is expected in a frame."""
 
     skin: ExpectedSkin
     sigma_m: np.ndarray  # (p,) uncertainty of each skin point

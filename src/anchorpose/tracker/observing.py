@@ -125,8 +125,8 @@ def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pie
 def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
     """Return the likelihood that a place belongs to the patient, by the predicted skin.
 
-    A limb that has been hidden for long is left out, since anything near its predicted place would be taken for the
-    limb. When it reappears, its connection to the patient's surface shows whose limb it is.
+    A limb that has been hidden for long is left out, since any surface near its predicted place would be taken for the
+    limb. When the limb reappears, its connection to the patient's surface shows that it is the patient's.
     """
     spread = config.skin_sigma_m + UNFITTED_M * expected.frames_without_fit
     sure = expected.sigma_m < LOOSEST_SKIN_M

@@ -18,8 +18,9 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.tracker.sighting import see_people_apart
 
-OFF_SKIN_M: Final = 0.2  # m; pixels farther from the expected skin are off it: an arm moves this far between two frames
-OWN_SHARE: Final = 0.5  # least share of pixels on the expected skin at which a small person is a part of the patient
+# m; pixels farther from the expected skin are off it; an arm moves at most this far between two frames
+OFF_SKIN_M: Final = 0.2
+OWN_SHARE: Final = 0.5  # minimum share of pixels on the expected skin at which a small person is a part of the patient
 
 
 def one_patient(
@@ -33,12 +34,12 @@ def one_patient(
 ) -> tuple[View | None, ...]:
     """Return the views after separating other people who have the patient's label.
 
-    This is checked if many of the patient's pixels lie off the expected skin, and whenever it is ``due``: the expected
-    skin of a body that was fitted to another person does not show this error. If the descriptor finds one person as
-    two, the rough bodies join them (``see_people_apart``). The patient is the person with most surface near the
-    expected place. Everybody else gets a new label who shows enough surface for a person or, if many pixels lie off the
-    expected skin, lies mostly off it. skin_m (s, 3): the patient's skin where its expected place is certain; place_xz_m
-    (2,): the expected place over the ground; free: the first unused label.
+    They are searched for if many of the patient's pixels lie off the expected skin, and whenever a check is ``due``,
+    since the expected skin of a body that was fitted to another person does not reveal this error. If the descriptor
+    finds one person as two, the rough bodies join them (``see_people_apart``). The patient is the person with most
+    surface near the expected place. Another person gets a new label if enough surface for a person is seen or, if many
+    pixels lie off the expected skin, if most of this person's pixels do. skin_m (s, 3): the patient's skin where its
+    expected place is certain; place_xz_m (2,): the expected place over the ground; free: the first unused label.
     """
     theirs = [_patient_pixels(pixels, view) for pixels, view in zip(pieces, views, strict=True)]
     skin = cKDTree(skin_m) if len(skin_m) else None

@@ -36,10 +36,11 @@ from anchorpose.tracker.smoothing import (
 from anchorpose.tracker.start import find_start, turn_round
 
 BLOCK: Final = 48
-"""Frames per stored block: two to six seconds of work. The tracker's state stored with a block has 10 to 50 MB."""
+"""Frames per stored block, which take two to six seconds. The tracker's state stored with a block has 10 to 50 MB."""
 
-STRETCHES: Final = 3  # most stretches that the body is learnt from; each costs a search for a first pose
-STRETCHES_APART_S: Final = 60.0  # s, least time between stretches: patients sit or stand for about a minute
+STRETCHES: Final = 3  # maximum number of stretches that the body is learnt from; each costs a search for a first pose
+# s, minimum time between stretches; patients keep sitting or standing for about a minute
+STRETCHES_APART_S: Final = 60.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +88,7 @@ class Route:
         return float(self.room.recording.streams[0].time_s[position])
 
     def skip(self, count: int) -> None:
-        """Count as read the frames that were tracked before the run was interrupted."""
+        """Report the frames that were tracked before the interruption of the run as read."""
         for _ in range(count):
             self.tick()
 
@@ -145,7 +146,7 @@ class _Passes:
     journal: Journal
 
     def require_readable(self) -> None:
-        """Raise InputError where a stored pass cannot be continued because a file is damaged or a block is missing."""
+        """Raise InputError if a stored pass cannot be continued because a file is damaged or a block is missing."""
         with suppress(KeyError):
             self.journal.read("start", Start | None)
         for folder in sorted(path.parent.name for path in self.journal.folder.glob("*/state")):
@@ -280,7 +281,7 @@ class _Passes:
             yield from follower.finish()
 
     def _start(self) -> Start | None:
-        """Find the patient in the initial frame, where both sides begin; return None where nobody is found in it."""
+        """Find the patient in the initial frame, where both sides begin; return None if nobody is found in it."""
         return self.journal.once("start", Start | None, lambda: _start_of(self.route, self.run, self.learnt))
 
     @property

@@ -39,7 +39,7 @@ from anchorpose.tracker.observing import Window, gather, isolate, see_anchors, s
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
-# least share of the joints inside an image for the patient to count as in view; of all joints, the hips leave last
+# minimum share of the joints inside an image for the patient to count as in view; hips are the last to leave it
 IN_VIEW: Final = 0.25
 # m, half a forearm's width; a frame is observed again if the patient's skin is now expected farther than this from
 # the place expected at the first observation
@@ -228,7 +228,7 @@ class PatientTracker:
         frame_set, before = self.window.frames[number], self.window[number - 1]
         # predict: scaled motion dynamics predict where the body will be (Section IV-C)
         expected = self.expect(self.predict(number)[-1])
-        # isolate: which pixels show the patient, other people, the equipment and the room
+        # isolate: decide which pixels show the patient, other people, the equipment and the room
         isolated, step = isolate(frame_set, expected, before, self.run)
         if step.any():
             later = self.predict(self.config.follow.look_ahead)[number - 1 :]
@@ -236,9 +236,9 @@ class PatientTracker:
             expected = expected.moved(step)
         if number == 1:
             self.pace = WALKING if step.any() else PATIENT_PACE
-        # surface: one mesh from all cameras, cut where the body touches itself, bridged where the body is hidden
+        # surface: make one mesh from all cameras, cut where the body touches itself, bridged where it is hidden
         surface = see_surface(isolated, expected, self.run)
-        # anchors: head, hands and feet, from the depth image (Definition 2)
+        # anchors: find head, hands and feet in the depth image (Definition 2)
         anchors = see_anchors(surface, expected, self.height_m, self.run)
         return gather(frame_set, expected, isolated, surface, anchors, self.run)
 

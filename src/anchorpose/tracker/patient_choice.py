@@ -1,8 +1,8 @@
 """Choose the patient among the people in the sampled frames.
 
-The patient stands in the equipment, is there all the time, is near the cameras' optical axes, and does not turn the
+The patient stands in the equipment, is present all the time, is near the cameras' optical axes, and does not turn the
 back to all cameras. Helpers stand around the patient and face the patient. None of these signs is certain, so each
-gives votes.
+of them contributes votes.
 """
 
 from __future__ import annotations
@@ -21,24 +21,26 @@ from anchorpose.rotations import unit
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
-STAYS_M: Final = 0.40  # m, largest distance from a person's usual place: a step, or standing up from a seat
-# m; people seen at usual places nearer than this are one person: half of the least distance between two pelvises
+# m, maximum distance from a person's usual place, as after a step or after standing up from a seat
+STAYS_M: Final = 0.40
+# m; people whose usual places are closer together are the same person; half of the least distance between two pelvises
 SAME_M: Final = 0.15
-# least share of a person's nodes that a body explains; people have at least 0.68, things up to 0.70
+# minimum share of nodes that a body must explain in a person; people have at least 0.68, objects up to 0.70
 HUMAN: Final = 0.65
-# largest share of the trunk that cameras see past: 0.25 for the rough body of a lunge, 0.37 and more for a chair
+# maximum share of the trunk that cameras see past; it was 0.25 for the rough body of a lunge, 0.37 and more for a chair
 MOST_PAST: Final = 0.3
-HELP_M: Final = 1.2  # m, largest distance of a helper's pelvis from the patient's: an outstretched arm and a step
-FACES: Final = 0.7  # least cosine between a helper's heading and the direction to the patient: 45 degrees
+HELP_M: Final = 1.2  # m, maximum distance between the pelvises of helper and patient; an outstretched arm plus a step
+FACES: Final = 0.7  # minimum cosine between a helper's heading and the direction to the patient: 45 degrees
 ASIDE_M: Final = 0.4  # m, distance from the cameras' axes that costs 0.7 votes; cameras are aimed by eye
 OUTSIDE_M: Final = 0.2  # m outside the equipment's outline that cost 0.7 votes; a patient may lean out of it
-SURE: Final = 1.0  # least lead in votes for a sure choice: odds of three to one if votes are log likelihoods
-CHANCE: Final = 2  # frames added to those without the person: a person seen once may be a body fitted to an arm
+SURE: Final = 1.0  # minimum lead in votes for a sure choice: odds of three to one if votes are log likelihoods
+# frames added to the frames without the person, since a person seen once may be a body fitted to an arm
+CHANCE: Final = 2
 # m below the top of the head: heights of the trunk of a standing or sitting person
 CHEST_M: Final = np.linspace(0.35, 0.75, 7)
 BEFORE_M: Final = 0.3  # m; a reading this far in front of the middle of a trunk belongs to something else
-STEP_M: Final = 0.4  # m, longest step from frame to frame: 2 m/s at 5 frames per second
-# m, largest distance of the patient from the given place; a person farther away is another person
+STEP_M: Final = 0.4  # m, maximum movement from frame to frame: 2 m/s at 5 frames per second
+# m, maximum distance of the patient from the given place; a person farther away is another person
 GIVEN_M: Final = 0.5
 
 
@@ -46,8 +48,8 @@ GIVEN_M: Final = 0.5
 class Candidate:
     """A person who may be the patient."""
 
-    seen: tuple[SeenPerson | None, ...]  # the person in each sighting; None where not seen
-    votes: float  # the candidate with most votes is likeliest the patient
+    seen: tuple[SeenPerson | None, ...]  # the person in each sighting; None if not seen
+    votes: float  # sum of the votes; the candidate with the largest sum is most likely the patient
     within: bool  # whether the usual place is within the equipment
     faced: float  # mean number of people nearby who face this person
 
@@ -61,7 +63,7 @@ class Candidate:
 class Patient:
     """The chosen patient; fields without a comment are described in ``PatientChoice``."""
 
-    seen: tuple[SeenPerson | None, ...]  # the patient in each sighting; None where not seen
+    seen: tuple[SeenPerson | None, ...]  # the patient in each sighting; None if not seen
     reason: str
     sure: bool
     rival_xz_m: np.ndarray | None
@@ -75,8 +77,8 @@ def choose_patient(
 ) -> Patient | None:
     """Choose the patient among all people in the sightings; None if nobody is seen.
 
-    With ``patient_xz_m``, the patient is the person nearest to this place in the first sighting with a person there;
-    otherwise, the person with most votes.
+    If ``patient_xz_m`` is given, the patient is the person nearest to this place in the first sighting with a person
+    there. Otherwise, the patient is the person with most votes.
     """
     candidates = find_candidates(sightings, equipment, cameras)
     if not candidates:
@@ -265,7 +267,7 @@ def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
 
 
 def outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
-    """Return how far a place lies outside the equipment's outline on the ground; 0 inside."""
+    """Return how far (m) a place lies outside the equipment's outline on the ground; 0 inside the outline."""
     outline = cv2.convexHull(equipment.triangles()[0][:, [0, 2]].astype(np.float32))
     x, z = place_xz_m
     return max(0.0, -float(cv2.pointPolygonTest(outline, (float(x), float(z)), True)))

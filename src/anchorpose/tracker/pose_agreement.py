@@ -1,9 +1,9 @@
 """Check whether two cameras show the same room and the same people: neither camera may see past a surface that the
 other shows.
 
-A surface may be hidden by objects in between, but only a wrong pose lets a camera see through it. The room reveals a
-camera whose pose is too near, too far, too high or tilted. People also reveal a pose that is shifted along the common
-surfaces, since their outlines are next to free space.
+A surface may be hidden by objects in front of it, but only a wrong pose lets a camera see through it. The room reveals
+a pose that is too near to it, too far from it, too high or tilted. People also reveal a pose that is shifted along the
+common surfaces, since beside their outlines there is free space.
 """
 
 from __future__ import annotations
@@ -24,25 +24,26 @@ from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet, depths_of
 
-# shares of the room's surface in view of both cameras that one camera sees past by more than AWAY_M: above the first, a
+# limits of the share of the common room surface that one camera sees past by more than AWAY_M: above the first limit, a
 # note is written; above the second, the recording is refused
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
 # the share of the room above which the recording is refused if cameras blur depth edges, since outlines of people then
 # cannot confirm the contradiction
 ROOM_ALONE: Final = 0.6
-AWAY_M: Final = 0.10  # m; smaller distances are tolerated: poses wrong by 3 cm and 1 degree displace people by 0.12
-LEAST_SHARED: Final = 500  # least number of points that both cameras see; with fewer, shares are unknown
-POINTS: Final = 20000  # points of the room that are compared
-POINTS_OF_PEOPLE: Final = 3000  # points of the people of one frame that are compared
+AWAY_M: Final = 0.10  # m; smaller distances are tolerated; poses wrong by 3 cm and 1 degree displace people by 0.12 m
+LEAST_SHARED: Final = 500  # minimum number of points that both cameras see; with fewer, shares are unknown
+POINTS: Final = 20000  # number of compared points of the room
+POINTS_OF_PEOPLE: Final = 3000  # number of compared points of the people in a frame
 FRAMES: Final = 8
-OFF_M: Final = 0.015  # m between the common surfaces, above which poses are doubted; correct poses have at most 0.009
-REFUTED_M: Final = 0.15  # m between the common surfaces, above which poses are refused: both cameras 10 cm wrong
+OFF_M: Final = 0.015  # m; if the common surfaces are farther apart, poses are doubted; correct poses have at most 0.009
+# m; if the common surfaces are farther apart, poses are refused; both cameras are then 10 cm wrong
+REFUTED_M: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class SeenPast:
-    """How much of the surface that one of two cameras shows is seen past by the other: the larger of both directions.
+    """The share of one camera's surface that another camera sees past, in the direction with the larger share.
 
     NaN if both cameras see too little of the same surface.
     """
@@ -167,8 +168,8 @@ def _past(world_m: np.ndarray, other: Scene, depth_m: np.ndarray) -> tuple[int, 
     """Return how many of the points (n, 3) another camera sees past by its depth image (height, width), metres; and for
     how many this is known.
 
-    It is known for points in view at which the camera has a reading and nothing hides the point. The nearest reading
-    within ``AWAY_M`` sideways is used.
+    It is known for a point in view if the camera has a reading there and nothing hides the point. Of the readings
+    within ``AWAY_M`` sideways, the nearest is used.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
     column, row, inside = other.camera.pixel_of(seen)

@@ -1,6 +1,6 @@
 """Find clocks, calibration and room from frames spread over the recording.
 
-If the equipment looks the same from two sides, the patient's body decides which side is the front.
+If the equipment looks the same from two sides, the direction in which the patient faces decides which is the front.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
 # factor on the number of samples if the empty room has to be combined from moments in which its parts are free
 BLIND_SAMPLES = 3
-# frames examined before and after the frame in which the user named the patient: half a walking step on each side
+# number of frames examined before and after the frame in which the user named the patient: half a walking step each
 AROUND: Final = 6
-LOOKS: Final = 3  # frames from which the heading is found
+LOOKS: Final = 3  # number of frames from which the heading is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,7 +174,7 @@ def _frames_of_named(
     """Return the possible initial frames for a patient given by a place in a frame: this frame and frames just before
     and after it.
 
-    Empty if nobody stands there in this frame. Raises InputError if the recording has no such frame.
+    The result is empty if nobody stands there in this frame. Raises InputError if the recording has no such frame.
     """
     here, last = _position(recording, frame), len(recording.streams[0].files)
     positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
@@ -240,7 +240,7 @@ def heading_of_patient(
 
 
 def _facing(room: Room, frame_set: FrameSet, look: InitialFrame, config: TrackConfig) -> np.ndarray | None:
-    """Return the level direction (3,) in which the patient faces in a frame; None where too little of them is seen."""
+    """Return the level direction (3,) in which the patient faces in a frame; None if too little of them is seen."""
     isolated = isolate_first(frame_set, look.choice, Run(room, config))
     body = rough_body_of(isolated.views, room.cameras, PixelLabel.PATIENT)
     return None if body is None else np.array([body.facing_xz[0], 0.0, body.facing_xz[1]])

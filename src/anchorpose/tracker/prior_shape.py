@@ -83,13 +83,15 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
     return mean, float(np.hypot(spread, apart if age_years is None or age_years > 12.0 else 0.0))
 
 
-# statures tried, as factors on the stature estimated from matches: real people are often 5 to 10 % shorter than that
+# factors by which the stature from matches is multiplied to get the tried statures, since real people are often 5 to
+# 10 % shorter
 TALLER = (1.0, 0.92)
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CHILD_HEIGHTS_M = (0.95, 1.55)
-ORDINARY_HEIGHT_M = 1.70  # height of an adult whose height is not given
-CONTRADICTS = 3.0  # standard deviations; a stated height that differs more from the images contradicts them
-SYSTEMATIC_M = 0.02  # m, systematic error of a height from images: shoes, hair and a body unlike the model
+ORDINARY_HEIGHT_M = 1.70  # m, assumed height of an adult whose height is not given
+CONTRADICTS = 3.0  # standard deviations; if a stated height differs by more from the images, it contradicts them
+# m, systematic error of a height from images, due to shoes, hair and bodies that differ from the model
+SYSTEMATIC_M = 0.02
 TRIED_SIGMA_M = 0.01  # m, standard deviation of a tried height, which sets its weight in the fitted shape
 
 
@@ -104,7 +106,8 @@ def ordinary_height_m(recording: Recording) -> float:
 def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, ...]:
     """Return the prior beliefs in the patient's shape: an adult's first and, unless the patient is grown, a child's.
 
-    A measured height is one more observation. Without it, the height follows from age and sex, if they are stated.
+    A measured height is one more observation. Without a measured height, the height follows from age and sex if they
+    are stated.
     """
     asset = body_points().asset
     groups = (adult_belief,) if subject.grown else (adult_belief, child_belief)

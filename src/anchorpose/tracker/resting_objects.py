@@ -1,8 +1,8 @@
 """Find objects that rest for a part of the time (moved furniture, people who keep still), and add the furniture to the
 room.
 
-A door that is opened or a chair that is pushed does not stay in one place long enough to be learnt as part of the room,
-yet it is not a person.
+A door that is opened or a chair that is pushed does not stay in one place long enough to be learnt as a part of the
+room, but it is not a person either.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from anchorpose.isolation.components import JUMP_GATE, label_components
 from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet
 
-LEAST_S: Final = 1.0  # s, least time at rest: a person who turns back stands still for half a second
-LEAST_SAMPLES: Final = 6  # least number of samples that show the object at rest; its sway is measured in them
-SETTLING: Final = 2  # samples after an object comes to rest that are not used: it may still move within the noise
-# least share of the connected foreground that is at rest, and of the piece that came to rest during the samples
+LEAST_S: Final = 1.0  # s, minimum time at rest; a person who turns round to walk back stands still for half a second
+LEAST_SAMPLES: Final = 6  # minimum number of samples that show the object at rest; its sway is measured in them
+SETTLING: Final = 2  # number of unused samples after an object comes to rest, since it may still move within the noise
+# minimum share of the connected foreground that is at rest, and of the piece that came to rest during the samples
 WHOLE: Final = 0.8
-SHOWN: Final = 33  # least percentage of the object's pixels that a sample shows; people may hide the others
-OFTEN: Final = 67  # percentile over the samples: in a third of them nobody touches the object
+SHOWN: Final = 33  # minimum percentage of the object's pixels that a sample shows; people may hide the others
+OFTEN: Final = 67  # percentile over the samples, since in at least a third of them nobody touches the object
 RIM_PX: Final = 2  # width in pixels of the rim around an object in which its edge flickers
 
 
@@ -163,7 +163,7 @@ def _layer(
 
 
 CHECKED: Final = 3  # number of an object's samples that the descriptor examines
-MOST_PERSON: Final = 0.2  # largest share of an object's pixels that may look like a person; chairs have up to 0.1
+MOST_PERSON: Final = 0.2  # maximum share of an object's pixels that may look like a person; chairs have up to 0.1
 
 
 def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet]) -> Scene:

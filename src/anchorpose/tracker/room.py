@@ -39,7 +39,7 @@ class InitialFrame:
 
     frame: int  # position in the recording
     choice: PatientChoice  # where the patient stands
-    score: float  # 0 to 1; higher the better the patient is seen and the farther away other people are
+    score: float  # 0 to 1; it is high if much of the patient is seen and other people are far from the patient
     whole: float  # 0 to 1, the patient's visible surface relative to the usual area
     alone: bool  # whether no other person is seen
     crowd: Crowd | None = field(default=None, repr=False)  # the people seen; None once they are no longer needed
@@ -76,12 +76,14 @@ class Review:
     """A reviewer's corrections of earlier results."""
 
     joints: dict[int, CorrectedJoints] = field(default_factory=dict)  # by frame number
-    unusable: tuple[tuple[int, int, str], ...] = ()  # first frame, last frame (both unusable), sentence with the reason
-    clocks: dict[str, Clock] = field(default_factory=dict)  # by camera, from the earlier results; empty = to be found
-    floor_height_m: float | None = None  # from the earlier results; None = to be found
+    # first and last frame of each interval, and the reason, as a sentence
+    unusable: tuple[tuple[int, int, str], ...] = ()
+    # by camera, from the earlier results; empty = to be estimated
+    clocks: dict[str, Clock] = field(default_factory=dict)
+    floor_height_m: float | None = None  # m, from the earlier results; None = to be estimated
 
     def why_unusable(self, frame: int) -> str | None:
-        """Return the reason given for the first unusable interval that contains the frame; None where the frame is
+        """Return the reason given for the first unusable interval that contains the frame; None if the frame is
         usable.
         """
         return next((why for first, last, why in self.unusable if first <= frame <= last), None)

@@ -22,12 +22,13 @@ from anchorpose.tracker.patient_choice import outside_m
 from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.start import NoStart
 
-NEAR_M: Final = 0.5  # m; a person this near is at the patient's last place: the visible part may lie off the axis
+# m; a person within this distance is at the patient's last place, since the visible part may lie off the axis
+NEAR_M: Final = 0.5
 WALK_M_S: Final = 1.5  # m/s, people's walking speed
-RETURN_S: Final = 1.0  # s; nobody can walk out of the image, turn round and be back sooner
-STRIP_M: Final = 0.15  # m, width of a strip at the image border: half a trunk in profile, a head's width
+RETURN_S: Final = 1.0  # s, minimum time in which a person can walk out of the image, turn round and come back
+STRIP_M: Final = 0.15  # m, width of a strip at the image border: half a trunk in profile, or a head
 BORDER: Final = 0.1  # share of the image's width or height at the border in which stereo cameras may have no readings
-CUT: Final = 0.5  # least share of a person's rows or columns that reach the border, if the border cuts the person off
+CUT: Final = 0.5  # minimum share of a person's rows or columns that reach the border, if the border cuts the person off
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,8 +130,8 @@ class Search:
     def _strangers(self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> list[Person]:
         """Return the people who are not bystanders seen before.
 
-        Each bystander is identified with at most one person, who has most pixels with the bystander's label. Labels
-        spread between people who touch, but the descriptor separates these people.
+        Each bystander is identified with at most one person: the person with most pixels of the bystander's label.
+        Labels spread between people who touch, but the descriptor separates these people.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)

@@ -22,8 +22,10 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
 from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
-COVERED_M: Final = 0.10  # m; a rough body covers points this near to its skin: clothes and the body's error
-IN_EACH_OTHER_M: Final = 0.25  # m; two bodies with nearer pelvises are one person: a trunk's depth and the error
+# m; a rough body covers points within this distance of its skin, since clothes and the body's error add up to it
+COVERED_M: Final = 0.10
+# m; two bodies with pelvises closer together are the same person; a trunk's depth plus an error
+IN_EACH_OTHER_M: Final = 0.25
 _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 
 
@@ -48,7 +50,7 @@ class RoughBody:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPerson:
-    """A person and their rough body, which is None where too little is seen."""
+    """A person and their rough body, which is None if too little is seen."""
 
     person: Person
     body: RoughBody | None
@@ -126,7 +128,7 @@ def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[Ro
 
 
 def rough_body_of(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughBody | None:
-    """Return the rough body of the person with this label; None where too little of the person is seen."""
+    """Return the rough body of the person with this label; None if too little of the person is seen."""
     person = rough_person(views, cameras, label)
     return None if person is None else _rough_body(person, views, cameras)
 

@@ -1,7 +1,7 @@
 """Combine the forward and the backward pass limb by limb, and smooth the joints over time.
 
-A limb that one pass loses behind a person is often tracked by the other pass. Where both passes agree on a limb, they
-are averaged. Where they disagree, the limb is taken from the pass in which more of it is seen at its place. Joints are
+A limb that one pass loses behind a person is often tracked by the other pass. If both passes agree on a limb, they are
+averaged. If they disagree, the limb is taken from the pass in which more of it is seen at its place. Joints are
 then smoothed by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
 """
 
@@ -31,16 +31,16 @@ from anchorpose.tracker.room import Room, Run
 
 SPINE_BASE: Final = JOINT_INDEX["SpineBase"]  # a joint of the trunk, not of a limb
 FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
-# m, the width of a wrist; if both passes place a limb's joint nearer than this, they are averaged
+# m, the width of a wrist; if the places of a limb's joint in both passes are closer together, they are averaged
 APART_M: Final = 0.06
 # m, half a shoulder breadth; if the passes place the trunk farther apart than this, all limbs are taken from one pass
 TRUNK_APART_M: Final = 0.15
 HIDDEN_COST: Final = 0.5  # cost per frame of a joint that is not seen; a seen joint costs 0
 LOST_COST: Final = 2.0  # cost per frame of a joint that is lost: cameras see past its place
 SWITCH_COST: Final = 0.2  # cost of switching from one pass to the other, less than a hidden joint in one frame
-# cost of switching per metre that the limb jumps; a jump of 0.2 m costs as much as one lost joint
+# additional cost of switching per metre by which the limb jumps; a jump of 0.2 m costs as much as one lost joint
 SWITCH_COST_PER_M: Final = 10.0
-AT_ONCE: Final = 3  # joints smoothed together: all joints of an hour would fill the memory
+AT_ONCE: Final = 3  # number of joints smoothed together; all joints of an hour would fill the memory
 ACCELERATION: Final = 2.0  # m/s per square root of a second: 1 m/s in 0.25 s, as at the start of a reach
 
 

@@ -51,17 +51,19 @@ from anchorpose.tracker.prior_shape import (
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import Crowd, SeenPerson, Sighting
 
-SEEN = 0.3  # a forearm or shank counts as fully seen with this share of its skin; a camera sees half at most
-# usual rarity of a pose (sum of the squared joint deviations); correct first poses have 15 to 60, wrong ones over 100
+SEEN = 0.3  # share of the skin of a forearm or shank with which it counts as fully seen; a camera sees half at most
+# usual rarity of a pose (sum of the squared joint deviations); correct first poses have 15 to 60, wrong poses over 100
 USUAL = 60.0
-# least quality of a start without equipment; correct starts have 0.35, a wrong start in a crowd had less than 0.25
+# minimum quality of a start without equipment; correct starts have 0.35, a wrong start in a crowd had less than 0.25
 LEAST_QUALITY = 0.25
-LEAST_TRUNK = 0.05  # least seen share of the skin of trunk and head: a face, or a part of a chest between other people
-TURN_GATE = 21.1  # largest squared Mahalanobis distance (3 angles) of an unseen turn; 1 patient in 10,000 turns farther
-MOST_DEVIATIONS = 4.0  # standard deviations, most for any of 16 shape components: one adult in a thousand exceeds it
-LEAST_EXPLAINED = 0.55  # least share of the surface that a first pose must explain
-HANGS_M = 0.35  # m, largest height of the feet above the floor; feet on a high bed or a treadmill are lower
-UPRIGHT = 0.7  # least cosine between trunk and vertical for the HANGS_M check; a lying person's feet may be high
+# minimum seen share of the skin of trunk and head: a face, or a part of a chest between other people
+LEAST_TRUNK = 0.05
+TURN_GATE = 21.1  # maximum squared Mahalanobis distance (3 angles) of an unseen turn; 1 patient in 10,000 turns farther
+# maximum deviation, in sigmas, of each of 16 shape components; one adult in a thousand exceeds it
+MOST_DEVIATIONS = 4.0
+LEAST_EXPLAINED = 0.55  # minimum share of the surface that a first pose must explain
+HANGS_M = 0.35  # m, maximum height of the feet above the floor; feet on a high bed or a treadmill are lower
+UPRIGHT = 0.7  # minimum cosine between trunk and vertical for the HANGS_M check; a lying person's feet may be high
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
 
 
@@ -94,7 +96,7 @@ def find_start(
     expected: PoseBelief | None = None,
     facing: Facing | None = None,
 ) -> Start | NoStart:
-    """Find the patient in this frame, or return why the patient is not found.
+    """Find the patient in a frame, or return why the patient is not found.
 
     known: the learnt shape, None before learning; crowd: the people in this frame, None if not found yet; expected: the
     pose before the patient was lost. It is used for the limb search after the first pose, and to reject a person who
@@ -161,7 +163,7 @@ def _facing_as(facing: Facing, rivals: Sequence[Rival]) -> list[Rival]:
 
 
 def start_turned(seen: Observation | None, turned: Rival | None, config: TrackConfig) -> Start | None:
-    """Return the start with the opposite facing in a frame; None if it has no body of its own or explains nothing."""
+    """Return the start with the opposite facing in a frame; None if that facing has no body or explains nothing."""
     if seen is None or turned is None or turned.body is None:
         return None
     found = posterior(turned.body, turned.belief.pose, turned.belief, seen.evidence, config.registration)
@@ -223,8 +225,9 @@ def quality(start: Start) -> float:
     """Return the quality of a start, 0 to 1: the share of the surface that the body explains, reduced for each forearm
     and shank that is hardly seen, and for a rare pose.
 
-    The pose of a hidden limb is arbitrary, and a limb that the first frame confuses with another person's limb stays
-    wrong for long. Rare poses are often wrong: for example, legs fitted to a kneeling person's head bend in a rare way.
+    The pose of a hidden limb is arbitrary, and a limb that is confused with another person's limb in the first frame
+    stays wrong for long. Rare poses are often wrong: for example, legs fitted to a kneeling person's head are bent in
+    a rare way.
     """
     body = build_body(body_points(), start.shape)
     points, pose = body.points, start.belief.pose
@@ -248,12 +251,13 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     return Start(seen, shape, found.belief, found.explained, estimate.rivals)
 
 
-CROWDED_M: Final = 1.0  # m between the axes of two people, below which the score falls: an arm and half a trunk
-MERGED: Final = 0.5  # weight of a frame with fewer people than usual; two people who stand close may be seen as one
-WELL: Final = 0.92  # quality at which a frame is taken at once: alone 0.95 to 1, with a therapist's arm added 0.7
-WHOLE: Final = 0.8  # least share of the patient's usual visible surface; any pose would explain a narrow strip
-TRIES: Final = 8  # most frames to fit; each takes one or two seconds
-APART: Final = 0.25  # tried frames are this share of the time span apart; nearby frames fail for the same reason
+CROWDED_M: Final = 1.0  # m; if two people's axes are closer together, the score falls; an arm plus half a trunk
+MERGED: Final = 0.5  # factor on the score of a frame with fewer people than usual, since two people may be seen as one
+# quality at which a frame is used at once; a patient alone has 0.95 to 1, with a therapist's arm 0.7
+WELL: Final = 0.92
+WHOLE: Final = 0.8  # minimum share of the patient's usual visible surface; any pose would explain a narrow strip
+TRIES: Final = 8  # maximum number of frames to fit; each takes one or two seconds
+APART: Final = 0.25  # share of the time span between tried frames, since neighbouring frames fail for the same reason
 
 
 def rank_initial_frames(

@@ -19,20 +19,21 @@ from anchorpose.body.visibility import Projection, pixels_of, projection_of
 from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Pieces
 
-REACH_M: Final = 0.60  # m, longest step from frame to frame: 3 m/s at 5 frames per second
-GRID_M: Final = 0.05  # m between tried steps: half a limb's width
-SAME_M: Final = 0.06  # m, largest gap between a moved point and the reading: half the grid step, clothes and noise
-PAST_M: Final = 0.15  # m; a reading this far behind a point shows that the point is not there
-POINTS: Final = 250  # most points used per person; the share found is then precise to 0.03
-STAYED: Final = 0.6  # a person with at least this share of points found again in place has not walked
-PLACED: Final = 0.4  # no step is needed if this share of expected skin is found; the person's own limbs hide the rest
-BETTER: Final = 0.2  # a step must find this share of the points more than staying does
-LEAST: Final = 0.25  # least share of the points found after a step; other people may hide the rest
-FAR_COST: Final = 0.2  # share of the points subtracted per metre of step, so that the nearer of two good places wins
-MOST_WALKERS: Final = 5  # people whose steps are compared jointly; more do not fit into an image
-MOST_STEPS: Final = 4  # steps considered for each person
-APART_M: Final = 0.25  # m, least distance between the axes of two people, and between two considered steps
-LEAST_POINTS: Final = 60  # about the points of a hand; a share of fewer points is not reliable
+REACH_M: Final = 0.60  # m, maximum length of a step from frame to frame: 3 m/s at 5 frames per second
+GRID_M: Final = 0.05  # m, distance between tried steps: half a limb's width
+SAME_M: Final = 0.06  # m, maximum gap between a moved point and the reading: half the grid step, clothes and noise
+PAST_M: Final = 0.15  # m; if a reading is this far behind a point, the point is not there
+POINTS: Final = 250  # maximum number of points used per person; the share found then has an error of 0.03
+STAYED: Final = 0.6  # minimum share of points found again in place for a person who has not walked
+PLACED: Final = 0.4  # share of expected skin found, from which no step is needed; the person's limbs hide the rest
+BETTER: Final = 0.2  # minimum share of the points that a step must find in addition to the share found without a step
+LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
+# share of points subtracted per metre of a step, so that the shorter of two good steps is preferred
+FAR_COST: Final = 0.2
+MOST_WALKERS: Final = 5  # maximum number of people whose steps are compared jointly; more do not fit into an image
+MOST_STEPS: Final = 4  # maximum number of steps considered for each person
+APART_M: Final = 0.25  # m, minimum distance between the axes of two people, and between two considered steps
+LEAST_POINTS: Final = 60  # minimum number of points, about those of a hand; a share of fewer points is not reliable
 
 
 def find_steps(
@@ -65,7 +66,7 @@ class _Option(NamedTuple):
 
     step: np.ndarray  # (3,) m
     place_xz_m: np.ndarray  # (2,) the person's place on the ground after the step
-    worth: float  # share of the points explained, less the cost of the distance
+    worth: float  # share of the points explained, minus the cost of the distance
 
 
 def _options(
@@ -140,7 +141,7 @@ def _grid() -> np.ndarray:
 def _best_step(
     points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, float]:
-    """Return the step (3,) of greatest worth, and its worth less the cost of the distance."""
+    """Return the step (3,) of greatest worth, and its worth minus the cost of the distance."""
     steps = _grid()
     worth = _worth(points_m, steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     best = int(worth.argmax())

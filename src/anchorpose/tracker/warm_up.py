@@ -41,9 +41,9 @@ CAMERA: Final = Camera(
 
 
 def start_warm_up() -> subprocess.Popen[bytes]:
-    """Start the second process. It ends by itself; its result is the cache of compiled kernels.
+    """Start the second process. It ends without being stopped; its result is the cache of compiled kernels.
 
-    If it fails, only time is lost: the first process then compiles the kernels itself.
+    If it fails, only time is lost, since the first process then compiles the kernels itself.
     """
     run = f"from {__name__} import warm_up; warm_up()"
     return subprocess.Popen([sys.executable, "-c", run], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
