@@ -49,7 +49,7 @@ class Costs:
 
 
 def _forms(config: ExperimentConfig) -> int:
-    """Return a method's number of runs on a recording of the paper's scene: the forms, summed over all sizes of hole."""
+    """Return a method's number of runs on a recording of the paper's scene: forms, summed over all sizes of hole."""
     ends = min(len(config.holes_m), 2)
     between = sum(form.refined for form in config.forms)
     return ends * len(config.forms) + between * (len(config.holes_m) - ends)

@@ -175,7 +175,7 @@ class Plan:
         return (*self.methods, *(ABLATED if ablated else ()))
 
     def has_windows(self, clip: Clip) -> bool:
-        """Return whether matches are compared with the truth. As in the paper, this is done only in the paper's scene."""
+        """Return whether matches are compared with the truth, as is done only in the paper's scene."""
         return clip.scene is Scene.PAPER
 
     def reference(self, clip: Clip) -> Path:

@@ -25,7 +25,7 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
 SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for SHOT alone
-MOST: Final = 9.0  # maximum squared deviation of a distance, since occlusions change it; also that of an unknown distance
+MOST: Final = 9.0  # maximum squared deviation of a distance, since occlusions change it; also for unknown distances
 MOST_SHOT: Final = 18.0  # maximum squared deviation of a signature, since a hole beside a node changes it
 GIVEN_UP_M: Final = 0.30  # m, distance of a hand at 3 m/s from its prediction; its descriptor still identifies it
 ROWS: Final = 500  # number of source nodes compared at once; with 2,000 nodes in the other frame: 4 MB per anchor
