@@ -25,7 +25,7 @@ from anchorpose.surface.links import links, pieces, straight_m
 from anchorpose.surface.mesh import faces, grid_edges
 from anchorpose.surface.surface import Surface
 
-LONGEST_M: Final = 1e6  # solvers return huge numbers for unreached nodes
+LONGEST_M: Final = 1e6  # m; for unreached nodes, solvers return greater numbers
 
 
 class Solver(StrEnum):
@@ -97,8 +97,8 @@ def _exact(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
 
 
 def _heat(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
-    """Prepare the heat method: within 1 cm on average on a body; heat decays over thousands of edges, so it does not
-    suit whole rooms.
+    """Prepare the heat method. On a body, its mean error is below 1 cm. It does not suit whole rooms, since heat decays
+    over thousands of edges.
 
     Source: Crane, Weischedel and Wardetzky 2013 (doi:10.1145/2516971.2516977) by potpourri3d, on its robust Laplacian.
     """
@@ -116,7 +116,7 @@ def _heat(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriangleMesh:
-    """The surface as triangles alone, connected where they share a side.
+    """The surface as triangles alone, which are connected only where they share a side.
 
     A node whose triangles share only this corner becomes several vertices, since solvers need a manifold mesh.
     """
@@ -128,7 +128,7 @@ class TriangleMesh:
 
 
 def triangle_mesh(surface: Surface) -> TriangleMesh:
-    """Return the triangles of ``surface.mesh.faces``, separated where they meet in a single corner."""
+    """Return the triangles of ``surface.mesh.faces``, separated where they share only a corner."""
     triangle = faces(surface).astype(np.int64)
     corner = np.arange(triangle.size).reshape(triangle.shape)
     sides = np.stack([triangle, np.roll(triangle, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -153,7 +153,7 @@ def _components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: float, solve: Solve) -> np.ndarray:
-    """Return distance fields (s, n) float32, one per source; a patch is prepared once for all sources."""
+    """Return the distance fields (s, n) float32, one per source. A patch is prepared once for all sources."""
     if len(surface.link_node):
         raise ValueError(
             "a surface with links between cameras or across gaps is more than its triangles;"

@@ -18,11 +18,11 @@ from anchorpose.surface.mesh import edges, faces, keep_nodes
 from anchorpose.surface.surface import Surface
 
 TOLERANCE_M: Final = 1e-4
-"""Difference in metres that still counts as undistorted with the exact solver.
+"""Maximum change of a distance, in metres, that counts as undistorted with the exact solver.
 
-It covers rounding, and cells at the rim that are cut along the other diagonal. With a larger tolerance, nodes around a
-corner would count as bright: a path that bends by 0.1 rad 0.1 m before its end is only 0.5 mm longer. With fast
-marching, use 4 mm, which is its own error between two meshes.
+It covers rounding, and cells at the rim that are divided along the other diagonal. With a larger tolerance, nodes
+around a corner would count as bright, since a path that bends by 0.1 rad 0.1 m before its end is only 0.5 mm longer.
+With fast marching, use 4 mm, which is its error between two meshes.
 """
 
 
@@ -45,7 +45,7 @@ class Occlusion:
     hidden: np.ndarray  # (n,) bool
     seen: Surface  # the surface without the hidden nodes
     node: np.ndarray  # (m,) int32, number in ``whole`` of each node of ``seen``
-    # seen nodes and edges where the surface ends because of the occlusion, not because the whole surface ends
+    # seen nodes and edges at which the seen surface ends, but the whole surface does not
     boundary: Region
     solver: Solver
     tolerance_m: float
@@ -56,8 +56,8 @@ class Light:
     """The effect of the occlusion on distances from one node."""
 
     occlusion: Occlusion
-    # (n,) float32, by how much the distance to each node is longer than on the whole surface; inf if the occlusion
-    # disconnects the node, NaN for hidden nodes and for nodes that the whole surface does not connect either
+    # (n,) float32, by how much the distance to each node is longer than on the whole surface; inf if only the occlusion
+    # disconnects the node, NaN for hidden nodes and for nodes that are not connected on the whole surface
     distortion_m: np.ndarray
 
     @property
@@ -110,7 +110,7 @@ def light_from(occlusion: Occlusion, node: int) -> Light:
     free = solve_distance(occlusion.whole, np.array([node]), solver=occlusion.solver)[0]
     bound = np.full(len(free), np.nan, np.float32)
     bound[occlusion.node] = solve_distance(occlusion.seen, np.array([place]), solver=occlusion.solver)[0]
-    bound[np.isnan(bound) & ~occlusion.hidden] = np.inf  # connected only by edges without triangles
+    bound[np.isnan(bound) & ~occlusion.hidden] = np.inf  # nodes that only edges without triangles connect
     with np.errstate(invalid="ignore"):
         return Light(occlusion, np.where(np.isfinite(free), bound - free, np.nan).astype(np.float32))
 
@@ -118,8 +118,8 @@ def light_from(occlusion: Occlusion, node: int) -> Light:
 def border_is_covered(lights: Sequence[Light]) -> bool:
     """Return whether the bright regions together cover every edge of the occlusion's boundary (Proposition 2).
 
-    If they do, and Proposition 1 holds (docs/occlusion.md), every seen node has an undistorted distance to at least one
-    of the lights' nodes. If they do not, nodes just outside an uncovered edge have no undistorted distance.
+    If this is true and Proposition 1 applies (docs/occlusion.md), every seen node has an undistorted distance to at
+    least one of the lights' nodes. If it is false, all distances of nodes just outside an uncovered edge are distorted.
     """
     if not lights:
         return False

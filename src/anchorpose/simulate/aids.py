@@ -15,8 +15,8 @@ from anchorpose.rotations import FORWARD, RIGHT, UP
 from anchorpose.simulate.person import Person
 
 ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # parts of the names of arm bones
-LOOSE_M = 0.06  # m, largest distance of the chest from straps that act as a harness
-WIDEST_M = 0.62  # m, distance of a rail from the middle, on the widest bars that are made
+LOOSE_M = 0.06  # m; a harness is drawn only if the chest moves by at most this in the recording
+WIDEST_M = 0.62  # m, distance of each rail from the middle plane, on the widest parallel bars on the market
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,12 +36,12 @@ class Sweep:
         return np.asarray(skin[inside], dtype=np.float64)
 
     def standing(self) -> Sweep:
-        """Return the moment in which the pelvis is highest."""
+        """Return the sweep of the single moment at which the pelvis is highest."""
         highest = int(np.argmax(self.pelvis_m[:, 1]))
         return Sweep(self.skin_m[highest : highest + 1], self.arms, self.pelvis_m[highest : highest + 1])
 
     def seated(self) -> Sweep:
-        """Return the moment in which the pelvis is lowest."""
+        """Return the sweep of the single moment at which the pelvis is lowest."""
         lowest = int(np.argmin(self.pelvis_m[:, 1]))
         return Sweep(self.skin_m[lowest : lowest + 1], self.arms, self.pelvis_m[lowest : lowest + 1])
 
@@ -60,7 +60,7 @@ class HeldEquipment:
     """Equipment that the patient holds."""
 
     parts: tuple[EquipmentPart, ...]
-    grip_m: np.ndarray  # (2, 3) places where the left and the right hand hold it
+    grip_m: np.ndarray  # (2, 3) places where the left and the right hand hold the equipment
 
 
 def fit_standing_frame(
@@ -68,8 +68,8 @@ def fit_standing_frame(
 ) -> HeldEquipment:
     """Build a standing frame: posts, rails, a cross-bar before the belly, a bar before the knees, runners on the floor.
 
-    pelvis_m, knee_m: heights of pelvis and knees; front_m: x of belly or knees, whichever is farther forward;
-    half_width_m: distance from the middle that leaves space for the arms.
+    pelvis_m, knee_m: heights of pelvis and knees. front_m: x of the belly or the knees, whichever is greater.
+    half_width_m: distance from the middle plane that leaves space for the arms.
     """
     bar_height_m = rng.uniform(0.05, 0.09)
     bar_depth_m = rng.uniform(0.03, 0.05)
@@ -177,7 +177,7 @@ def fit_walker(rng: np.random.Generator, sweep: Sweep, handle_m: float) -> HeldE
 
 
 def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[EquipmentPart, ...]:
-    """Return a wheelchair: under a patient who sits at times, else parked behind. Its leg rests are swung away."""
+    """Build a wheelchair. sits: True = it stands under the patient; False = behind. Its leg rests are swung away."""
     depth_m = rng.uniform(0.40, 0.44)
     seat = sweep.seated() if sits else sweep
     legs = sweep.standing().within(0.2, 0.6)

@@ -19,14 +19,14 @@ LENGTH_SPREAD: Final = {"UpLeg": 0.05, "Leg": 0.04, "Arm": 0.04, "ForeArm": 0.04
 GIRTH_SPREAD: Final = {"UpLeg": 0.06, "Leg": 0.06, "Arm": 0.07, "ForeArm": 0.06, "Hand": 0.04, "Foot": 0.04}
 TRUNK: Final = ("LowerBack", "Spine", "Spine1")
 TRUNK_SPREAD: Final = (0.06, 0.035, 0.04)  # relative standard deviations of depth, height and breadth
-MOST_ASYMMETRIC: Final = 0.04  # largest relative difference between the lengths of both sides
+MOST_ASYMMETRIC: Final = 0.04  # maximum relative difference in length between a left and a right segment
 WASTED: Final = (0.75, 0.90)  # range of the factor on the girth of wasted thighs and shanks
 STRONGER: Final = (1.02, 1.10)  # range of the factor on the girth of strong arms
 BELLY_M: Final = (0.03, 0.08)  # m, range of a belly's bulge
-FATTER: Final = (1.05, 1.20)  # range of the factor on the girth of a heavy person's segments
+FATTER: Final = (1.05, 1.20)  # range of the factor on the girth of the segments of a heavy person
 SHOE_M: Final = (0.003, 0.008)  # m, range of the thickness of a shoe's upper
 SOLE_M: Final = (0.010, 0.030)  # m, range of the thickness of a sole
-SHOD_SHARE: Final = 0.75  # share of the people who wear shoes
+SHOD_SHARE: Final = 0.75  # probability that a person wears shoes
 BRACE_M: Final = (0.008, 0.018)  # m, range of the gap between a brace and the widest part of the covered segment
 BRACED: Final[dict[BraceName, tuple[str, ...]]] = {
     "left shank": ("LeftLeg",),
@@ -39,10 +39,10 @@ BRACED: Final[dict[BraceName, tuple[str, ...]]] = {
 
 @settings
 class OtherBody:
-    """The differences between the patient's body and those of the asset."""
+    """The ways in which the patient's body differs from the bodies of the asset's shape space."""
 
     build: Build = "ordinary"
-    braces: tuple[BraceName, ...] = ()  # stiff orthoses over these segments
+    braces: tuple[BraceName, ...] = ()  # segments that are covered by stiff orthoses
     file: Path | None = None  # file with a body of another source (``rigged_body``); None = drawn from the asset
     missing: tuple[MissingPart, ...] = ()  # limbs or parts of limbs that the patient lacks; stated in recording.json
 
@@ -52,11 +52,11 @@ class Scales:
     """Factors on the size of each bone's segment, relative to the original body."""
 
     length: np.ndarray  # (b,)
-    girth: np.ndarray  # (b, 2) depth and breadth; both are equal for limbs
+    girth: np.ndarray  # (b, 2) factors on depth and breadth; for limbs, both are equal
 
 
 def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) -> Scales:
-    """Draw the scales of all segments independently; only left and right are nearly equal."""
+    """Draw the scales of all segments. They are independent, except that left and right are nearly equal."""
     length, girth = np.ones(len(names)), np.ones((len(names), 2))
     if build == "ordinary":
         return Scales(length, girth)
@@ -163,7 +163,7 @@ def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[Bo
 
 
 def amputated(body: BodyMesh, parts: tuple[MissingPart, ...]) -> BodyMesh:
-    """Return the body with its missing parts collapsed to the stumps, which carry them; the bones do not change."""
+    """Return the body with the skin of its missing parts drawn together in the stumps. The bones do not change."""
     asset, vertices = body.asset, body.vertices.copy()
     bones, weights = asset.skin_bones.copy(), asset.skin_weights.copy()
     for part in parts:

@@ -15,7 +15,7 @@ from anchorpose.simulate.timeline import ease
 
 SMOOTHING_S: Final = 0.07  # s, smoothing window: Kinect v2 joints jitter by millimetres to centimetres between frames
 OVERLAP_S: Final = 0.4  # s, overlap of one repetition with the next
-STRAIGHT_RAD: Final = 0.35  # rad; the plane of a limb that is bent by less comes from earlier frames
+STRAIGHT_RAD: Final = 0.35  # rad; if a limb is bent by less than this, its plane comes partly from earlier frames
 PLANE_MEMORY_S: Final = 0.5
 
 _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # the file's left, up and ahead in the world
@@ -41,7 +41,7 @@ class Capture:
 
 
 def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: float) -> Capture:
-    """Join repetitions one after another; time 0 is in clip ``first`` at ``phase`` (0 = its start, 1 = its end)."""
+    """Join repetitions into one movement. Time 0 is in clip ``first`` at ``phase`` (0 = its start, 1 = its end)."""
     rows_before = int(np.ceil(-from_s * CLIP_HZ))
     count = rows_before + int(np.ceil(until_s * CLIP_HZ)) + 2
     zero = int(phase * (len(clips.joints_m[first]) - 1))
@@ -130,7 +130,7 @@ def _bending_axis(arm: np.ndarray) -> np.ndarray:
     trust = np.clip(sine / np.sin(STRAIGHT_RAD), 0.0, 1.0) ** 2
     axes = np.zeros((len(arm), 3))
     axis = RIGHT.copy() if sine.max() == 0 else measured[int(np.argmax(sine))]
-    for times in (range(len(arm) - 1, -1, -1), range(len(arm))):  # backward first, so that the start is known, too
+    for times in (range(len(arm) - 1, -1, -1), range(len(arm))):  # backward first, to give the first frames an axis
         for t in times:
             carried = unit(axis - (axis @ arm[t, 0]) * arm[t, 0])
             gain = trust[t] * (1.0 if trust[t] >= 1.0 else 1.0 / (PLANE_MEMORY_S * CLIP_HZ))

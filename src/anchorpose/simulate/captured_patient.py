@@ -1,4 +1,4 @@
-"""Draw a patient who does a captured movement; hanging arms are kept clear of a body broader than the subject's."""
+"""Draw a patient who does a captured movement. If the body is broader than the subject's, the arms are abducted."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from anchorpose.simulate.timeline import ease
 
 MARGIN_S: Final = 3.0  # s, margin before and after the recording, for cameras whose clocks are wrong
 ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())  # angles of abduction that are tried
-GIVES_M: Final = 0.01  # m, allowed depth inside the body: soft tissue gives way
+GIVES_M: Final = 0.01  # m, depth of an arm in the body that is accepted, since soft tissue gives way
 HANGING_RAD: Final = 1.0  # rad; an upper arm raised by less than this is abducted by the whole angle
 RAISED_RAD: Final = 1.6  # rad; an arm raised by more than this keeps its direction
-DRAWS: Final = 6  # most movements drawn until one keeps the arms out of the body
-CHECK_HZ: Final = 3.0  # moments per second at which this is tested
-DEEPEST_M: Final = 0.15  # m, half a trunk; from deeper points, the nearest skin may be on the other side
-UNDER_SKIN: Final = 0.7  # least cosine between the normal of the nearest skin and the direction to it, inside the body
-FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")  # parts of the names of bones that may meet the trunk
+DRAWS: Final = 6  # maximum number of movements drawn until the arms of one stay outside the body
+CHECK_HZ: Final = 3.0  # moments per second at which arms are tested for being inside the body
+DEEPEST_M: Final = 0.15  # m, half a trunk's depth; of a deeper point, the nearest skin may be on the wrong side
+UNDER_SKIN: Final = 0.7  # minimum cosine between the nearest skin's normal and the direction to it, of a point inside
+FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")  # parts of the names of bones that may hit the trunk
 ARMS: Final = (*FOREARMS, "Arm", "Shoulder")
 
 
@@ -48,10 +48,10 @@ def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Pe
 
 
 def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor, bool]:
-    """Abduct the arms by the least angle at which no forearm is inside trunk or legs; return the movement and True.
+    """Abduct the arms by the smallest angle at which no forearm is inside trunk or legs; return the movement and True.
 
-    If none of ``ANGLES_RAD`` is enough, the last angle is used and False returned. seconds: tested duration from time
-    0.
+    If none of ``ANGLES_RAD`` is enough, use the last angle and return False. seconds: duration that is tested, from
+    time 0.
     """
     times_s = np.arange(0.0, seconds, 1.0 / CHECK_HZ)
     for angle in ANGLES_RAD:
@@ -83,7 +83,7 @@ def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
 
 
 def _abducted(capture: Capture, angle: float) -> Capture:
-    """Turn the arms outward about the thorax's forward axis; the higher they are raised, the smaller is the angle."""
+    """Abduct the arms about the thorax's forward axis. The higher an arm is raised, the smaller its angle."""
     arms, axes = capture.arms.copy(), capture.arm_axis.copy()
     forward = rotate(capture.thorax, np.broadcast_to(FORWARD, (len(arms), 3)))
     down = rotate(capture.thorax, np.broadcast_to(-UP, (len(arms), 3)))

@@ -9,11 +9,11 @@ import numpy as np
 
 from anchorpose.rotations import FORWARD, rotate, turns_about
 
-LEAST_LOAD: Final = 1e-3  # share of the load on a foot in the air; above 0, so that the sum of both is not 0
-ROUNDS: Final = 8  # iterations for the tilt; each leaves a tenth of its error
+LEAST_LOAD: Final = 1e-3  # share of the load on a foot in the air; not 0, so that the sum of both feet is never 0
+ROUNDS: Final = 8  # number of iterations for the tilt; each reduces its error to a tenth
 
 LEAST_HEIGHT_M: Final = 0.1
-"""Least height (m) from an ankle to its hip. If it is less, the leg does not reach the foot, and gives no height."""
+"""Minimum height (m) of a hip above its ankle. Below it, the leg does not reach the foot and implies no height."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,8 +26,8 @@ class KneeBend:
 
 
 def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeBend | None:
-    """Return the bend of the knees; None if no leg carries the pelvis at any time. lift (t, 2): height of each foot; 1
-    = as high as in a step.
+    """Return the bend of the knees; None if no leg carries the pelvis at any time.
+    lift (t, 2): height of each foot; 1 = as high as in a step.
     """
     if not carry.any():
         return None
@@ -38,18 +38,18 @@ def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeB
 class Legs:
     """The legs in the rest pose, left and right."""
 
-    hips_m: np.ndarray  # (2, 3) hips relative to the pelvis
+    hips_m: np.ndarray  # (2, 3) positions of the hips relative to the pelvis
     lengths_m: np.ndarray  # (2, 2) lengths of thigh and shank
 
 
 def carried_pelvis(
     bend: KneeBend, legs: Legs, ankles_m: np.ndarray, pelvis_m: np.ndarray, pelvis_turn: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return place (t, 3) and rotation (t, 3, 3) of the pelvis. The legs determine its height; its place over the floor
-    is that of the posture.
+    """Return position (t, 3) and rotation (t, 3, 3) of the pelvis. The legs determine its height, and the posture its
+    x and z.
 
-    It tilts to one side if the legs reach to unequal heights, and less if a foot is in the air. ankles_m (t, 2, 3);
-    pelvis_m, pelvis_turn: pelvis in the posture.
+    The pelvis tilts to one side if the legs reach unequal heights, and less if a foot is in the air. ankles_m
+    (t, 2, 3): ankles. pelvis_m, pelvis_turn: position and rotation of the pelvis in the posture.
     """
     first, second = legs.lengths_m.T
     reach_m = np.sqrt(first**2 + second**2 + 2.0 * first * second * np.cos(np.maximum(bend.flexion, 0.0)))

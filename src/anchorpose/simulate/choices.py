@@ -21,7 +21,7 @@ Speed = Literal["slow", "normal", "fast", "mixed"]
 Scene = Literal["enters-late", "leaves", "hidden", "sits"]
 Equipment = Literal["none", "standing-frame", "parallel-bars", "walker", "wheelchair", "sling"]
 When = Literal["off", "on", "both", "none"]
-"""Some trials of a session: off = those without stimulation, on = those with stimulation, both = all trials."""
+"""Selection of a session's trials: off = without stimulation, on = with stimulation, both = all, none = no trial."""
 Build = Literal["ordinary", "varied", "wasted-legs", "heavy", "child"]
 """ordinary: drawn from the body asset. varied: the size of every segment is drawn separately. wasted-legs: as varied,
 with thin legs and a strong upper body, as after years of paralysis. heavy: as varied, with a belly and thicker limbs.

@@ -1,4 +1,4 @@
-"""Draw all people and things in the room from one seed, and compute their places at any time."""
+"""Draw all people and objects in the room from one seed, and compute their places at any time."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ STREAMS = (
     "session",
 )
 CAMERA_NAMES = ("front", "left", "right", "behind")
-AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # left of the patient is positive
+AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # rad, from the patient; positive = left
 AZIMUTH_SPREAD_RAD = (0.08, 0.2, 0.2, 0.3)
 WALL_M = 2.7
 
@@ -73,7 +73,7 @@ class Clinic:
         return np.array([x, 0.0, z]) if at_s is not None and time_s >= at_s else np.zeros(3)
 
     def true_times_s(self, camera: int) -> np.ndarray:
-        """Return the true times (t,) at which a camera takes its images. Its stamps state its epoch + frame / fps."""
+        """Return the true times (t,) at which a camera takes its images. Its stamps are its epoch + frame / fps."""
         stamps = np.arange(self.config.frames) / self.config.fps
         late = self.config.clock_late_s[camera] if self.config.clock_late_s else 0.0
         drift = self.config.clock_drift[camera] if self.config.clock_drift else 0.0
@@ -123,7 +123,7 @@ class Performance:
         return np.array([any(a <= time_s < b for a, b in spans) for time_s in self.times_s.tolist()], dtype=bool)
 
     def held_joints(self) -> np.ndarray:
-        """Return (t, n, 2) int: the patient's joint that each hand of each therapist holds, -1 = none."""
+        """Return (t, n, 2) int: the patient's joint that each hand of each therapist holds, -1 = no joint."""
         patient, therapists = self.clinic.patient, self.clinic.therapists
         held = np.full((len(self.times_s), len(therapists), 2), -1)
         for index, therapist in enumerate(therapists):
@@ -202,7 +202,7 @@ def _in_room(config: SimulationConfig, room: RoomConfig) -> Clinic:
 
 
 def place_cameras(rng: np.random.Generator, config: SimulationConfig) -> tuple[Camera, ...]:
-    """Return cameras on tripods around the patient, who stands at the origin and faces +X."""
+    """Place cameras on tripods around the patient, who stands at the origin and faces +X."""
     cameras = []
     for index in range(config.cameras):
         spec = SENSORS[config.sensor_of(index)]
@@ -235,7 +235,7 @@ def look_at(position_m: np.ndarray, target_m: np.ndarray) -> np.ndarray:
 
 
 def room_triangles(rng: np.random.Generator, camera_behind: bool) -> np.ndarray:
-    """Return (n, 3, 3) floor, back wall and side walls; the ceiling is out of every camera's view."""
+    """Return triangles (n, 3, 3) of floor, back wall and side walls. No camera sees the ceiling, so it is left out."""
     back = -rng.uniform(3.1, 3.5) if camera_behind else -rng.uniform(1.7, 2.4)
     left, right, front = -rng.uniform(2.6, 3.2), rng.uniform(2.6, 3.2), rng.uniform(3.2, 3.8)
     quads = [
@@ -249,6 +249,6 @@ def room_triangles(rng: np.random.Generator, camera_behind: bool) -> np.ndarray:
 
 
 def face_parts(person: Person) -> np.ndarray:
-    """Return (f,) uint8: 1 + bone index of each face's body part (of its first corner)."""
+    """Return (f,) uint8: for each face, 1 + the index of the bone that moves its first corner."""
     asset = person.body.asset
     return (asset.main_bone()[asset.faces[:, 0]] + 1).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Configure what to simulate."""
+"""Configure one simulated recording."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ MOTIONS: Final = (
 """
 
 NAMED_ONLY: Final = ("buckle",)
-"""Motions that are simulated only if they are named, since nobody does them on purpose."""
+"""Motions that are simulated only if the user names them, since nobody does them on purpose."""
 
 BEHIND_AND_BEFORE: Final[tuple[TaskName, ...]] = ("trunk from behind", "both knees from the front")
 FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
 """Motions for which a standing frame with a knee bar leaves no room."""
 
-SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # the paper's five sizes, Section V
+SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # m, smallest and largest of the paper's five radii (Section V)
 ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # keys of random streams in addition to those of ``clinic``
 ROOM_MOTIONS: Final[dict[Posture, tuple[tuple[str, ...], ...]]] = {
     "stands": (("mixed",), ("squat", "reach", "arm-raise"), ("weight-shift", "trunk", "steps", "head", "reach")),
     "sits": (("reach", "arm-raise"), ("reach", "head"), ("arm-raise", "head", "standing")),
     "stands-up": (("sit-to-stand", "reach"), ("sit-to-stand", "squat", "arm-raise"), ("sit-to-stand", "trunk", "head")),
 }
-ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # a seat is drawn apart from them
+ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # sitting is drawn separately
 # share of the standing patients in rooms who do a captured movement, if there is a file of captured movements
 CAPTURED_SHARE: Final = 0.6
-ABSENT_SHARE: Final = 0.15  # share of the recording that is over when a late patient comes into view
-HIDDEN_S: Final = 2.0  # s for which the patient is behind a curtain
+ABSENT_SHARE: Final = 0.15  # share of the recording before a late patient comes into view
+HIDDEN_S: Final = 2.0  # s, duration for which the patient is behind a curtain
 LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0
 THICKEST_CLOTHING_M: Final = 0.015  # m; thicker clothes would hide the body's shape
 
@@ -67,27 +67,27 @@ class SimulationConfig:
     seed: Annotated[int, Field(ge=0)]
     seconds: Annotated[float, Field(gt=0, le=LONGEST_S)] = 10.0
     fps: Annotated[float, Field(gt=0, le=HIGHEST_HZ)] = 30.0  # every simulated sensor runs at 30 Hz
-    cameras: Annotated[int, Field(ge=1, le=4)] = 3  # number of cameras: in front, left, right, then behind
+    cameras: Annotated[int, Field(ge=1, le=4)] = 3  # number of cameras, in this order: in front, left, right, behind
     sensor: Sensor = "kinect-v2"  # the sensor of the paper
-    sensors: tuple[Sensor, ...] = ()  # one sensor per camera, if the cameras are of different models
-    lens: LensName | None = None  # lens of the sensor; None = the lens of its model
+    sensors: tuple[Sensor, ...] = ()  # one sensor per camera; empty = every camera has ``sensor``
+    lens: LensName | None = None  # lens of the sensor; None = the usual lens of its model
     equipment: Equipment = "standing-frame"
     chest_pad: bool = False  # add a chest pad to the parallel bars, with straps beside the hips
     equipment_moves_at_s: float | None = None  # s, time at which the equipment is pushed; None = never
-    equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # m along X and Z by which it is pushed
-    stool: bool = True  # a stool under a patient who sits
+    equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # m along X and Z by which the equipment is pushed
+    stool: bool = True  # whether a patient who sits has a stool
     therapists: Annotated[int, Field(ge=0, le=3)] = 2  # number of therapists
-    therapist_tasks: tuple[TaskName, ...] = ()  # tasks of the first therapists; other therapists' tasks are drawn
-    therapists_stay: bool = False  # therapists are there from the first to the last frame
+    therapist_tasks: tuple[TaskName, ...] = ()  # tasks of the first therapists; the tasks of the others are drawn
+    therapists_stay: bool = False  # True: therapists are present from the first to the last frame
     # number of people who walk through between a camera and the patient
     passers_by: Annotated[int, Field(ge=0, le=3)] = 0
     motions: Annotated[tuple[str, ...], Field(min_length=1)] = ("mixed",)
-    movement_file: Path | None = None  # file of captured movements, which replace ``motions``
+    movement_file: Path | None = None  # file of captured movements; if given, it replaces ``motions``
     movement: str | None = None  # one of ``MOVEMENTS`` in movement_file.py, or the name of a clip in the file
     subjects: tuple[int, ...] = SUBJECTS  # subjects from whom movements are drawn
     speed: Speed = "mixed"
     clothing_m: Annotated[float, Field(ge=0, le=THICKEST_CLOTHING_M)] = 0.009  # m, height of folds above the skin
-    away_s: tuple[tuple[float, float], ...] = ()  # s, start and end of each absence; the patient walks out and in
+    away_s: tuple[tuple[float, float], ...] = ()  # s, start and end of each absence; the patient walks out and in again
     # s, start and end of the time in which a curtain hides the patient from all cameras; None = no curtain
     curtain_s: tuple[float, float] | None = None
     hole_radius_m: float = 0.0  # m, radius of the hole cut into some frames; 0 = no holes
@@ -95,19 +95,19 @@ class SimulationConfig:
     height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # m; None = drawn, for adults from 1.5 to 1.9
     body: OtherBody = OtherBody()  # the patient's body; default = drawn from the body asset
     pose_known: bool = True  # False: camera_to_world is null in recording.json
-    clock_late_s: tuple[float, ...] = ()  # s per camera, by which an image is taken later than its stamp states
-    clock_drift: tuple[float, ...] = ()  # s per second and camera, by which this lateness grows
-    clock_epoch_s: tuple[float, ...] = ()  # s per camera, the time that its stamps state at the start
+    clock_late_s: tuple[float, ...] = ()  # s per camera, delay of the images after the time in their stamps
+    clock_drift: tuple[float, ...] = ()  # s per second, for each camera, by which this delay grows
+    clock_epoch_s: tuple[float, ...] = ()  # s per camera, time stamp at the start of the recording
     stamp_jitter_s: NotNegative = 0.0  # s, standard deviation of the error of every stamp
-    # share of the depth images that are lost on the way to the disk; the first camera loses none
+    # share of the depth images that are not written to the disk; the first camera writes all images
     dropped_share: ProperShare = 0.0
     doubled_share: ProperShare = 0.0  # share of each camera's files that contain the previous depth image again
     starts_late_s: tuple[NotNegative, ...] = ()  # s per camera without images at the start; 0 for the first camera
     ends_early_s: tuple[NotNegative, ...] = ()  # s per camera without images at the end; 0 for the first camera
-    # n per camera, which records only every n-th image, at a lower rate; 1 for the first camera
+    # per camera, a number n: the camera records only every n-th image; 1 for the first camera
     every: tuple[Count, ...] = ()
-    room: RoomConfig | None = None  # a real room seen by one camera, in place of a training room
-    session: SessionConfig | None = None  # trials with and without stimulation, in place of motions
+    room: RoomConfig | None = None  # a real room seen by one camera; None = a training room
+    session: SessionConfig | None = None  # trials with and without stimulation, which replace ``motions``
 
     def __post_init__(self) -> None:
         _check_equipment(self)
@@ -129,7 +129,7 @@ def _check_equipment(config: SimulationConfig) -> None:
     for motion in config.motions:
         _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
     captured = config.movement_file is not None
-    in_frame = config.equipment == "standing-frame" and not captured  # else it is fitted around the movement
+    in_frame = config.equipment == "standing-frame" and not captured  # a captured movement has a frame fitted around it
     clash = FRAMELESS_MOTIONS.intersection(config.motions) if in_frame else frozenset()
     _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")
     _require(not config.chest_pad or config.equipment == "parallel-bars", "a chest pad needs parallel bars")
@@ -214,7 +214,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
 
 
 def rough_recorder(config: SimulationConfig) -> SimulationConfig:
-    """Return ``config`` recorded by devices without synchronisation; its seed gives clock errors and losses."""
+    """Return ``config`` as recorded by devices without synchronisation; its seed determines clock errors and losses."""
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROUGH_KEY,)))
     others = config.cameras - 1
     return replace(
@@ -249,8 +249,8 @@ def single(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationCon
 
 
 def room(seed: int, seconds: float = 10.0, fps: float = 15.0, movement_file: Path | None = None) -> SimulationConfig:
-    """Return a real room seen by one camera at an unknown place. With a file of captured movements, some patients do
-    such a movement.
+    """Return a real room seen by one camera at an unknown place. If there is a file of captured movements, some
+    patients do such a movement.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PLAN_KEY,)))
     height_m, sensor = rng.uniform(1.5, 1.9), draw_sensor(rng)

@@ -28,14 +28,14 @@ from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.timeline import Movement, ball_ahead_m, stand, standing_pelvis_m
 
 SWEEP_HZ = 5.0
-STOOL_HALF_M = 0.20  # m, half a stool and a margin: the legs of a standing patient are in front of it
+STOOL_HALF_M = 0.20  # m, half a stool's depth and a margin; a standing patient's legs are in front of the stool
 CEILING_M = 2.65
-BELOW_NECK_M = 0.15  # m from the joint between the shoulders down to the middle of the sternum
-HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that hands hold
+BELOW_NECK_M = 0.15  # m, depth of the middle of the sternum below the joint between the shoulders
+HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that the patient's hands hold
 
 
 def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person) -> HeldEquipment | None:
-    """Build the equipment that a patient who follows motions holds; it is fitted to upright standing."""
+    """Build the equipment that the patient holds while doing motions. It is fitted to upright standing."""
     if config.equipment not in HELD:
         return None
     sweep = sweep_of(person, _posed(person).bones(np.zeros(1)))
@@ -84,7 +84,7 @@ def _fit_swept(
 def _fit_frame(
     rng: np.random.Generator, config: SimulationConfig, person: Person, sweep: Sweep, half_width_m: float
 ) -> HeldEquipment:
-    """Build parallel bars or a standing frame whose bars clear the space that legs and belly sweep over."""
+    """Build parallel bars or a standing frame outside the space that legs and belly sweep over."""
     pelvis_m = standing_pelvis_m(person.body)
     if config.equipment == "parallel-bars":
         return fit_parallel_bars(rng, pelvis_m=pelvis_m, half_width_m=half_width_m)
@@ -96,7 +96,7 @@ def _fit_frame(
 
 
 def _trunk_half_width_m(person: Person, sweep: Sweep) -> float:
-    """Return half the width of trunk and legs, with space for the arms."""
+    """Return half the width of trunk and legs plus space for the arms."""
     return float(np.abs(sweep.within(_knee_m(person) - 0.1, np.inf)[:, 2]).max()) + 0.14
 
 
@@ -120,7 +120,7 @@ SEAT_BONES: Final = ("Hips", "LHipJoint", "RHipJoint", "LeftUpLeg", "RightUpLeg"
 
 
 def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> tuple[EquipmentPart, ...]:
-    """Build a stool under the seated patient: its top is at the lowest skin of the buttocks."""
+    """Build a stool under the seated patient, with its top at the lowest skin of the buttocks."""
     person, foremost_m = patient.person, np.inf
     if isinstance(patient, CapturedActor):
         bones = patient.bones(patient.lowest_s())[0]
@@ -133,7 +133,7 @@ def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> t
     hips_m = bones[0, :3, :3] @ person.body.bone_heads[0] + bones[0, :3, 3]
     center = (min(float(hips_m[0] + 0.02), foremost_m), float(hips_m[2]))
     above = (np.abs(skin[:, 0] - center[0]) < 0.2) & (np.abs(skin[:, 2] - center[1]) < 0.2)
-    # only these bones: heels may be drawn back under the seat
+    # only the skin of these bones counts, since the heels may be under the seat
     above &= np.isin(np.array(person.body.asset.bone_names)[person.body.asset.main_bone()], SEAT_BONES)
     return build_stool(rng, center, float(skin[above, 1].min()) + 0.01)
 

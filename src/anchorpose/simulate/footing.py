@@ -1,7 +1,7 @@
 """Find when and where the feet of a captured movement stand, step and rise, and keep standing feet still.
 
-The ankles of Kinect v2 waver by centimetres while the foot stands. So a standing foot is kept in one place, a heel that
-rises turns about the ball of the foot, and only a foot that clearly leaves the floor moves freely.
+While a foot stands, its ankle as captured by a Kinect v2 moves by centimetres. So a standing foot is kept in one place,
+a rising heel turns about the ball of the foot, and only a foot that clearly leaves the floor moves freely.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
-WAVER_M: Final = 0.06  # m, range in which the ankles of standing feet rise and fall
-CLEAR_M: Final = 0.06  # m above this range, from which the captured height is fully used
-HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # m; if an ankle rises and moves by less, only the heel rises
-MOVING_M_S: Final = 0.30  # m/s; a faster foot has left the floor
-SHORTEST_STAND_S: Final = 0.25  # s, least duration of a stand
-SAME_PLACE_M: Final = 0.08  # m; a foot that comes down nearer to its former place than this has not moved
+WAVER_M: Final = 0.06  # m, range of the captured height of the ankle while a foot stands
+CLEAR_M: Final = 0.06  # m above ``WAVER_M`` from which the captured height is fully used
+HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # m; if an ankle rises and travels by less than these, only the heel rises
+MOVING_M_S: Final = 0.30  # m/s; a foot that moves faster than this has left the floor
+SHORTEST_STAND_S: Final = 0.25  # s, minimum duration of a stand
+SAME_PLACE_M: Final = 0.08  # m; a foot that comes down within this distance of its former place has not moved
 EASE_S: Final = 0.15  # s, duration of the transition into and out of a stand
 YAW_LIMIT: Final = 0.5
 
@@ -31,7 +31,7 @@ Spans = list[tuple[int, int]]
 class Footing:
     """Both feet, with rows at CLIP_HZ; the second axis is the side."""
 
-    place_m: np.ndarray  # (n, 2, 3) the ankle of a flat foot; y is its height above that of a standing foot
+    place_m: np.ndarray  # (n, 2, 3) ankle of a flat foot; y is measured from the ankle of a standing foot
     stands: np.ndarray  # (n, 2) 1 while the foot bears weight, 0 in the air
     yaw: np.ndarray  # (n, 2) rad, direction of the foot, positive to the left
     heel: np.ndarray  # (n, 2) rad, rotation by which the heel of a standing foot is raised
@@ -57,7 +57,7 @@ def find_footing(ankle_m: np.ndarray, height_m: np.ndarray, toes: np.ndarray, fo
 def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the height (n, 2) of each foot in the air, and the rise (n, 2) of each heel while the toes are down."""
     floor = np.percentile(height_m, 10.0, axis=0)
-    above = height_m - np.minimum(floor, floor.min() + WAVER_M)  # one leg may be held up all the time
+    above = height_m - np.minimum(floor, floor.min() + WAVER_M)  # one leg may be in the air all the time
     lift = above * ease((above - WAVER_M) / CLEAR_M)
     heel = np.zeros_like(lift)
     for side in (0, 1):
@@ -105,7 +105,7 @@ def _weights(stands: Spans, rows: int) -> np.ndarray:
 
 
 def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
-    """Return the ankle's course (n, 3): constant while the foot stands; between two stands it is the captured course,
+    """Return the ankle's path (n, 3): constant while the foot stands, and between two stands the captured path,
     shifted to begin and end at the stands.
     """
     rows, course = np.arange(len(ankle_m)), ankle_m.copy()
@@ -123,7 +123,7 @@ def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
 
 
 def _step_lift(place_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """Return the least height (n, 2) of a foot during a step."""
+    """Return the minimum height (n, 2) of a foot during a step."""
     speed = np.linalg.norm(np.gradient(place_m[..., [0, 2]], axis=0), axis=2) * CLIP_HZ
     speed = gaussian_filter1d(speed, 2.0, axis=0)
     return np.asarray((1.0 - stands) * 0.5 * STEP_HEIGHT_M * np.clip(speed / MOVING_M_S, 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""Choose the places on the patient that a therapist's hands hold."""
+"""Choose the places on the patient's skin that a therapist's hands hold."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ HOLD_BONES = {
 class Hold:
     """A therapist's two hands on the patient's skin."""
 
-    vertices: np.ndarray  # (2,) vertices of the skin that they hold
-    joints: np.ndarray  # (2,) joints that they hold
+    vertices: np.ndarray  # (2,) vertices of the skin that the hands hold
+    joints: np.ndarray  # (2,) joints that the hands hold
     facing: np.ndarray  # (3,) direction of the fingers
-    places_m: np.ndarray  # (2, 3) the held places when the therapist chooses where to stand
+    places_m: np.ndarray  # (2, 3) positions of the held vertices when the therapist chooses where to stand
 
     @property
     def reference_m(self) -> np.ndarray:
@@ -56,7 +56,7 @@ class Hold:
 
 
 def nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: np.ndarray) -> float:
-    """Return the time at which the joints to hold are nearest to the therapist; the therapist must have space then."""
+    """Return the time at which the joints to hold are nearest to the therapist, who then needs space to stand."""
     joints_m = np.array([patient.person.body.joints(bones) for bones in patient.bones(times_s)])
     held = joints_m[:, [JOINT_INDEX[name] for name in task.holds]].mean(axis=1)
     return float(times_s[np.argmax(held @ outward)])
@@ -81,7 +81,7 @@ def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, 
 
 
 def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name: str, wanted: np.ndarray) -> int:
-    """Return the vertex beside a joint that lies farthest in a horizontal direction, near the joint's height."""
+    """Return the vertex that lies farthest from a joint in a horizontal direction, near the joint's height."""
     asset = person.body.asset
     side = "Left" if name.endswith("Left") else "Right"
     patterns = next(bones for key, bones in HOLD_BONES.items() if name.startswith(key))

@@ -15,16 +15,16 @@ import numpy as np
 
 from anchorpose.simulate.sensor import SensorSpec, sense
 
-HALF: Final = 2  # pixels of the imager that are combined to one
-# recordings do not contain the settings of the real filter; with these, edges are blurred over 12 pixels, as in reality
+HALF: Final = 2  # pixels of the imager, along each side, that are combined into one
+# recordings do not state the real filter's settings; with these values, edges are blurred over 12 pixels, as in reality
 SMOOTHING: Final = 0.3  # weight of a pixel relative to the filter's carried value
-JOINED_PX: Final = 25.0  # disparity step that is still smoothed: only surfaces within 0.5 m of the camera keep edges
+JOINED_PX: Final = 25.0  # pixels, maximum disparity step that is smoothed; only edges within 0.5 m of the camera stay
 PASSES: Final = 2  # number of passes of the spatial filter
-FILLED_PX: Final = 16  # pixels, widest gap that is filled by the nearest values in the row or column
+FILLED_PX: Final = 16  # pixels, maximum width of a gap that is filled by the nearest values in the row or column
 STEPS: Final = 8.0  # steps per pixel of disparity to which the result is rounded
 TEMPORAL: Final = 0.4  # weight of a frame relative to the frame before
 STILL_PX: Final = 0.6  # pixels of disparity; a pixel that changes by more is not smoothed over time
-MEMORY: Final = 4  # number of frames that are smoothed; the weight of older frames is below a tenth
+MEMORY: Final = 4  # number of frames that are blended; older frames would have a weight below a tenth
 
 
 def decimated_mm(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray, cosine: np.ndarray) -> np.ndarray:

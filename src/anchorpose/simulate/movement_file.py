@@ -25,14 +25,14 @@ MOVEMENTS: Final = {
     "shoulder-rotation": 9,
     "shoulder-scaption": 10,
 }
-"""The movements of the data set, by their number in the names of its clips."""
+"""Names of the data set's movements, by their number in the names of the clips."""
 
 STEPPING: Final = frozenset({"hurdle-step", "inline-lunge", "side-lunge", "leg-raise"})
 """Movements that need space in front of the patient and beside the patient."""
 
 SEATED: Final = frozenset({"sit-to-stand"})
 SUBJECTS: Final = (1, 2, 3, 4, 5, 6, 7)
-LOST_M_S: Final = 8.0  # m/s; if a captured ankle or wrist is faster, the Kinect had lost it
+LOST_M_S: Final = 8.0  # m/s; if a captured ankle or wrist is faster than this, the Kinect had lost it
 KEYS: Final = ("joints_mm", "offsets", "names", "joint_names")
 NEEDED: Final = (
     "Waist",
@@ -55,7 +55,7 @@ NEEDED: Final = (
     "RFoot",
     "RToes",
 )
-"""Joints that a movement needs; ``Forearm`` is the elbow, ``Foot`` the ankle, ``LowerLeg`` the knee."""
+"""Joints that a file must contain; ``Forearm`` is the elbow, ``Foot`` the ankle, ``LowerLeg`` the knee."""
 
 _NAME: Final = re.compile(r"(?P<how>[ci])_m(?P<movement>\d\d)_s(?P<subject>\d\d)_e(?P<episode>\d\d)")
 

@@ -11,7 +11,7 @@ from anchorpose.simulate.timeline import Movement
 
 Offsets = tuple[tuple[str, float], ...]
 SIDES = ("left", "right")
-PACE = {"slow": 1.5, "normal": 1.0, "fast": 0.6}  # factors on durations; in fast reaches, the wrist exceeds 3 m/s
+PACE = {"slow": 1.5, "normal": 1.0, "fast": 0.6}  # factors on durations; in a fast reach, the wrist exceeds 3 m/s
 REST_ELBOW = 0.35
 STRAIGHT_ELBOW = 0.15
 
@@ -128,25 +128,25 @@ ARM_MOTIONS: dict[str, Callable[[np.random.Generator, Situation], Offsets]] = {
 
 
 def timed(rng: np.random.Generator, offsets: Offsets, start_s: float, pace: float) -> Movement:
-    """Return a movement that takes about a second forth and a second back at normal pace."""
+    """Return a movement that takes about a second out and a second back at normal pace."""
     rise_s, fall_s = rng.uniform(0.8, 1.5, 2) * pace
     return Movement(offsets, start_s, rise_s, rng.uniform(0.1, 0.9) * pace, fall_s)
 
 
 class GivingWay(Movement):
-    """A movement that begins like a fall: it is evenly accelerated, and caught in the last third of its time."""
+    """A movement that begins like a fall. It is evenly accelerated, and is stopped in the last third of its time."""
 
     __slots__ = ()
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Return the course from 0 to 1; at the catch it is twice as fast as on average."""
+        """Return the course from 0 to 1. When the stop begins, the speed is twice the average."""
         x = np.clip(x, 0.0, 1.0)
         return np.asarray(np.where(x < 2.0 / 3.0, 1.5 * x**2, 1.0 - 3.0 * (1.0 - x) ** 2))
 
 
 @dataclass(frozen=True, slots=True)
 class Beating(Movement):
-    """An oscillation, by the offsets to either side."""
+    """An oscillation between the offsets and their opposite."""
 
     frequency_hz: float  # oscillations per second
 

@@ -30,15 +30,15 @@ from anchorpose.simulate.timeline import (
     yaw_towards,
 )
 
-FARTHEST_FORWARD_M = 0.3  # m; if the feet are farther in front of their first place than this, steps lead back
+FARTHEST_FORWARD_M = 0.3  # m; if the feet are farther than this in front of their first place, the next steps lead back
 SWAY_M = 0.005  # m, amplitude of each wave of the sway
 TREMOR_RAD = 0.004
-PALM_ABOVE_BONE_M = 0.018  # m from the hand's bone to the skin of the palm
+PALM_ABOVE_BONE_M = 0.018  # m, distance from the hand's bone to the skin of the palm
 GRIP_TILT_RAD = 0.5
-WRIST_TO_GRIP_M = 0.06  # m from the wrist to the place of the hand that lies on the rail
-SIT_CHANCE = 0.4  # probability that a mixed programme with a stool begins or ends on it
+WRIST_TO_GRIP_M = 0.06  # m, distance from the wrist to the point of the hand that lies on the rail
+SIT_CHANCE = 0.4  # probability that a mixed programme with a stool begins or ends on the stool
 LONG_AGO_S = -100.0
-OUTSIDE_M = 2.4  # m from the place of training to a place outside of the front camera's view
+OUTSIDE_M = 2.4  # m, distance from the place of training to a place outside of the front camera's view
 STANCE_M = 0.26
 WALK_S = 3.0  # s, duration of the walk from outside to the place of training
 
@@ -95,7 +95,7 @@ def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
     frame.
     """
     base = np.zeros(len(CHANNELS))
-    base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # since the knees are bent in the rest pose
+    base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # m; higher than in the rest pose, since the knees are bent in that pose
     for side in ("left", "right"):
         base[CHANNEL_INDEX[f"shoulder_abduct_{side}"]] = 0.45 if in_frame else 0.27
         base[CHANNEL_INDEX[f"shoulder_flex_{side}"]] = 0.25 if in_frame else 0.0
@@ -139,7 +139,7 @@ def draw_patient(
     legs = [m for m in (*LEG_MOTIONS, "steps") if mixed or m in config.motions]
     legs += [m for m in NAMED_ONLY if m in config.motions]
     if config.away_s:
-        legs = [m for m in legs if m != "steps"]  # walking in and out is enough
+        legs = [m for m in legs if m != "steps"]  # a patient who walks in and out does no other steps
     arms = [m for m in ARM_MOTIONS if mixed or m in config.motions]
     movements = [*sitting]
     now = begin_s
@@ -192,7 +192,7 @@ def _first_stance(rng: np.random.Generator, person: Person) -> Footwork:
 def _draw_sitting(
     rng: np.random.Generator, config: SimulationConfig, person: Person
 ) -> tuple[float, float, list[Movement]]:
-    """Draw standing up or sitting down; return the start and end of the time in which the patient stands, and the
+    """Draw standing up or sitting down. Return the start and end of the time in which the patient stands, and the
     movements.
     """
     named = "sit-to-stand" in config.motions
@@ -233,7 +233,7 @@ def _draw_steps(
     places, yaws = final_stance(footwork)
     stride_m = 0.0 if here.in_frame or rng.random() < 0.4 else rng.uniform(0.12, 0.28)
     if float(np.mean(np.asarray(places)[:, 0])) > FARTHEST_FORWARD_M:
-        stride_m = -stride_m  # otherwise the patient would walk into the camera within ten minutes
+        stride_m = -stride_m  # backward, since in ten minutes of forward steps, the patient would reach the camera
     duration_s = 0.7 * pace + 0.15
     first, steps, shifts = int(rng.integers(2)), [], []
     now = start_s + 0.35 * pace

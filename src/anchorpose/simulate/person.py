@@ -31,13 +31,13 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.rigged_body import read_rigged_body
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
-COEFFICIENT_SPREAD = 0.8  # factor on the shape space's standard deviations; below 1, as all 16 coefficients vary
+COEFFICIENT_SPREAD = 0.8  # factor on the shape space's standard deviations; below 1, since all 16 coefficients vary
 BUMPS = 14
 FOLDS = 7
 CHILD_HEIGHTS_M = (1.0, 1.5)
 CHILD_SPREAD = 0.9  # factor on the asset's covariance of children
 LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # ranges of factors on the drawn height of folds
-BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of the names of bones without clothes
+BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of the names of bones that no clothes cover
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,13 +54,13 @@ class Clothes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """A shaped body with the arrays for its fast skinning, and its clothes."""
+    """A body of a given shape, with its clothes and the arrays for fast skinning."""
 
     body: BodyMesh
     coefficients: np.ndarray  # (k,)
     height_m: float
     clothes: Clothes
-    normals: np.ndarray  # (v, 3) outward at rest
+    normals: np.ndarray  # (v, 3) outward, of the skin in the rest pose
 
     def skin(self, transforms: np.ndarray, time_s: float) -> np.ndarray:
         """Return (v, 3) float32 dressed skin in the world for bone motions (b, 4, 4)."""
@@ -122,7 +122,7 @@ def draw_patient_person(rng: np.random.Generator, config: SimulationConfig) -> P
 def draw_other_person(
     rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None = None
 ) -> Person:
-    """Draw a person whose body is not in the asset's shape space, with trousers of another cloth than the shirt."""
+    """Draw a person whose body is not in the asset's shape space, in trousers of another fabric than the shirt's."""
     plain = _draw_plain(rng, config, clothing_m, height_m)
     body = plain.body
     if config.file is None:
@@ -148,7 +148,7 @@ def draw_other_person(
 
 
 def _draw_plain(rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None) -> Person:
-    """Draw the body before its segments are changed."""
+    """Draw the body to which the changes of its segments are then applied."""
     if config.file is not None:
         body = read_rigged_body(config.file)
         body = body if height_m is None else to_height(body, height_m)
@@ -293,5 +293,5 @@ def _fold_m(folds: _Folds, place: np.ndarray, cover: np.float32, bent: np.float3
         argument = folds.waves[k, 0] * place[0] + folds.waves[k, 1] * place[1] + folds.waves[k, 2] * place[2]
         wave += np.sin(argument + folds.phase[k] + folds.bend_gain[k] * bent)
     scale = np.float32(np.sqrt(2.0 / len(folds.phase)))
-    # as a share of the amplitude: mean 0.75, two standard deviations from 0.1 to 1.4, so that folds are outward
+    # share of the amplitude; with mean 0.75 and 95 % from 0.1 to 1.4, nearly all folds are outward
     return float(folds.amplitude_m * cover * (np.float32(0.75) + np.float32(0.32) * scale * wave))

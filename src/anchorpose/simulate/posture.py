@@ -18,13 +18,13 @@ from anchorpose.simulate.carried_pelvis import KneeBend, Legs, carried_pelvis
 
 SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # along Z
-FULL_REACH = 0.985  # share of its length to which a limb straightens: a straight limb has no defined plane
-STRAIGHT_REACH = 1.0 - 1e-6  # the same for a leg whose knee bend is given: the knee bends by 0.2 degrees at least
-HEIGHT_SOFTNESS_M = 0.004  # m over which a straightening leg gradually stops the pelvis
+FULL_REACH = 0.985  # maximum reach as a share of a limb's length; below 1, since a straight limb has no defined plane
+STRAIGHT_REACH = 1.0 - 1e-6  # the same for a leg whose knee bend is given; the knee bends by at least 0.2 degrees
+HEIGHT_SOFTNESS_M = 0.004  # m, range over which a straightening leg gradually limits the height of the pelvis
 SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))
 NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))
 CLAVICLE_SHARE = 0.25  # share of the arm's elevation beyond the first 30 degrees (scapulohumeral rhythm)
-ELBOW_BEHIND_M = 0.3  # an upper arm: hands on rails beside the hips have their elbows behind them
+ELBOW_BEHIND_M = 0.3  # m, length of an upper arm; if the hands are on rails beside the hips, the elbows are behind them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,14 +35,14 @@ class Captured:
 
     arms: np.ndarray  # (t, 2, 2, 3, 3) rotations of upper arm and forearm in the world
     knees: np.ndarray  # (t, 2, 3) directions to which the knees point
-    straight_leg: float  # share of its length to which a leg may straighten
+    straight_leg: float  # maximum reach of a leg as a share of its length
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Posture:
     """A posture over time. All arrays start with time (t); the second axis of arrays of limbs is the side."""
 
-    pelvis_m: np.ndarray  # (t, 3) wanted place of the pelvis; straight legs may hold it lower
+    pelvis_m: np.ndarray  # (t, 3) intended position of the pelvis; it is lower where straight legs do not reach so high
     pelvis_turn: np.ndarray  # (t, 3, 3)
     trunk: np.ndarray  # (t, 3) rad, bend forward, bend to the right, turn to the left
     head: np.ndarray  # (t, 3) rad, bend forward, bend to the right, turn to the left
@@ -59,12 +59,12 @@ class Posture:
     hand_turn: np.ndarray  # (t, 2, 3, 3) rotation of the hand bone from rest; unused if pull is 0
     pull: np.ndarray  # (t, 2) from 0 (the arm follows its angles) to 1 (the hand is at its target)
     captured: Captured | None = None  # parts that replace some angles; None for motions
-    knees: KneeBend | None = None  # bend of the knees, in place of the height of the pelvis
+    knees: KneeBend | None = None  # bend of the knees, from which the height of the pelvis then follows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestLimb:
-    """Two bones of a limb in the rest pose: directions, lengths, the axis about which the second bends, its bend."""
+    """Two bones of a limb in the rest pose: their directions and lengths, and the axis and bend of the middle joint."""
 
     first: np.ndarray
     second: np.ndarray

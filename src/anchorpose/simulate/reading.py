@@ -1,5 +1,5 @@
-"""Convert a true image to the stored image: with the sensor's errors, losses in a real room, and the recorder's
-filters.
+"""Convert a true image to the stored image, with the sensor's errors, the losses of readings in a real room, and the
+recorder's filters.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from anchorpose.simulate.sensor import SensorSpec, sense
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reader:
-    """The conversion for one camera."""
+    """Converts the true images of one camera."""
 
     spec: SensorSpec
     wiggle_m: np.ndarray  # (height, width) m, systematic error of the sensor
     spoil: Spoil | None = None  # losses of readings in a real room
     shiny: np.ndarray | None = None  # (height, width) bool, pixels of bare metal
-    # depth images before smoothing, by frame; they only save time, since each can be computed again with the same
-    # result
+    # depth images before smoothing, by frame; they are kept only to save time, since each can be computed again with
+    # the same result
     recent: dict[int, np.ndarray] = field(default_factory=dict)
 
     def raw_mm(self, rng: np.random.Generator, image: TrueImage) -> np.ndarray:
@@ -37,7 +37,7 @@ class Reader:
         return spoilt_mm(rng, self.spoil, image, self.shiny, reading)
 
     def keep(self, frame: int, reading_mm: np.ndarray) -> None:
-        """Remember a depth image before smoothing for the next frames."""
+        """Keep a depth image as it was before smoothing, for the next frames."""
         self.recent[frame] = reading_mm
         for old in [number for number in self.recent if number <= frame - MEMORY]:
             del self.recent[old]

@@ -1,6 +1,6 @@
 """Render noise-free depth images: the room once, by rays; the people in every frame, by a depth buffer.
 
-For the 27,000 triangles of a body, a depth buffer takes a few milliseconds; building a ray tree takes tens.
+For the 27,000 triangles of a body, a depth buffer takes a few milliseconds. A tree for rays takes tens.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.lens import NOWHERE, lens_array, pixel_of_ray, rays_of_pixels
 
 NOTHING, EQUIPMENT, PATIENT = 0, 1, 2  # labels of a true image; therapists have the labels from 3 on
-NEAREST_M = 0.15  # m; triangles nearer to the camera are not drawn
+NEAREST_M = 0.15  # m; triangles nearer to the camera than this are not drawn
 
 
 class TrueImage(NamedTuple):
@@ -24,7 +24,7 @@ class TrueImage(NamedTuple):
     depth_m: np.ndarray  # float32, along the optical axis, 0 = nothing
     cosine: np.ndarray  # float32, cosine of the angle of incidence
     label: np.ndarray  # uint8, NOTHING, EQUIPMENT, PATIENT or a therapist
-    part: np.ndarray  # uint8, 1 + index of the bone that moves the skin there, 0 = nobody
+    part: np.ndarray  # uint8, 1 + index of the bone that moves the seen skin, 0 = no person
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Transfer a captured movement to another body: with the subject's segment directions and the patient's lengths."""
+"""Transfer a captured movement to another body: the subject's segment directions on the patient's segment lengths."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from anchorpose.simulate.timeline import (
     ease,
 )
 
-STRAIGHT_LEG: Final = 0.998  # share of its length to which a leg straightens: knees are then bent by 7 degrees
+STRAIGHT_LEG: Final = 0.998  # maximum reach of a leg as a share of its length; the knee then is bent by 7 degrees
 PELVIS_S: Final = 0.06  # s, window over which the path of the pelvis is smoothed
-KNEE_SHOWS_M: Final = 0.05  # m; a knee this far off the line from hip to ankle determines its direction
-AIR_M: Final = 0.12  # m; a foot this high in the air keeps its angle to the shank
+KNEE_SHOWS_M: Final = 0.05  # m; a knee at least this far from the line between hip and ankle points as captured
+AIR_M: Final = 0.12  # m; a foot at least this high above the floor keeps its angle to the shank
 TOES_DOWN_RAD: Final = 0.25  # rad, angle of the toes of a hanging foot
 FINGERS_RAD: Final = 0.25
 
@@ -107,7 +107,7 @@ class _Resampler:
     def __init__(self, capture: Capture, times_s: np.ndarray) -> None:
         place = (np.asarray(times_s) - capture.start_s) * CLIP_HZ
         last = len(capture.waist_m) - 1
-        rounded = place.round(6)  # by rounding errors, the last time may lie slightly after the last row
+        rounded = place.round(6)  # because of rounding, the last time may lie slightly after the last row
         if rounded.min() < 0.0 or rounded.max() > last:
             raise ValueError(f"the movement lasts {last / CLIP_HZ:.1f} s from {capture.start_s:.1f} s on")
         self.row = np.minimum(place.astype(np.int64), last - 1)
@@ -128,7 +128,7 @@ def retarget(person: Person, capture: Capture) -> CapturedActor:
     hips_m, lengths_m, back = _legs(body)
     scale = float(lengths_m.sum(axis=1).mean()) / capture.leg_m
     reach = rotate(capture.pelvis[:, None], hips_m) + np.einsum("sk,nskj->nsj", lengths_m, capture.legs)
-    free = scale * capture.waist_m[:, None] * [1.0, 0.0, 1.0] + reach  # ankles before contact with the floor counts
+    free = scale * capture.waist_m[:, None] * [1.0, 0.0, 1.0] + reach  # ankles if the floor did not limit them
     foot_m = float(np.hypot(back[:, 0], back[:, 2]).mean())
     feet = find_footing(free, scale * capture.ankle_m[..., 1], capture.toes, foot_m)
     heading, sole_m = turns_about(UP, feet.yaw), _sole_m(body)
@@ -171,7 +171,7 @@ def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
     place = feet.place_m + (1.0 - feet.stands)[..., None] * (leg_end_m - feet.place_m)
     least_m = np.minimum(feet.place_m[..., 1], 0.5 * STEP_HEIGHT_M)
     place[..., 1] = np.maximum(place[..., 1], least_m)
-    place[..., 1] -= place[..., 1].min(axis=1, keepdims=True)  # nobody jumps
+    place[..., 1] -= place[..., 1].min(axis=1, keepdims=True)  # one foot is always on the floor: nobody jumps
     return replace(feet, place_m=place)
 
 

@@ -1,4 +1,4 @@
-"""Read a body of any source from a file: skin, bones with our names, and skinning weights, in any rest pose."""
+"""Read a body of any source from a file: skin, bones named as in this project, skinning weights, in any rest pose."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ENDS: Final = {
     "Leg": "Foot",
     "Foot": "ToeBase",
 }
-"""Bones that are turned to the direction of the asset's rest pose, and the bone to whose head each points."""
+"""Bones that are turned to their direction in the asset's rest pose, each with the bone to whose head it points."""
 
 
 def read_rigged_body(path: Path) -> BodyMesh:

@@ -24,12 +24,12 @@ class SensorSpec:
     # factor on the axial noise that was measured on white targets: clothes, skin and floors return a quarter of the
     # light, and the noise of a time-of-flight camera is proportional to the inverse square root of the returned light
     noise_gain: float = 2.0
-    baseline_m: float = 0.0  # m between the imagers of a stereo camera
+    baseline_m: float = 0.0  # m, distance between the imagers of a stereo camera
     disparity_noise_px: float = 0.06  # pixels, standard deviation of subpixel matching
     disparity_steps: float = 32.0  # quantisation steps per pixel of disparity
-    filtered: bool = False  # whether librealsense's filters follow: decimation by two, then smoothing (librealsense.py)
-    wiggle_m: float = 0.0012  # m, amplitude of the smooth error that a time-of-flight camera keeps over a session
-    dots: int = 0  # number of laser points from which the image is computed; 0 = every pixel measures
+    filtered: bool = False  # whether librealsense's filters are applied: decimation by two, then smoothing
+    wiggle_m: float = 0.0012  # m, amplitude of a time-of-flight camera's smooth error, which is constant in a session
+    dots: int = 0  # number of laser points from which the image is computed; 0 = every pixel has its own measurement
     lens: str = "pinhole"  # one of ``LENSES``
 
 
@@ -57,7 +57,7 @@ SENSORS = {
         disparity_noise_px=0.03,
         disparity_steps=16.0,
     ),
-    # a D415 with librealsense's filters; the noise is that before the filters
+    # a D415 with librealsense's filters; the noise is stated as it is before the filters
     "realsense-filtered": SensorSpec(
         kind="stereo",
         width=424,
@@ -149,15 +149,15 @@ LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
 """Model, coefficients and valid radius of each imitated lens."""
 
 EDGE_STEP_M = 0.03  # m; at an edge, neighbouring depths differ by more than this and by more than the slope explains
-SLOPE_ALLOWANCE = 4.0  # pixels of slope that are allowed in a window of three pixels: two and a margin
+SLOPE_ALLOWANCE = 4.0  # pixels; a slope changes the depth by two pixels' slope in a window of three, plus a margin
 DROPOUT = 0.003  # probability of a lost reading anywhere
 EDGE_JITTER = 0.35  # probability that an edge pixel has the reading of its neighbour
 FLYING = 0.22  # probability that an edge pixel mixes near and far depths
 EDGE_LOSS = 0.08  # probability that an edge pixel has no reading
-GRAZING_COSINE = 0.10  # least cosine of the angle of incidence (84 degrees) with a reading
+GRAZING_COSINE = 0.10  # minimum cosine of the angle of incidence, 84 degrees, at which there is a reading
 BLOB_PX = 2.2  # pixels, standard deviation of the matching window
-SPECKLE_DEVIATIONS = 2.7  # standard deviations of the noise field beyond which matching fails
-JOINED_M = 0.1  # m; ARKit smooths a smaller step of depth, unless the colour image shows an edge
+SPECKLE_DEVIATIONS = 2.7  # number of standard deviations of the noise field beyond which matching fails
+JOINED_M = 0.1  # m; ARKit smooths depth steps smaller than this, unless the colour image shows an edge
 
 
 def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:
@@ -264,7 +264,7 @@ def _sense_stereo(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarra
     fattened = np.where(rng.random(depth_m.shape, dtype=np.float32) < 0.5, near_first, depth_m)
     fattened = cv2.medianBlur(np.where(fattened < 99.0, fattened, 0.0).astype(np.float32), 3)
     blobs = cv2.GaussianBlur(rng.standard_normal(depth_m.shape, dtype=np.float32), (0, 0), BLOB_PX)
-    blobs = blobs * np.float32(2.0 * np.sqrt(np.pi) * BLOB_PX)  # back to unit variance
+    blobs = blobs * np.float32(2.0 * np.sqrt(np.pi) * BLOB_PX)  # scales the blurred noise back to unit variance
     gain = np.float32(spec.focal_px * spec.baseline_m)
     disparity = np.divide(gain, fattened, out=np.zeros_like(fattened), where=fattened > 0)
     lost = (np.abs(blobs) > SPECKLE_DEVIATIONS) | _shadowed(disparity) | (disparity <= 0)

@@ -22,10 +22,10 @@ from anchorpose.simulate.rigged_body import sampled_vertices
 from anchorpose.simulate.rooms.reflections import RoomPicture, take_picture
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 
-# m, distance of the curtain in front of the patient (more than an arm's length), half of its width, its height
+# m; the curtain: its distance from the patient, which is more than an arm's length, half of its width, and its height
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
-BACKGROUND_FRAMES = 9  # number of images of the empty room, of which the median is stored
-SAME_SKIN_M: Final = 0.03  # m, largest difference between seen skin and the depth of its pixel (7 mm wide at 2.5 m)
+BACKGROUND_FRAMES = 9  # number of images of the empty room; their median is stored
+SAME_SKIN_M: Final = 0.03  # m, maximum difference between seen skin and its pixel's depth (7 mm wide at 2.5 m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +35,8 @@ class Shot:
     figures: tuple[Figure, ...]  # people at the time of the first camera's image
     images: tuple[TrueImage, ...]  # per camera, the image without errors
     depths_mm: tuple[np.ndarray, ...]  # per camera, (height, width) uint16 mm, the reading
-    seen_share: np.ndarray  # (21, cameras), see ``seen_shares``
-    behind_passers: float  # largest share, over the cameras, of the patient's pixels that people passing by hide
+    seen_share: np.ndarray  # (21, cameras), from ``seen_shares``
+    behind_passers: float  # share of the patient's pixels that people passing by hide, maximum over the cameras
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,19 +33,19 @@ STANCE_M = 0.28
 CROUCHES = np.linspace(0.0, 1.0, 21)
 SHOULDERS_ABOVE_HOLD_M = 0.22
 COMFORTABLE_REACH = 0.85  # comfortable distance from shoulder to hold, as a share of the arm's length
-DISTANCES_M = np.linspace(0.3, 1.1, 33)  # m, tried distances from the balls of the feet to the holds
+DISTANCES_M = np.linspace(0.3, 1.1, 33)  # m, distances from the balls of the feet to the holds that are tried
 FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows; the arms follow the rest
 FARTHEST_FOLLOW_M = 0.25
-LEAN_M = 0.12  # m, largest distance over which a therapist's body follows a patient with a captured movement
-LOWEST_PELVIS_M = 0.30  # m above the floor, lowest pelvis of a therapist who crouches
-FLATTENING = -0.45  # rad by which the fingers, curled at rest, straighten at each joint to lie on the skin
-HELD_M = 0.005  # m, largest distance between a wrist and its goal at which the hand counts as holding
+LEAN_M = 0.12  # m, maximum distance over which a therapist's body follows a patient with a captured movement
+LOWEST_PELVIS_M = 0.30  # m, minimum height above the floor of the pelvis of a therapist who crouches
+FLATTENING = -0.45  # rad, extension of each finger joint, curled in the rest pose, with which fingers lie on the skin
+HELD_M = 0.005  # m; a hand counts as holding if its wrist is at most this far from its goal
 
 PASSING_M = (0.6, 1.5)  # m, range of the distance between a camera and a person who passes it
-BESIDE_M = 3.2  # m from the crossing to the start and the end of the course, which are outside the room
-SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # rad, tried angles between the course and the direction straight across
-CLEAR_M = 0.7  # m, wanted clearance between the course and other cameras
-HALFWAY = (0.35, 0.65)  # range of the time at which people who pass are in front of the camera, over the duration
+BESIDE_M = 3.2  # m, distance from the crossing to both ends of the course, which are outside the room
+SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # rad, tried angles between the course and a course straight across
+CLEAR_M = 0.7  # m, intended clearance between the course and other cameras
+HALFWAY = (0.35, 0.65)  # range of the moment at which people who pass are at the crossing, as a share of the duration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +62,7 @@ class Therapist:
         person = self.actor.person
         channels = self.actor.channels(times_s)
         place_m, normal = skin_points(patient.person, patient_bones, self.hold.vertices)
-        # a patient with a captured movement may sit down, farther than a therapist can lean and crouch
+        # a patient with a captured movement may sit down; a therapist cannot lean or crouch so far
         captured = isinstance(patient, CapturedActor)
         _follow(channels, self.hold, place_m, LEAN_M if captured else FARTHEST_FOLLOW_M)
         if captured:
@@ -104,7 +104,7 @@ def draw_therapists(
 
 
 def _apart(task: Task, other: Task) -> bool:
-    """Return whether two therapists have enough space beside each other."""
+    """Return whether there is enough space for two therapists beside each other."""
     gap = np.mean(task.azimuth) - np.mean(other.azimuth)
     return bool(abs((gap + np.pi) % (2.0 * np.pi) - np.pi) > 1.5)
 
@@ -227,7 +227,7 @@ def crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
 
 
 def choose_spot(person: Person, base: np.ndarray, hold: Hold) -> tuple[float, np.ndarray]:
-    """Return the depth of the crouch and the place (x, z) at which the farther hand has a comfortable reach."""
+    """Return the depth of the crouch and the place (x, z) at which the farther hold is within comfortable reach."""
     shoulders, arm_m = _crouched_shoulders(person, base)
     across = np.cross(hold.facing, UP)
     offset = hold.places_m - hold.reference_m

@@ -43,15 +43,15 @@ CHANNELS = (*TRUNK_CHANNELS, *(f"{name}_{side}" for side in ("left", "right") fo
 CHANNEL_INDEX = {name: index for index, name in enumerate(CHANNELS)}
 
 STEP_HEIGHT_M = 0.07
-TOE_OFF_RAD = 0.5  # rad, rise of the heel when a foot leaves the floor
-BODY_LAG_S = 0.3  # s, smoothing of the trunk's path, which is more even than that of the feet
+TOE_OFF_RAD = 0.5  # rad, maximum rotation of the foot in a step, heel up
+BODY_LAG_S = 0.3  # s, half the window over which the trunk's path is smoothed: a trunk moves more evenly than feet
 WALK_STEP_S = 0.5
 
 ELBOW_LIMITS = (0.12, 2.5)  # rad, from nearly straight to the hand at the shoulder
 SHOULDER_LIMITS = (-0.9, 3.0)
 TRUNK_LIMITS = (-0.6, 1.3)
 HEAD_LIMITS = (-1.2, 1.2)
-ARM_SWING = 1.1  # rad per metre by which the opposite foot is ahead
+ARM_SWING = 1.1  # rad of shoulder flexion per metre that the opposite foot is ahead
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +60,9 @@ class Movement:
 
     offsets: tuple[tuple[str, float], ...]  # channel and offset in metres or radians
     start_s: float
-    rise_s: float  # duration of growing
-    hold_s: float  # duration of staying
-    fall_s: float  # duration of returning
+    rise_s: float  # s, duration of growing
+    hold_s: float  # s, duration of staying
+    fall_s: float  # s, duration of returning
 
     @property
     def end_s(self) -> float:
@@ -75,7 +75,7 @@ class Movement:
         return coming - ease((times_s - self.start_s - self.rise_s - self.hold_s) / self.fall_s)
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Return the course from 0 to 1 at x (t,), the time since the start as a share of ``rise_s``."""
+        """Return the strength (t,) from 0 to 1 at x (t,), the time since the start as a share of ``rise_s``."""
         return ease(x)
 
 
@@ -92,7 +92,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footwork:
-    """The initial stance of the feet, and the steps in the order of time."""
+    """The initial stance of the feet, and the steps, sorted by time."""
 
     places_m: np.ndarray  # (2, 2) x and z of the left and the right foot
     yaws: np.ndarray  # (2,) rad, their directions

@@ -1,4 +1,4 @@
-"""Determine the true contacts of the patient in a frame: with people's skin, and with equipment."""
+"""Determine the true contacts of the patient in a frame, with the skin of other people and with equipment."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from anchorpose.body.contact_regions import REGIONS, region_of_skin
 from anchorpose.simulate.clinic import Clinic, Performance
 from anchorpose.simulate.render import Figure
 
-TOUCH_M: Final = 0.03  # m, largest distance between two people's skin in contact
-JOINT_REGION_M: Final = 0.12  # m; a joint counts as touched if skin nearer to it than this is touched
-# m, largest distance between skin in contact and a rigid surface: the folds of the clothes (``clothing_m``)
+TOUCH_M: Final = 0.03  # m; the skin of two people is in contact if it is at most this far apart
+JOINT_REGION_M: Final = 0.12  # m; a joint counts as touched if skin within this distance of the joint is touched
+# m; skin within this distance of a rigid surface is in contact with it; it is the height of folds (``clothing_m``)
 EQUIPMENT_TOUCH_M: Final = 0.01
 
 

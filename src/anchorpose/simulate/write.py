@@ -28,10 +28,10 @@ from anchorpose.simulate.shoot import Studio, set_up
 from anchorpose.simulate.touches import Touch, touches
 
 EQUIPMENT_FILE: Final = "equipment.json"
-PNG_COMPRESSION: Final = 2  # level; noise hardly compresses, and more effort triples the time for 3 % of the size
+PNG_COMPRESSION: Final = 2  # level; noise hardly compresses: a higher level triples the time and saves 3 % of the size
 PASSER_HIDES: Final = 0.25  # a frame counts as occluded if people passing by hide this share of the patient's pixels
-JITTER_LIMIT: Final = 0.4  # largest jitter, as a share of the frame period; above 0.5, stamps could change their order
-JITTER_SPREADS: Final = 2.0  # standard deviations at which the normal distribution of the jitter is cut off
+JITTER_LIMIT: Final = 0.4  # maximum jitter as a share of the frame period; above 0.5, stamps could change their order
+JITTER_SPREADS: Final = 2.0  # number of standard deviations at which the jitter's normal distribution is cut off
 
 
 def simulate_recording(
@@ -73,7 +73,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
     _write_documents(recording, clinic)
     studio, records = set_up(clinic), tuple(draw_record(clinic, index) for index in range(config.cameras))
     for index, camera in enumerate(clinic.cameras):
-        if clinic.scene is None:  # a real room is hardly ever emptied for an image
+        if clinic.scene is None:  # no image of an empty room for real rooms, which are hardly ever emptied
             _write_png(recording / camera.name / "background.png", studio.background_mm(index))
         _write_stamps(recording / camera.name / "timestamps.csv", records[index])
     patient_pixels, contacts, seen, behind = [], [], [], []
@@ -139,7 +139,7 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
     - held_joints (t, n, 2): the joint that each hand of each therapist holds, -1 = none
     - clock_late, clock_drift, clock_epoch (cameras,): stamp s was taken at (s - epoch) + late + drift (s - epoch)
     - taken_s (cameras, t): when the image of that number on the disk was taken, NaN if there is none
-    - doubled (cameras, t): whether that image repeats an earlier image
+    - doubled (cameras, t): whether the image on the disk repeats an earlier image
     - camera_to_world (cameras, 4, 4): only of real rooms, equal to T_world_camera
     - only of sessions, the arrays of ``truth_arrays``, and touched_regions (t, n, regions), named by region_names:
       regions that each person touches; the knee is distinguished from thigh and shank

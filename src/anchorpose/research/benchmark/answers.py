@@ -28,7 +28,7 @@ JOINTS: Final = {"recording": pa.string(), "frame": pa.int64(), "joint": pa.stri
 MATCHES: Final = {"task": pa.string(), "pair": pa.string(), "node": pa.int64(), "match": pa.int64()}
 OPTIONAL: Final = "sigma_m"
 MAY_BE_EMPTY: Final = frozenset((*PLACE, OPTIONAL, "match"))
-FARTHEST_M: Final = 100.0  # m; rooms are smaller, so a larger value must be in millimetres
+FARTHEST_M: Final = 100.0  # m; no room is as large as this, so a greater coordinate must be in millimetres
 NO_ROW, NO_MATCH = -2, -1
 """Marks of a node: the answers have no row for it, or they state that it has no match."""
 
@@ -46,8 +46,8 @@ class Answers:
     """All answers about the recordings of a benchmark folder."""
 
     method: str  # name of the method
-    source: str  # where the method is described
-    joints: Mapping[str, JointAnswers]  # by recording
+    source: str  # reference to a description of the method
+    joints: Mapping[str, JointAnswers]  # by name of the recording
     # by task and pair, (n,) int64: node of the second frame, ``NO_MATCH`` or ``NO_ROW``
     matches: Mapping[tuple[str, str], np.ndarray]
     elsewhere: int  # number of rows about recordings that are not in the folder

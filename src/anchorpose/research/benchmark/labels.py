@@ -1,4 +1,4 @@
-"""Read labels of people made by eye in real depth images, and compare them with each other and with joints."""
+"""Read labels of joints, set by eye in real depth images, and compare them with each other and with tracked joints."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # pixels on each side of a label from which the depth of the labelled skin is taken
-IN_FRONT_M, BEHIND_M = 0.10, 0.35  # m, how far a joint may lie in front of and behind the skin at its label
+PATCH_PX: Final = 3  # pixels on each side of a label, in which the depth of the labelled skin is measured
+IN_FRONT_M, BEHIND_M = 0.10, 0.35  # m, maximum distances of a joint in front of and behind the skin at its label
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
 """Joints that are invisible under clothes; labellers placed them by the body's proportions, up to 12 cm apart."""
-DEEP_M: Final = 0.10  # m, from the skin of a trunk to its axis
+DEEP_M: Final = 0.10  # m, depth of a trunk's axis below the skin
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +27,10 @@ class LabelledPerson:
     """The labels of one person in one frame."""
 
     person: str
-    plain: bool  # whether the head and more than half of the trunk are in view
+    plain: bool  # whether head and more than half of the trunk are in view
     box: tuple[float, float, float, float]  # first column, first row, last column, last row
-    joints: dict[str, tuple[float, float]]  # name to (column, row), only for seen joints
-    unclear: frozenset[str] = frozenset()  # joints about which the labeller was less sure
+    joints: dict[str, tuple[float, float]]  # (column, row) by name of the joint, only for seen joints
+    unclear: frozenset[str] = frozenset()  # joints whose labels are uncertain
 
 
 Frames = dict[int, tuple[LabelledPerson, ...]]
@@ -63,7 +63,7 @@ def _person(entry: dict[str, Any]) -> LabelledPerson:
 
 
 def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
-    """Return the median depth around a place (column, row); NaN without readings there."""
+    """Return the median depth in metres around a pixel (column, row); NaN without readings there."""
     column, row = (round(value) for value in place)
     patch = depth_m[max(row - PATCH_PX, 0) : row + PATCH_PX + 1, max(column - PATCH_PX, 0) : column + PATCH_PX + 1]
     read = patch[patch > 0]
@@ -83,7 +83,7 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
 
 
 def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return the distance across the line of sight, in metres, of each labelled joint from the tracked joint.
+    """Return, for each labelled joint, its distance in metres from the tracked joint, across the line of sight.
 
     joints_m (21, 3): tracked joints, world. The distance is inf if the tracked joint is lost, in front of the labelled
     skin or far behind it. Joints without a reading at the label are left out.
@@ -114,7 +114,7 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return how far apart the labels of two labellers are, for each joint that both labelled."""
+    """Return the distance in metres between the labels of two labellers, for each joint that both labelled."""
     lens = camera.intrinsics
     return {
         name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)

@@ -36,10 +36,10 @@ from anchorpose.threads import one_thread
 
 DOCUMENT: Final = "benchmark.json"
 FORMAT: Final = "anchorpose-benchmark"
-REFERENCE: Final = "reference.json"  # file beside this module: DOCUMENT of all recordings as made on Linux, x86-64
+REFERENCE: Final = "reference.json"  # file beside this module: fingerprints of all recordings, made on Linux, x86-64
 HOLE_SHARE: Final = 0.5  # share of the frames that get a hole, as in the paper; the first frame never gets one
 STEP: Final = 2  # every second row and column is a node, as in the tracker's mesh
-TRUTH_UNIT_M: Final = 1e-4  # true joints are compared to a tenth of a millimetre
+TRUTH_UNIT_M: Final = 1e-4  # m, true joints are rounded to this before they are compared
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Fingerprint:
 
 @dataclass(frozen=True, slots=True)
 class Benchmark:
-    """A benchmark folder."""
+    """The content of a benchmark folder."""
 
     folder: Path
     groups: tuple[Group, ...]  # groups that exist in the folder
@@ -68,7 +68,7 @@ def make_benchmark(
 
     Recordings that an earlier run has finished are kept, so the same call also checks a benchmark.
 
-    Raises InputError if the folder is neither empty nor a benchmark of this version.
+    Raises InputError if the folder is not empty and is not a benchmark of this version.
     """
     check_place(out)
     if out.exists() and any(out.iterdir()):
@@ -136,7 +136,7 @@ def make_group(group: Group, out: Path) -> None:
 
 
 def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -> None:
-    """Make the copies with holes, which are in the same frames in all copies, and nodes and true matches of pairs."""
+    """Make the copies with holes, all in the same frames, and the nodes and true matches of the pairs."""
     camera, frames = recording.cameras[0].name, range(len(recording.streams[0].files))
     seen = [patient_pixels(recording, labels / camera, frame) for frame in frames]
     centre_m = np.array([points.mean(axis=0) for _, points in seen])

@@ -14,15 +14,15 @@ from anchorpose.simulate.config import SimulationConfig
 VERSION: Final = 1
 """Version of the benchmark.
 
-It grows with every change of recordings, tasks or scores, since figures of two versions cannot be compared.
+It increases with every change of recordings, tasks or scores, since scores of different versions cannot be compared.
 """
 
 SECONDS: Final = 6.0
-FPS: Final = 10.0  # frames per second; the paper's samples are about a tenth of a second apart
+FPS: Final = 10.0  # frames per second, since the paper's samples are about a tenth of a second apart
 GAPS: Final = {"association-0.1s": 1, "association-0.3s": 3, "association-1s": 10, "association-1.5s": 15}
-"""Frames between the two frames of a pair, by task."""
+"""Number of frames from the first to the second frame of a pair, by task."""
 
-FIRST_FRAMES: Final = (4, 22, 40)  # first frames of a recording's pairs, the same for every gap
+FIRST_FRAMES: Final = (4, 22, 40)  # first frame of each pair in a recording, the same for every gap
 CLINIC: Final = "clinic"
 NODES: Final = "nodes"
 TRACKING: Final = {f"tracking-{hole_m:.2f}m": hole_m for hole_m in PAPER_HOLES_M}
@@ -104,7 +104,7 @@ class Group:
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """Return the groups of a part. at_most: largest number of groups per kind, in the order of their seeds."""
+    """Return the groups of a part. at_most: maximum number of groups of each kind, in the order of their seeds."""
     single, clinic = SEEDS[part]
     return tuple(
         Group(part, is_clinic, seed)

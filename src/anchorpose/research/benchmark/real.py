@@ -1,4 +1,4 @@
-"""Score joints in real recordings of the user against labels made by eye: the benchmark's second track."""
+"""Score joints in the user's real recordings against labels set by eye. This is the benchmark's second track."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ Joints = dict[tuple[str, str, int], np.ndarray]
 def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskScore]:
     """Return the score of each labelled recording in the user's folder.
 
-    It is the distance, across the line of sight, from the labels of both labellers. A joint that is not at the labelled
-    person's depth counts as missing. Raises InputError if the folder has no labelled recording.
+    The error of a joint is its distance, across the line of sight, from the labels of both labellers. A joint that is
+    not at the labelled person's depth counts as missing. Raises InputError if the folder has no labelled recording.
     """
     joints, scores = _read(answers / FILE), dict[str, TaskScore]()
     names = sorted({path.name.split(".")[0] for path in labels.glob("*.first.json")})

@@ -1,6 +1,6 @@
 """Score answers task by task, and compare two sets of answers, question by question.
 
-The share of missing answers is given separately; a missing answer counts as outside every distance.
+A missing answer is not within any distance. The share of missing answers is also given separately.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ class Asked(NamedTuple):
     error_mm: np.ndarray  # (m,), NaN without an answer
     none: np.ndarray  # (m,) bool, questions answered by "no match"
     moved: np.ndarray  # (m,) bool, nodes that moved
-    within: np.ndarray  # (m, 3) per axis, 1 if the truth lies within 1.96 sigma, 0 if not, NaN if no sigma is given
+    within: np.ndarray  # (m, 3), by axis: 1 if the truth lies within 1.96 sigma, 0 if not, NaN if no sigma is given
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskScore:
     """Figures of one task; None = no data for this figure.
 
-    Shares within a distance are shares of all questions. Millimetres are over the questions with an answer.
+    Shares within a distance are shares of all questions. Errors in millimetres are over the questions with an answer.
     """
 
     recordings: int
@@ -53,7 +53,7 @@ class TaskScore:
     moved: int
     moved_median_mm: float | None
     moved_within_50mm: float | None
-    coverage_95: float | None  # share of the axes with a sigma on which the truth lies within 1.96 sigma
+    coverage_95: float | None  # share of all axes with a sigma for which the truth lies within 1.96 sigma
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +63,7 @@ class Score:
     answers: Answers
     part: Part
     other_bytes: tuple[str, ...]  # as in ``Benchmark``
-    tasks: Mapping[str, TaskScore]  # only tasks with any answer
+    tasks: Mapping[str, TaskScore]  # only tasks with at least one answer
     asked: Mapping[str, Mapping[str, Asked]]  # the questions of these tasks, by task and group
 
 
@@ -87,7 +87,7 @@ def _takes_part(answers: Answers, groups: Sequence[Group], task: str) -> bool:
 
 
 def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
-    """Return the association tasks on a group."""
+    """Yield the questions of each association task about a group."""
     pairs, found = [pair for pair in group.pairs if pair.task in tasks], dict[str, list[Asked]]()
     if not pairs:
         return []
@@ -102,7 +102,7 @@ def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequen
 
 
 def _joints(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
-    """Yield the tracking tasks on a group."""
+    """Yield the questions of each tracking task about a group."""
     truth_m = read_truth(group.truth(benchmark.folder)).position_m
     known = np.isfinite(truth_m).all(axis=2)
     for task in (task for task in group.recordings if task in tasks):
@@ -143,9 +143,9 @@ def summarise(each: Sequence[Asked]) -> TaskScore:
 def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
     """Return the differences ``one`` minus ``other`` by task, with 95 % intervals.
 
-    Intervals are by the bootstrap over recordings; both scores use the same drawn recordings. mm: mean distance over
-    the questions that both answer, negative if ``one`` is nearer. within_50mm: share of all questions, positive if
-    ``one`` is better.
+    Intervals are by the bootstrap over recordings; both scores use the same drawn recordings. mm: mean error over the
+    questions that both answer, negative if ``one`` is better. within_50mm: share of all questions, positive if ``one``
+    is better.
     """
     compared = {}
     for task in (task for task in TASKS if task in one.asked and task in other.asked):

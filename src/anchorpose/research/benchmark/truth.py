@@ -1,4 +1,4 @@
-"""Compute where a frame's nodes truly are in another frame, and how far matches are from there on the body."""
+"""Compute the true places of a frame's nodes in another frame, and the distance of matches from them on the body."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ class PairTruth:
     pair: Pair
     first_m: np.ndarray  # (n, 3) nodes of the first frame, metres, world
     second_m: np.ndarray  # (k, 3) nodes of the second frame, metres, world
-    # places of the first frame's nodes in the second frame; a place without a node near it is hidden there, and nodes
-    # that are not on the body (flying pixels) have no place
+    # places of the first frame's nodes in the second frame; a place is hidden if no node of the second frame is near
+    # it; nodes that are not on the body (flying pixels) have no place
     places: TruePlaces
 
     @property
     def moved(self) -> np.ndarray:
-        """Return (n,) bool: nodes that are more than ``MOVED_M`` away from their first place in the second frame."""
+        """Return (n,) bool: nodes that move by more than ``MOVED_M`` from the first frame to the second."""
         moved: np.ndarray = np.linalg.norm(self.places.place_m - self.first_m, axis=1) > MOVED_M
         return moved
 
     def nearest(self) -> np.ndarray:
-        """Return the best possible answer (n,) int: the node nearest to each true place, -1 if this is not seen."""
+        """Return the best possible answer (n,) int: the node nearest to each true place, -1 if the place is hidden."""
         best, seen = np.full(len(self.first_m), -1, np.int64), self.places.seen
         best[seen] = cKDTree(self.second_m).query(self.places.place_m[seen])[1]
         return best
@@ -56,8 +56,8 @@ class PairTruth:
     def error_mm(self, match: np.ndarray) -> np.ndarray:
         """Return (n,): the distance along the skin of each match from the true place; NaN without match or place.
 
-        match: -1 or less = no match. The distance is at least the straight distance, since both ends are known only up
-        to the nearest vertex of the skin.
+        match: -1 or less = no match. If the straight distance is greater, it counts, since along the skin both ends are
+        known only to the nearest vertex.
         """
         error, known = np.full(len(match), np.nan), (match >= 0) & self.places.seen
         matched = self.second_m[match[known]]

@@ -1,4 +1,4 @@
-"""Run the recordings of an experiment as jobs, by the engine that also tracks many sessions, and report progress."""
+"""Run the recordings of an experiment as jobs, with the job engine for many sessions, and report progress."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from anchorpose.research.experiment.work import work_on
 BESIDE: Final = "pictures"
 
 Progress = Callable[[float, float], None]
-"""Function called with the approximate seconds of work on one core: seconds done, and seconds in total."""
+"""Function that is called with approximate seconds of computing on one core: seconds done, and seconds in total."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,11 +33,11 @@ class Part:
         return [task for clip in self.clips for task in plan.tasks(clip)]
 
     def left_s(self) -> float:
-        """Return the seconds on one core for the open tasks and the recordings that they need."""
+        """Return the seconds on one core for all open tasks and for making the recordings that these tasks need."""
         return self.cost_s(self.tasks())
 
     def cost_s(self, tasks: list[Task]) -> float:
-        """Return the seconds on one core for the open tasks among the given tasks, and for their recordings."""
+        """Return the seconds on one core for the open tasks among the given tasks, and for making their recordings."""
         by_clip: dict[str, float] = {}
         for task in tasks:
             if not task.done:
@@ -51,8 +51,8 @@ def do(
 ) -> list[str]:
     """Do all tasks, with clips in parallel; return a sentence for each clip with a task that could not be done.
 
-    after_s: seconds of work after this part, which count for the time left. beside: other work, to be done in one of
-    the processes.
+    after_s: seconds of computing after this part, which are included in the time left. beside: other work, to be done
+    in one of the processes.
     """
     tasks = part.tasks()
     left_s = part.cost_s(tasks)

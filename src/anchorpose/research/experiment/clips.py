@@ -24,7 +24,7 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
-LOOSE_M = 0.014  # m, distance of loose clothes from the skin, near the simulator's limit; ordinarily at most 0.009
+LOOSE_M = 0.014  # m, distance of loose clothes from the skin, near the simulator's maximum; usually it is at most 0.009
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +38,7 @@ class Clip:
 
     @property
     def holes_are_cut(self) -> bool:
-        """Return whether holes are cut; other scenes have their own occluders."""
+        """Return whether holes are cut in the recording; they are not in scenes in which objects hide the patient."""
         return self.scene in (Scene.PAPER, Scene.LOOSE, Scene.REAL)
 
 
@@ -77,7 +77,7 @@ def simulation_of(scene: Scene, seed: int, config: ExperimentConfig) -> Simulati
     raise ValueError(f"{scene} is not simulated")
 
 
-SURE = 1.0  # smallest confidence of a reference joint that is used
+SURE = 1.0  # minimum confidence at which a reference joint is used
 
 
 def simulated_joints(truth: Path) -> np.ndarray:
@@ -107,8 +107,8 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
     return joints
 
 
-ON_BODY_M = 0.3  # m, distance from the middle of a body to its skin; a point farther away is not on the body
-HOLES_KEY = 7  # key of the holes' random stream, which is separate from the random streams of the recordings
+ON_BODY_M = 0.3  # m, maximum distance of a body's skin from its middle
+HOLES_KEY = 7  # key of the random stream of the holes, which is separate from those of the recordings
 
 
 def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]) -> np.ndarray:
@@ -125,11 +125,11 @@ def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]
 def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.ndarray, radius_m: float) -> np.ndarray:
     """Copy the recording folder to ``out`` without the readings nearer than ``radius_m`` to the body's centre.
 
-    centre_m (t, 3): the mean of the visible body, world. It lies inside the body, so the hole is centred on the reading
-    nearest to it, and the radius is valid on the skin. NaN if the body was not seen: such a frame does not change.
+    centre_m (t, 3): the mean of the visible body, world. This mean lies inside the body, so the hole is centred on the
+    reading nearest to it. It is NaN if the body was not seen; such a frame does not change.
     chosen (t,) bool: the frames to change. Images that lose nothing are linked, not copied. Returns (t,) bool: the
-    frames that lost readings. Raises InputError for a recording of several cameras, whose frames would have to be
-    paired first.
+    frames that lost readings. Raises InputError for a recording with several cameras, whose images this function
+    cannot pair.
     """
     if len(recording.cameras) != 1:
         raise InputError(recording.folder, "has several cameras", "holes are cut in recordings of one camera only")
@@ -151,7 +151,7 @@ def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.
 def within_hole(file: Path, camera: Camera, centre_m: np.ndarray, radius_m: float) -> np.ndarray | None:
     """Return (height, width) bool: pixels of a depth image within the radius of the reading nearest to a world point.
 
-    None if this point has no reading within ``ON_BODY_M``.
+    None if no reading is within ``ON_BODY_M`` of this point.
     """
     depth = read_depth_image(file, camera).depth_m
     if depth is None or np.isnan(centre_m).any():

@@ -1,4 +1,4 @@
-"""The settings of an experiment: recordings, holes, scenes and methods."""
+"""Define the settings of an experiment: recordings, holes, scenes and methods."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from anchorpose.settings import Count, Positive, settings
 from anchorpose.simulate.config import LARGEST_HOLE_M, SMALLEST_HOLE_M
 
 PAPER_HOLES_M: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
-"""No occlusion, and the paper's five sizes."""
+"""Radii of holes in metres: no hole, and the paper's five sizes."""
 
 
 class Scene(StrEnum):
-    """A kind of recording; only the first is in the paper."""
+    """A kind of recording. Only ``PAPER`` is in the paper."""
 
     PAPER = "paper"  # one person, one front camera, and no occlusion except the holes
-    LOOSE = "loose"  # as paper, in clothes twice as loose
+    LOOSE = "loose"  # as PAPER, but the clothes are twice as loose
     FRAME = "frame"  # one front camera, and the bars of a standing frame in front of the patient
-    CLINIC_FRONT = "clinic-front"  # as frame, with two therapists who hold the patient and move
-    CLINIC = "clinic"  # as clinic-front, with three cameras
+    CLINIC_FRONT = "clinic-front"  # as FRAME, with two therapists who hold the patient and move
+    CLINIC = "clinic"  # as CLINIC_FRONT, with three cameras
     REAL = "real"  # the user's recordings with reference skeletons
 
 
 class Form(StrEnum):
-    """The form of the framework: how a pose follows from the matches.
+    """The form of the framework: how the pose is computed from the matches.
 
     The paper does not reject matches. Rejection here means that the track tree gives up a node at
     ``TreeConfig.missed_cost_m``, that a part's motion is fitted with Cauchy's weights, and that a pose that explains
-    too little of the frame is replaced by the predicted pose. Gross errors of the matches then have no effect.
+    too little of the frame is replaced by the predicted pose. So gross errors of matches have no effect.
     """
 
-    REFINED = "surface"  # parts follow their matches, then the surface (ICP); bad matches are rejected
-    REFINED_ALL = "surface-all"  # as surface, but nothing is rejected
-    MATCHES = "matches"  # parts follow their matches alone; bad matches are rejected
-    MATCHES_ALL = "matches-all"  # as matches, but nothing is rejected
+    REFINED = "surface"  # parts are fitted to their matches, then to the surface (ICP); bad matches are rejected
+    REFINED_ALL = "surface-all"  # as REFINED, but nothing is rejected
+    MATCHES = "matches"  # parts are fitted only to their matches; bad matches are rejected
+    MATCHES_ALL = "matches-all"  # as MATCHES, but nothing is rejected
 
     @property
     def refined(self) -> bool:
@@ -52,7 +52,7 @@ class Form(StrEnum):
 class Update(StrEnum):
     """The way in which the pose is updated by the matches."""
 
-    PARTS = "parts"  # every part by itself, as in the paper
+    PARTS = "parts"  # each part separately, as in the paper
     KALMAN = "kalman"  # by an iterated extended Kalman filter over the pose (paper, Section III)
     PARTICLES = "particles"  # by a particle filter over the pose (paper, Section III)
 
@@ -61,36 +61,36 @@ class Update(StrEnum):
 class ExperimentConfig:
     """The settings of an experiment; the default is the paper's experiment.
 
-    It has 20 recordings, six sizes of hole, and all methods on the same frames. The paper's samples are not a video:
-    200 of them contain slow and fast movements of all limbs, so they must be about a tenth of a second apart. Therefore
-    the frame rate here is ten per second.
+    It has 20 recordings, six sizes of hole, and all methods on the same frames. The paper's samples are not a video.
+    Since 200 of them contain slow and fast movements of all limbs, they must be about a tenth of a second apart.
+    Therefore the frame rate here is ten per second.
     """
 
-    # first seed of the test recordings; each seed is another body, other clothes and other movements
+    # first seed of the test recordings; each seed gives another body, other clothes and other movements
     first_seed: int = 501
     recordings: Count = 20  # number of recordings, 150 frames each: 3,000 frames
     seconds: Positive = 15.0
     fps: Annotated[Positive, Field(le=30)] = 10.0
     holes_m: tuple[float, ...] = PAPER_HOLES_M
     hole_share: Annotated[Positive, Field(le=1)] = 0.5  # share of the frames that get a hole, drawn at random
-    # number of frames from one given pose: methods start again each second
+    # number of frames in a segment; each segment starts from a given pose, so methods start again every second
     segment_frames: Annotated[Count, Field(ge=2)] = 10
-    # segments per recording, drawn at random, the same for every method: 1,080 frames with the default
+    # segments per recording, drawn at random and the same for every method; by default, they have 1,080 frames in all
     segments: Count = 6
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose matches are compared
-    # number of moments at which matches are compared with the truth, for each recording, size of hole and gap
+    # number of pairs of frames whose matches are compared with the truth, for each recording, size of hole and gap
     windows: Count = 2
-    # forms of the framework; forms with the surface run at every size of hole, others without and with the largest hole
+    # forms of the framework; forms with the surface run at every size of hole, others only at no hole and the largest
     forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: Count = 3  # number of recordings of each scene other than the paper's
-    scene_seconds: Positive = 6.0  # length of each of these recordings
+    scene_seconds: Positive = 6.0  # s, length of each recording of these scenes
     methods: tuple[str, ...] = ()  # keys of methods, or paths of Python files with METHODS; empty = all methods
     ablation: bool = True  # also run ablated variants of anchorpose's own tracker, in scenes other than the paper's
     training_seed: int = 401  # seed of the recordings from which settings are chosen and movements are taken
     training_recordings: Count = 4
     training_samples: Annotated[Count, Field(ge=40)] = 200  # number of frames of reference movements
-    # number of moments of each training recording, with and without a hole, at which settings are tried
+    # number of pairs of frames of each training recording, with and without a hole, on which settings are tried
     training_windows: Count = 2
     tuned: bool = True  # False: every method uses its first setting
     pictures: bool = True  # draw matches, hypotheses and tracked joints; False: tables and figures only
@@ -130,7 +130,7 @@ class ExperimentConfig:
 def quick() -> ExperimentConfig:
     """Return a configuration that runs everything once on very little data, only to show that it runs.
 
-    It takes five minutes.
+    The run takes five minutes.
     """
     return ExperimentConfig(
         recordings=1,

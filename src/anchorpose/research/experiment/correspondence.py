@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 
-SEEN_M = 0.025  # m, two node spacings; a point whose nearest node is farther away is not seen
-ON_SKIN_M = 0.05  # m; a node farther from the skin is not on the patient
+SEEN_M = 0.025  # m, two node spacings; a skin point without a node within this distance is not seen
+ON_SKIN_M = 0.05  # m; a node farther than this from the skin is not on the patient
 SPACING_M = 0.04  # m, spacing of the points between which distances along the skin are computed
 
 REGIONS = {
@@ -27,9 +27,9 @@ REGIONS = {
     "shank": ("Leg",),
     "foot": ("Foot", "Toe"),
 }
-"""First letters of the bones' names after the side, for each region; the longest match counts."""
+"""First letters of bones' names, after Left or Right, for each region. If several fit, the longest counts."""
 
-LAST_WITHOUT_SIDE = 1  # index of the last region without left and right; only head and trunk have no side
+LAST_WITHOUT_SIDE = 1  # index in ``REGIONS`` of the last region without a side; these are head and trunk
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +69,7 @@ class Skin:
         return vertex
 
     def along_skin_m(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Return (m,) metres along the skin between vertices; if long, they may be too short by up to ``SPACING_M``."""
+        """Return (m,) metres along the skin between vertices. Long distances may be short by up to ``SPACING_M``."""
         rest, sample, between = self._sampled
         straight = np.linalg.norm(rest[one] - rest[other], axis=1)
         near_one, near_other = self._nearest[one], self._nearest[other]
@@ -97,7 +97,7 @@ class Skin:
 
     @cached_property
     def region(self) -> np.ndarray:
-        """Return (v,) index into ``REGIONS`` of the body part that each vertex moves with."""
+        """Return (v,) the region of each vertex, as an index into ``REGIONS``: the region of the bone that moves it."""
         return np.array([region_of(name) for name in self._bone_names])[self._main_bone]
 
     @cached_property
@@ -122,7 +122,7 @@ class Skin:
 def region_of(bone: str) -> int:
     """Return the index into ``REGIONS`` of a bone's region. Raises ValueError for a bone that is in no region."""
     name = bone.removeprefix("Left").removeprefix("Right")
-    names = {name, bone, name[1:]}  # LHipJoint and LThumb name their side by one letter
+    names = {name, bone, name[1:]}  # in LHipJoint and LThumb, a single letter is the side
     fits = [
         (len(start), index)
         for index, starts in enumerate(REGIONS.values())

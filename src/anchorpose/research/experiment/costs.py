@@ -11,19 +11,19 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import Family, Method
 from anchorpose.research.experiment.plan import Kind, Task
 
-COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # relative cost, for therapists, for three cameras
-USUAL_FORM_S: Final = 0.02  # time of a frame in one form of the framework, without the method
-USUAL_OWN_S: Final = 0.15  # time of a frame of this project's tracker
-MAKING: Final = 2.0  # time to simulate a frame and to track it for the reference, in multiples of ``own_s``
+COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # cost of a frame relative to the paper's scene
+USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework, without the method's own time
+USUAL_OWN_S: Final = 0.15  # s per frame of this project's tracker
+MAKING: Final = 2.0  # time to simulate a frame and to track it for the reference, as a multiple of ``own_s``
 
 
 @dataclass(frozen=True, slots=True)
 class Costs:
     """Costs in seconds of one core, by the key of the method."""
 
-    # per frame in all forms and sizes of hole of the paper's scene together, which share descriptors and matches
+    # per frame, for all forms and sizes of hole of the paper's scene together, since they share descriptors and matches
     frame_s: Mapping[str, float]
-    alone_s: Mapping[str, float]  # per frame in a single form and size of hole
+    alone_s: Mapping[str, float]  # per frame, for a single form and size of hole
     window_s: Mapping[str, float]  # per pair of frames whose matches are compared
     own_s: float  # per frame of this project's tracker, including learning the body
 
@@ -49,7 +49,7 @@ class Costs:
 
 
 def _forms(config: ExperimentConfig) -> int:
-    """Return the number of forms that a method runs in on a recording of the paper's scene, over all sizes of hole."""
+    """Return a method's number of runs on a recording of the paper's scene: forms, summed over all sizes of hole."""
     ends = min(len(config.holes_m), 2)
     between = sum(form.refined for form in config.forms)
     return ends * len(config.forms) + between * (len(config.holes_m) - ends)

@@ -1,4 +1,4 @@
-"""Provide the tracking framework of the paper and its start; each method only replaces the association (Section V)."""
+"""Provide the paper's tracking framework and its start. Methods differ only in the association (Section V)."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-NO_HEIGHT_M = np.nan  # only anchors depend on the height, and they are not searched before the body is known
-NEVER_M = 1000.0  # no branch of the tree is ever this far from its prediction, so no branch is given up
-ANYWHERE_M = 10.0  # radius within which matches are searched; it contains all nodes, as in the paper
+NO_HEIGHT_M = np.nan  # height of an unknown body; only anchors depend on it, which are searched after the body is known
+NEVER_M = 1000.0  # m; no branch of the tree is this far from its prediction, so that no branch is given up
+ANYWHERE_M = 10.0  # m, radius within which matches are searched; as in the paper, it contains all nodes
 ALL_NODES = (
-    100_000  # the tree starts from every node, since only all nodes distinguish a random method from a good method
+    100_000  # roots of the tree: all nodes, since a tree from a few nodes cannot show that random matches are worse
 )
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
-"""The anchors' bound is the paper's; for the surface it gives no numbers: "linear function increasing with distance".
+"""The bound for anchors is the paper's. For the surface, it only states a "linear function increasing with distance".
 """
 
 
 def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
     """Return the paper's configuration.
 
-    Meshes keep their holes, the best sub-list predicts, and each part is registered by itself. motions: the file with
-    the movements of the training samples.
+    Holes in the mesh stay open, the best sub-list gives the prediction, and each part is registered separately.
+    motions: the file with the movements of the training samples.
     """
     return TrackConfig(
         method=Method.PARTS,
-        clocks=ClockConfig(estimate=False),  # the clocks of the reference are given
+        clocks=ClockConfig(estimate=False),  # not estimated, since the reference's clocks are given
         tree=TreeConfig() if form.rejects else TreeConfig(missed_cost_m=NEVER_M),
         surface=SurfaceConfig(by_body=False),
         hypotheses=HypothesisConfig(trusted_only=False),
@@ -54,15 +54,15 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
 
 
 def paper_room(recording: Recording, reference: Reference, movements: Path) -> Room:
-    """Return the room of a recording with the reference's clocks; it is the same in every form and at any stride."""
+    """Return the room of a recording with the reference's clocks. It is the same for every form and stride."""
     return prepare_room(align_clocks(recording, reference.clocks), paper_config(movements))
 
 
 def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
     """Return everything that is known before the first frame is tracked, with the configuration of ``paper_config``.
 
-    stride: step between the frames that are used. With a stride above 1, the patient is expected at the last place,
-    since reference movements do not predict a second ahead and have too few frames at such a rate.
+    stride: step between the frames that are used. With a stride above 1, the patient is expected to stay in place: the
+    reference movements have too few frames at such a rate, and cannot predict the pose a second ahead.
     """
     config = paper_config(movements, form)
     if stride > 1:
@@ -73,8 +73,8 @@ def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int =
 def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, stride: int = 1) -> PaperTracker:
     """Return a tracker that starts at a frame (position in the recording) in which the pose is given.
 
-    The motion dynamics need a past, so the joints in every ``stride``-th earlier frame are also given, back to the last
-    frame without a pose.
+    The motion dynamics need earlier joints. Therefore the joints in every ``stride``-th earlier frame are also given,
+    back to the last frame without a pose.
     """
     reference, way = given.reference, way or Way()
     tracker = PaperTracker(run, given_start(frame, given, run, way.anchored), way, given)
@@ -87,7 +87,7 @@ def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, s
 def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True) -> Start:
     """Return the start in a frame in which the pose is given.
 
-    It is made only once for all runs that make the same observation in this frame.
+    A start is made only once for all runs that make the same observation in this frame.
     """
 
     def make() -> Start:
@@ -110,7 +110,7 @@ def _observing(config: TrackConfig) -> TrackConfig:
 def follow_segment(tracker: PaperTracker, later: Sequence[FrameSet]) -> np.ndarray:
     """Return the joints (n, 21, 3) in each of the later frames, metres, world.
 
-    Joints that the tracker reports as lost are included.
+    They include joints that the tracker reports as lost.
     """
     joints = []
     for frame_set in later:
@@ -122,5 +122,5 @@ def follow_segment(tracker: PaperTracker, later: Sequence[FrameSet]) -> np.ndarr
 
 
 def _confident(belief: PoseBelief) -> PoseBelief:
-    """Return the belief with a tenth of its standard deviations, as if the pose had been tracked before."""
+    """Return the belief with its standard deviations divided by ten, as if the pose had been tracked before."""
     return PoseBelief(belief.pose, belief.covariance / 100.0, belief.information * 100.0)

@@ -37,18 +37,18 @@ class NoReference(AnchorposeError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The data of t frames that all methods are given; poses are NaN in frames in which the patient was lost."""
+    """The data of t frames that every method is given. Poses are NaN in frames in which the patient was lost."""
 
-    T_world_camera: np.ndarray  # (k, 4, 4), poses of the cameras, given or found, so that all methods share one world
+    T_world_camera: np.ndarray  # (k, 4, 4), the cameras' poses, given or found, so that all methods share one world
     shape: FittedShape  # the learnt body
-    rotations: np.ndarray  # (t, b, 3, 3) of the pose
-    root_m: np.ndarray  # (t, 3) of the pose
+    rotations: np.ndarray  # (t, b, 3, 3), rotations of the pose
+    root_m: np.ndarray  # (t, 3), position of the pose
     joints_m: np.ndarray  # (t, 21, 3), world
     centre_m: np.ndarray  # (t, 3), mean of the visible body, world
-    # one per camera, (t, height, width) uint8 of ``PixelLabel``; all ``NO_READING`` in a frame that was not searched;
-    # empty if not requested
+    # one array per camera, (t, height, width) uint8 of ``PixelLabel``; all ``NO_READING`` in a frame in which nobody
+    # was searched; empty if labels were not requested
     labels: tuple[np.ndarray, ...]
-    clocks: tuple[Clock, ...]  # clocks of the cameras, which determine the images that belong together
+    clocks: tuple[Clock, ...]  # clocks of the cameras, by which their images are paired
 
     @property
     def found(self) -> np.ndarray:
@@ -61,7 +61,7 @@ class Reference:
 
 
 def make_reference(recording: Recording, config: TrackConfig, labelled: bool = True) -> Reference:
-    """Track the original recording. labelled: whether pixels are also wanted.
+    """Track the original recording. labelled: whether to include the labels of the pixels.
 
     Raises NoReference if nobody is found, and InputError without a world frame.
     """
@@ -96,7 +96,7 @@ def make_reference(recording: Recording, config: TrackConfig, labelled: bool = T
 
 
 def in_its_world(recording: Recording, reference: Reference) -> Recording:
-    """Return the recording (or its copy with holes) with the camera poses of the reference as its given poses."""
+    """Return the recording, or its copy with holes, with the reference's camera poses as given poses."""
     cameras = tuple(
         replace(camera, T_world_camera=T) for camera, T in zip(recording.cameras, reference.T_world_camera, strict=True)
     )
@@ -132,9 +132,9 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
 class GivenFrames:
     """The frames of a recording with the patient's pixels, and the surfaces that these pixels show.
 
-    Each is made once for all methods and forms, which therefore see the same data; only a method that closes the mesh
-    with the expected body sees a different surface. uncut: the frames of the recording before holes were cut, which are
-    used for frames that lost nothing.
+    Frames and surfaces are made once for all methods and forms, which therefore use the same data. Only a method that
+    closes the mesh with the expected body uses another surface. uncut: the frames of the recording before holes were
+    cut, which are used for frames that lost nothing.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class GivenFrames:
         return len(self.room.recording.streams[0].files)
 
     def _same_as_uncut(self, position: int) -> GivenFrames | None:
-        """Return the frames before holes were cut if the frame at this position is the same in them, else None."""
+        """Return the frames before holes were cut if no hole was cut into the frame at this position, else None."""
         return None if self._cut[position] else self._uncut
 
     def start(self, position: int, observing: Hashable, make: Callable[[], Start]) -> Start:
@@ -198,7 +198,7 @@ class GivenFrames:
         return self._surfaces[key]
 
     def _views(self, position: int) -> tuple[View | None, ...]:
-        """Return the given label of each camera's pixels; readings that a hole has removed have no label."""
+        """Return the given labels of each camera's pixels. Pixels whose reading a hole has removed have no label."""
         before = None if self._uncut is None else self._uncut.frame(position)
         views = list[View | None]()
         for number, depth_m in enumerate(self.frame(position).depths_m):

@@ -1,6 +1,6 @@
 """Measure the distance of matches from the true correspondence in windows.
 
-A window is a frame of a recording with its look-ahead. In a window, every method matches the same meshes.
+A window is a frame of a recording and the frames of its look-ahead. In a window, all methods match the same meshes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """A frame of a recording with its look-ahead, as the tracker sees it."""
+    """A frame of a recording and the frames of its look-ahead, as the tracker observes them."""
 
     frame: int  # position of the first observation
     stride: int  # step in frames from one observation to the next
@@ -44,17 +44,17 @@ class Window:
 class Matches:
     """A method's matches of the m nodes of a window's first frame with nodes of the second; -1 = no match."""
 
-    direct: np.ndarray  # (m,), the only hypothesis of each node; -1 if the method has several
+    direct: np.ndarray  # (m,), the only hypothesis of each node; -1 if the method makes several hypotheses
     links: tuple[Matcher, ...]  # hypotheses of each pair of frames
-    tree: GlobalHypothesis  # choice of the track tree, only for nodes on the body
-    every: GlobalHypothesis  # choice of a tree that assigns a match to every node
+    tree: GlobalHypothesis  # matches chosen by the track tree, only for nodes on the body
+    every: GlobalHypothesis  # matches chosen by a tree that gives every node a match
     describe_s: float  # seconds on one core for the first two frames' descriptors and the matches between them
 
 
 def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Window | None:
     """Return the window that begins with a frame.
 
-    None if the patient was not found in this frame or is not seen in the next. stride: step in frames from one
+    None if the patient was not found in this frame or is not seen in the next. stride: number of frames from one
     observation to the next, as in ``run_in``.
     """
     if not given.reference.found[frame] or frame + stride >= len(given):
@@ -69,7 +69,7 @@ def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Wi
 
 
 def match_window(method: Method, setting: object, window: Window) -> Matches:
-    """Return the method's matches in a window, with and without the tree."""
+    """Return the method's matches in a window, before and after the track tree."""
     if method.associate is None:
         raise ValueError(f"{method.key} has no association")
     config, associate = method.configure(window.config, setting), method.associate(setting)
@@ -94,13 +94,13 @@ def match_window(method: Method, setting: object, window: Window) -> Matches:
 
 
 def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
-    """Draw ``wanted`` of the frames at random, in order; they are the same for each method and size of hole."""
+    """Draw ``wanted`` frames at random, and sort them. They are the same for each method and size of hole."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(11,)))
     count = min(wanted, len(frames))
     return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))
 
 
-# number of nodes of a window that are compared, drawn at random: enough for a window's mean, and few enough to store
+# number of nodes of a window that are compared, drawn at random; enough for a mean, and few enough to be stored
 COMPARED = 400
 
 
@@ -126,8 +126,8 @@ class Truth:
 
     skin: Skin
     node: np.ndarray  # (m,), node of the first frame
-    moved_mm: np.ndarray  # (m,), how far it moves
-    places: TruePlaces  # its place in the second frame
+    moved_mm: np.ndarray  # (m,), distance by which this node moves
+    places: TruePlaces  # place of this node in the second frame
 
 
 def truth_of(window: Window, skin: Skin) -> Truth:
@@ -166,7 +166,7 @@ def score(method: Method, setting: object, window: Window, truth: Truth) -> Matc
 
 
 def warm_up(method: Method, setting: object, window: Window) -> None:
-    """Match two frames once, since the first call loads or compiles kernels, which must not be timed."""
+    """Match two frames once before times are measured, since the first call loads or compiles kernels."""
     if method.associate is not None:
         now, after = window.observations[:2]
         method.associate(setting)(now, after, method.configure(window.config, setting)).all()
@@ -188,7 +188,7 @@ def _anchors_s(method: Method, setting: object, window: Window) -> float:
 
 
 def _chosen(tree: GlobalHypothesis, window: Window, truth: Truth) -> np.ndarray:
-    """Return the positions (m, 3) that a tree chose for the compared nodes; NaN without a match."""
+    """Return the positions (m, 3) of the compared nodes' matches that a tree chose; NaN without a match."""
     place = np.full((len(window.observations[0].surface), 3), np.nan)
     place[tree.node] = tree.matched_m
     return place[truth.node]
@@ -210,7 +210,8 @@ def _straight_mm(matched_m: np.ndarray, truth: Truth) -> np.ndarray:
 def _skin_mm(matched_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
     """Return the distances (m,) along the skin in millimetres.
 
-    Each is at least the straight distance, since both ends are known only up to the nearest vertex.
+    If the straight distance is greater, it is returned, since along the skin both ends are known only to the nearest
+    vertex.
     """
     known = np.isfinite(matched_m).all(axis=1)
     distance = np.full(len(matched_m), np.nan, np.float32)

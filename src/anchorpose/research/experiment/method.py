@@ -30,14 +30,14 @@ LITERAL: Final = "paper"
 """Key of the paper's method exactly as its text describes it."""
 
 OWN: Final = "own"
-"""Key of this project's tracker; the other methods of its family are ablated variants of it."""
+"""Key of this project's tracker. The other methods of its family are this tracker without one of its components."""
 
 NEXT: Final = "next"
-"""Key of the next generation of the paper's method, its future work."""
+"""Key of the next generation of the paper's method, which the paper calls future work."""
 
-# bytes of stored descriptors, enough for twelve frames of the largest descriptor or a whole segment of most others
+# bytes of cached descriptors: enough for twelve frames of the largest descriptor, or a segment of most others
 CACHED_BYTES: Final = 400_000_000
-# pairs of frames whose matches are stored, enough for all pairs of a segment for two sizes of hole in all forms
+# pairs of frames whose matches are cached: enough for all pairs of a segment at two sizes of hole in all forms
 CACHED_PAIRS: Final = 48
 
 
@@ -67,16 +67,16 @@ class Method:
     family: Family
     source: str
     settings: tuple[Any, ...] = (None,)
-    # makes, from a setting, the association of two frames by their surface and anchors; None for a complete tracker
+    # function that makes the association of two frames from a setting; None for a complete tracker
     associate: Callable[[Any], Associate] | None = None
-    # makes other changes to the framework's configuration, or to the default configuration of a complete tracker
+    # function that makes further changes to the configuration of the framework, or of a complete tracker
     configure: Callable[[TrackConfig, Any], TrackConfig] = lambda config, setting: config
     several: bool = False  # whether it makes several hypotheses per node, so that the tree must choose
     anchored: bool = True
     update: Update = Update.PARTS
     own_surface: bool = False
     content: str = ""  # digest of the file that defines the method; empty for methods of the package
-    frame_ms: float = 100.0  # approximate time of a frame of 3,000 nodes on one core, to estimate durations
+    frame_ms: float = 100.0  # approximate time per frame of 3,000 nodes on one core, for estimates of durations
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +90,7 @@ class DescriptorSetting:
 def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callable[[Any], Associate]:
     """Match each node with the node of the next frame whose descriptor is nearest (paper, Section V-A).
 
-    describe: function that returns the descriptors (n, d) of a frame's seen nodes; the row of a node without is NaN.
+    describe: function that returns the descriptors (n, d) of a frame's seen nodes; NaN for a node without a descriptor.
     """
 
     def associate(setting: DescriptorSetting) -> Associate:
@@ -112,7 +112,7 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
 
 
 Content = Callable[[Observation], bytes]
-"""Function that returns a digest of the part of a frame that a computation uses."""
+"""Function that returns a digest of the part of a frame on which a computation depends."""
 
 
 def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[..., np.ndarray]:
@@ -126,7 +126,7 @@ def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[...
         key = b"".join(map(content, seen))
         recent[key] = recent.pop(key) if key in recent else compute(*seen)
         while len(recent) > 2 and sum(one.nbytes for one in recent.values()) > CACHED_BYTES:
-            del recent[next(iter(recent))]  # the entry that was unused for the longest time
+            del recent[next(iter(recent))]  # the entry that has not been used for the longest time
         return recent[key]
 
     return known
@@ -164,7 +164,7 @@ def _surface_content(seen: Observation) -> bytes:
 
 
 def seen_content(seen: Observation) -> bytes:
-    """Return a digest of the seen nodes and their normals, which do not depend on how the mesh is cut or closed."""
+    """Return a digest of the seen nodes and their normals. It does not depend on how the mesh is cut or closed."""
     return _digest(seen.surface.points_m, seen.surface.normals)
 
 

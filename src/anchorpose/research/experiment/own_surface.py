@@ -1,9 +1,9 @@
-"""Match nodes of a frame to the body's own skin by geodesic distances, without a prediction or the last frame.
+"""Match nodes of a frame to the skin of the body model by geodesic distances, without a prediction or the last frame.
 
 The paper matches nodes of one frame with nodes of the next (Section IV-D). Distances to the anchors are nearly the same
-in every pose, but they are also the same on the front and on the back of the body. The turns between the directions to
-the anchors (``turns``) distinguish front and back: seen from outside, the left hand is to the right of the head on the
-front, and to the left of the head on the back.
+in every pose, but they are also nearly the same on the front and on the back of the body. The turns between the
+directions to the anchors (``turns``) distinguish front and back: seen from outside, the left hand is to the right of
+the head on the front, and to the left of the head on the back.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.surface.surface import Surface
 
 NODES: Final = 400  # number of nodes of the frame that are used, 5 cm apart; 250 are almost as good
-TRIED: Final = 1200  # number of skin points that nodes are compared with, 4 cm apart
-LEAST_DISTANCES: Final = 3  # least number of distances that distinguishes places (paper, Section IV-D)
-SIGMA_M: Final = 0.02  # m, error of a distance, from fast marching and from the anchors' jitter
-SIGMA_PER_M: Final = 0.02  # error per metre of distance, since arms and legs bend and the body may have another size
-# sigma of a turn; ten turns follow from four directions, so each counts less than by its own error of 0.4
+TRIED: Final = 1200  # number of skin points with which nodes are compared, 4 cm apart
+LEAST_DISTANCES: Final = 3  # minimum number of distances that distinguish places (paper, Section IV-D)
+SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marching and the anchors' jitter
+SIGMA_PER_M: Final = 0.02  # the same per metre of distance, since limbs bend and the body's size may be wrong
+# sigma of a turn; it is greater than a turn's error of 0.4, since the ten turns follow from only four directions
 TURN_SIGMA: Final = 0.6
-LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])  # m, by how much a frame's distances to each anchor are
-# longer than the body's: medians of simulated people. Distances to head and feet are shorter, since anchors lie inside
-# them; distances to a hand are longer, since paths lead only over the seen side of the arm
+LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])  # m, by how much distances to each anchor are
+# longer in a frame than on the body: medians of simulated people. Distances to head and feet are shorter, since their
+# anchors lie inside them. Distances to a hand are longer, since paths lead only over the seen side of the arm
 ROUNDS: Final = 2  # rounds of matching; after the first, the frame's own medians replace ``LONGER_M``
-ALMOST: Final = 2.0  # a skin point is also a candidate if its squared deviations exceed the smallest by less than this
-CLEAR_M: Final = 0.10  # m, largest spread of the candidate places, the distance between both sides of a thigh
-LEAST_NODES: Final = 40  # least number of matches, a tenth of the nodes; fewer determine neither a pose nor a median
-# m, change of a distance on the body below which it has settled; the remaining error is a hundredth of the sigma
+ALMOST: Final = 2.0  # a skin point is a candidate if its sum of squared deviations exceeds the smallest by less
+CLEAR_M: Final = 0.10  # m, maximum spread of a node's candidates: the distance between both sides of a thigh
+LEAST_NODES: Final = 40  # minimum number of matches, a tenth of the nodes; fewer determine neither pose nor median
+# m, change of a distance on the body below which it has converged; the remaining error is a hundredth of the sigma
 SETTLED_M: Final = 1e-4
-MOST_SWEEPS: Final = 30  # largest number of sweeps until distances settle
+MOST_SWEEPS: Final = 30  # maximum number of sweeps until distances have converged
 
 MIRRORED: Final = np.array(
     [ANCHOR_NAMES.index(name) for name in ("Head", "HandRight", "HandLeft", "FootRight", "FootLeft")]
@@ -62,7 +62,7 @@ class OwnSurface:
 class SeenGeodesics:
     """The patient's surface in one frame with its anchors and distances."""
 
-    whole: Surface  # includes the hidden skin, which is inferred and comes last
+    whole: Surface  # with the hidden skin, which is inferred; its nodes come last
     anchors: Anchors
     # (n, 5) metres from each seen node to each anchor; inf if no path leads there, NaN if the anchor is missed or the
     # distance is not trusted
@@ -75,7 +75,7 @@ class SkinMatches:
 
     node: np.ndarray  # (m,), node of the seen surface
     point: np.ndarray  # (m,), skin point that this node shows
-    spread_m: np.ndarray  # (m,), standard deviation of the skin points that fit almost as well
+    spread_m: np.ndarray  # (m,), standard deviation of the places of the skin points that fit almost as well
 
 
 @lru_cache(maxsize=4)
@@ -161,8 +161,8 @@ def _sideways(normals: np.ndarray) -> np.ndarray:
 def match_skin(body: Body, seen: SeenGeodesics, mirrored: bool = False) -> SkinMatches:
     """Return the skin points that some of the seen nodes show, by the distances and turns of these nodes.
 
-    mirrored: exchange the anchors of left and right. A node with fewer than three distances has no match, and neither
-    has a node that fits several places of the skin.
+    mirrored: True = the left and right anchors are exchanged. A node has no match if it has fewer than three distances,
+    or if it fits several places on the skin.
     """
     chosen = thin(len(seen.descriptor), NODES)
     distance = _finite_or_nan(seen.descriptor[:, MIRRORED] if mirrored else seen.descriptor)
@@ -197,7 +197,7 @@ def _table(own: np.ndarray) -> np.ndarray:
 
 
 def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """Return (k, p) float32: sums of ((seen - own) / sigma)^2, up to a number that is the same for all p.
+    """Return (k, p) float32: sums of ((seen - own) / sigma)^2, plus a number that is the same for all p.
 
     The sum is over the columns of seen and sigma (k, c) that are not NaN.
     """

@@ -34,12 +34,12 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """The form of the framework, and all properties of a method except its association."""
+    """The form of the framework, and the properties of a method other than its association."""
 
     form: Form = Form.REFINED
-    anchored: bool = True  # whether the method uses anchors, which are found only if it does
-    update: Update = Update.PARTS  # how the pose follows from the matches
-    # whether a limb whose end is seen elsewhere is brought back by matching the body's own surface
+    anchored: bool = True  # whether the method uses anchors; otherwise they are not searched
+    update: Update = Update.PARTS  # how the pose is updated by the matches
+    # whether a limb is brought back, by matches to the body's own surface, if its end is seen at another place
     own_surface: bool = False
 
 
@@ -51,12 +51,12 @@ class PaperTracker(PatientTracker):
         super().__init__(run, start)
 
     def use_shape(self, shape: FittedShape) -> None:
-        """Set the shape as in ``PatientTracker``, with a cached body, since trackers often start again."""
+        """Set the shape as ``PatientTracker`` does, but with a cached body, since trackers start again often."""
         self.shape = shape
         self.body, self.map = _body_of(shape)
 
     def follow(self, frame_set: FrameSet | None) -> bool:
-        """Follow as in ``step``, but without states and uncertainty, which are not compared.
+        """Track the next frame as ``step`` does, but without states and uncertainty, which are not compared.
 
         Return whether a frame was registered.
         """
@@ -66,7 +66,7 @@ class PaperTracker(PatientTracker):
         return ready
 
     def _observe(self, number: int) -> Observation:
-        """Observe as in ``PatientTracker``, with the patient's pixels given."""
+        """Observe the frame as ``PatientTracker`` does, but with the patient's pixels given."""
         expected = self.expect(self.predict(number)[-1])
         return self.given.observe(self.window.frames[number], expected, self.height_m, self.run, self.way.anchored)
 
@@ -85,12 +85,12 @@ class PaperTracker(PatientTracker):
         joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, window, steps, robust)
         pose = self._with_limbs(pose_from_joints(self.body, pose, joints))
         found = posterior(self.body, pose, predicted, self.window[1].evidence, config)
-        if not robust and not found.found:  # keeps a pose that explains too little
+        if not robust and not found.found:  # keeps the pose even if it explains too little of the frame
             return Registration(replace(predicted, pose=pose), found.explained, True)
         return found
 
     def _with_limbs(self, pose: Pose) -> Pose:
-        """Return the pose; if the method brings lost limbs back, they are brought back in it."""
+        """Return the pose, in which lost limbs are brought back if the method does this."""
         if not self.way.own_surface:
             return pose
         seen = self.window[1]
@@ -104,10 +104,10 @@ def _body_of(shape: FittedShape) -> tuple[Body, BodyMap]:
 
 
 HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
-BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # scale of the robust kernel in each step; large while a limb is far away
-BACK_SIGMA_M: Final = 0.05  # m, error of a match to the body's own surface
-HELD_SIGMA_M: Final = 0.01  # m, error of the skin of all other parts, which stays in place
-HELD_EVERY: Final = 4  # only every fourth skin point of these other parts is held in place
+BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # m, scale of the robust kernel, by step; large while the limb is far away
+BACK_SIGMA_M: Final = 0.05  # m, standard deviation of a match to the body's own surface
+HELD_SIGMA_M: Final = 0.01  # m, standard deviation with which the skin of all other parts is held in place
+HELD_EVERY: Final = 4  # step between the skin points of the other parts that are held in place
 
 
 def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:

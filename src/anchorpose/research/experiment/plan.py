@@ -39,7 +39,7 @@ PRESENTING: Final = (
     "research/experiment/run.py",
     "viewer/",
 )
-"""Modules that no stored result depends on."""
+"""Modules on which no stored result depends."""
 
 
 class ResultStore:
@@ -49,7 +49,7 @@ class ResultStore:
         self.folder = folder
 
     def path(self, kind: str, *asked: object) -> Path:
-        """Return the file of a result; asked: values whose ``repr`` contains everything that the result depends on."""
+        """Return the file of a result. asked: values whose ``repr`` contains everything on which the result depends."""
         text = "\n".join([experiment_code(), repr(versions()), kind, *map(repr, asked)])
         return self.folder / kind / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
 
@@ -77,8 +77,8 @@ def experiment_code() -> str:
     return code_digest(PRESENTING)
 
 
-ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)  # scenes with holes alone are too easy
-# m, radius of the hole in half of the training windows, since a setting must work with and without a hole
+ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)  # scenes that only have holes are too easy
+# m, radius of the hole in half of the training windows; the others have none, since a setting must work for both
 TUNING_HOLE_M: Final = 0.12
 
 
@@ -118,7 +118,7 @@ class Plan:
     movements: Path  # file of the reference movements
     movements_digest: str  # digest of this file's content
     store: ResultStore
-    training: bool = False  # whether settings are chosen on the clips, so that every setting of every method is tried
+    training: bool = False  # whether the plan is for choosing settings, so that every setting of every method is tried
 
     def tasks(self, clip: Clip) -> Iterator[Task]:
         """Yield all tasks of a clip."""
@@ -140,7 +140,7 @@ class Plan:
 
     @property
     def windows(self) -> int:
-        """Return the number of moments of each recording and size of hole at which matches are compared."""
+        """Return the number of pairs of frames whose matches are compared, per recording, size of hole and gap."""
         return self.config.training_windows if self.training else self.config.windows
 
     @property
@@ -149,7 +149,7 @@ class Plan:
         return self.config.gaps_s[:1] if self.training else self.config.gaps_s
 
     def holes(self, clip: Clip) -> tuple[float, ...]:
-        """Return the clip's sizes of hole; for loose clothes, only no hole and the largest hole."""
+        """Return the clip's sizes of hole. With loose clothes, these are only no hole and the largest hole."""
         if self.training:
             return (0.0, TUNING_HOLE_M)
         if clip.scene is Scene.LOOSE:
@@ -169,13 +169,13 @@ class Plan:
         return tuple(form for form in every if at_end or form.refined)
 
     def methods_on(self, clip: Clip) -> tuple[Method, ...]:
-        """Return all methods; in some scenes also the ablation of this project's tracker."""
+        """Return all methods; in some scenes, also the ablated variants of this project's tracker."""
         own = any(method.family is Family.TRACKER for method in self.methods)
         ablated = own and self.config.ablation and clip.scene in ABLATION_SCENES
         return (*self.methods, *(ABLATED if ablated else ()))
 
     def has_windows(self, clip: Clip) -> bool:
-        """Return whether matches are compared with the truth: in the paper's scene, as in the paper."""
+        """Return whether matches are compared with the truth, as is done only in the paper's scene."""
         return clip.scene is Scene.PAPER
 
     def reference(self, clip: Clip) -> Path:
@@ -223,7 +223,7 @@ class PlanSpec:
 
 
 def identity(clip: Clip) -> str:
-    """Return a text on which a clip's content depends: its simulation, or a digest of its files."""
+    """Return a text that identifies a clip's content: its simulation, or a digest of its files."""
     if clip.simulation is not None or clip.folder is None:
         return repr(clip.simulation)
     return _content(clip.folder)

@@ -1,4 +1,4 @@
-"""Filter the whole pose in place of separate parts: the paper's "EKF, UKF, or particle tracking filter" (Section III).
+"""Filter the whole pose, not separate parts, by the paper's "EKF, UKF, or particle tracking filter" (Section III).
 
 The state is the pose; the measurement is the place of the skin point beside each matched node.
 """
@@ -22,12 +22,12 @@ from anchorpose.track_tree.global_hypothesis import PAIR_SIGMA_M, GlobalHypothes
 from anchorpose.tracker.observation import Observation
 
 PAIR_SCALE_M: Final = 3.0 * PAIR_SIGMA_M  # m, distance at which a match has a quarter of its weight
-FAR_M: Final = 1000.0  # m, a scale so large that no row loses weight
-KALMAN_STEPS: Final = 4  # Gauss-Newton steps of the iterated extended Kalman filter, which settles in three
+FAR_M: Final = 1000.0  # m, a scale so large that every row keeps its full weight
+KALMAN_STEPS: Final = 4  # number of Gauss-Newton steps of the iterated extended Kalman filter, which converges in three
 PARTICLES: Final = 200  # number of particles, three per parameter of the pose, so that their covariance has full rank
-COMPARED: Final = 120  # number of matches that particles are compared with, not all, so that a particle costs 0.1 ms
-EFFECTIVE: Final = 0.5  # smallest effective share of the particles after a step of tempering
-SPREAD: Final = 0.3  # width of the kernel from which particles are drawn again, in their own standard deviations
+COMPARED: Final = 120  # number of matches with which particles are compared, so few that a particle takes 0.1 ms
+EFFECTIVE: Final = 0.5  # minimum effective share of the particles after a step of tempering
+SPREAD: Final = 0.3  # width of the kernel of resampling, in standard deviations of the particles
 
 
 def match_rows(
@@ -38,7 +38,7 @@ def match_rows(
     predicted: PoseBelief,
     robust: bool,
 ) -> Constraints:
-    """Return rows that pull each skin point to the place of its node's match.
+    """Return rows that pull each skin point to the place with which its node is matched.
 
     robust: whether distant matches have less weight.
     """
@@ -52,7 +52,7 @@ def match_rows(
 def update_by_rows(
     update: Update, body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
 ) -> PoseBelief:
-    """Return the belief after the measurement, or the prediction if there are no matches. seed: of the particles."""
+    """Return the belief after the measurement; the prediction without matches. seed: seed of the particles."""
     if not len(rows):
         return predicted
     if update is Update.KALMAN:
@@ -77,9 +77,9 @@ def particle_update(
 ) -> PoseBelief:
     """Return the belief as the mean and covariance of particles, drawn from the prediction and weighed by the matches.
 
-    With sixty-six parameters, one particle would have all the weight, so the likelihood is tempered (Neal 2001,
-    doi:10.1023/A:1008923215028): each step uses only as much of it as leaves half of the particles effective. Then the
-    particles are drawn again with a kernel that keeps their mean and covariance (Liu and West 2001).
+    With sixty-six parameters, a single particle would have all the weight. So the likelihood is tempered (Neal 2001,
+    doi:10.1023/A:1008923215028): each step uses only a part of it, so small that half of the particles stay effective.
+    Then the particles are drawn again with a kernel that keeps their mean and covariance (Liu and West 2001).
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(19,)))
     states = rng.standard_normal((PARTICLES, POSE_SIZE)) @ np.linalg.cholesky(predicted.covariance).T

@@ -1,4 +1,4 @@
-"""Hold the results of an experiment before averaging; tables, figures and the page use nothing else.
+"""Contain the results of an experiment before averaging. Tables, figures and the page use nothing else.
 
 The module also chooses each method's setting on the training recordings, by the same measure for all methods.
 """
@@ -25,7 +25,7 @@ class Tracked:
     recording: str
     hole_m: float  # radius; 0 = no hole
     method: str
-    frame: np.ndarray  # (f,) int64, positions in the recording, without the frames whose pose was given
+    frame: np.ndarray  # (f,) int64, positions of the frames in the recording; frames whose pose was given are left out
     occluded: np.ndarray  # (f,) bool, whether the frame has a hole
     # (f, 21), distance from the truth, or from the reference skeleton of a real recording; NaN if either has no joint
     error_mm: np.ndarray
@@ -56,14 +56,15 @@ class Matched:
     tree_mm: np.ndarray  # (m,), straight distance of the track tree's match
     direct_skin_mm: np.ndarray  # (m,), the same distances along the skin
     tree_skin_mm: np.ndarray
-    # (m,) bool, whether the direct match, or else the tree's, is on the same part of the other side (the other hand)
+    # (m,) bool, whether the match is on the same part of the other side, such as the other hand; it is the direct match
+    # or, without one, the tree's
     mirrored: np.ndarray
     nodes: int  # number of all nodes of the first frame
     describe_s: float  # seconds on one core for the descriptors and anchors of two frames, and the matches between them
-    body_m: float  # standing height, to which distances along the skin are compared
+    body_m: float  # standing height, with which distances along the skin are compared
     gap_s: float  # time between the frames
     moved_mm: np.ndarray  # (m,), distance of the true place from the node
-    every_mm: np.ndarray  # (m,), straight distance of the match of a tree that gives no node up
+    every_mm: np.ndarray  # (m,), straight distance of the match by a tree that gives every node a match
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +103,7 @@ class ExperimentResults:
 
 
 MISSED_MM: Final = 100.0
-"""The error that counts for a node without a match; it equals the track tree's ``missed_cost_m``."""
+"""Error of a node without a match in scores; it equals the track tree's ``missed_cost_m``."""
 
 
 def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
@@ -116,9 +117,9 @@ def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """Return the settings with their scores.
+    """Return the settings with their scores, and which of them is chosen.
 
-    The best setting is chosen, and the first of equally good settings. Without scores, the first setting is chosen.
+    The best setting is chosen; of equally good settings, or without scores, it is the first.
     """
     known = np.where(np.isfinite(scores_mm), scores_mm, np.inf)
     best = int(np.argmin(known))

@@ -136,12 +136,12 @@ def run_experiment(
     return results
 
 
-# s for work besides the tasks: kernels that every process compiles or loads, pictures, and the page
+# s of computing in addition to the tasks, for the kernels that every process compiles or loads, pictures and the page
 AROUND_S: Final = 240.0
 
 
 def _require_matplotlib() -> None:
-    """Raise MissingPackage without matplotlib, before the hours of work instead of after them."""
+    """Raise MissingPackage without matplotlib, so that this does not fail only after hours of computing."""
     with default_style():
         pass
 
@@ -151,13 +151,13 @@ def _chosen(tried: AllTried) -> tuple[tuple[str, int], ...]:
 
 
 def _undone(job: Part) -> list[str]:
-    """Return a sentence for each clip with missing results, whatever the reason."""
+    """Return a sentence for each clip that has missing results for any reason."""
     missing = Counter(task.clip.name for task in job.tasks() if not task.done)
     return [f"{name}: {count} results are missing." for name, count in missing.items()]
 
 
 def _require_own_folder(out: Path) -> None:
-    """Raise InputError unless the folder is new, empty or an experiment's."""
+    """Raise InputError if the folder has files that are not of an experiment."""
     mark = out / MARK_FILE
     is_own = mark.is_file() and read_json(mark).get("format") == FORMAT
     if out.exists() and not is_own and (not out.is_dir() or any(out.iterdir())):

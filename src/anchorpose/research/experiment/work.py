@@ -1,6 +1,6 @@
 """Do the work on one recording: simulate it, find its reference, cut its holes, and run every open task.
 
-A method runs on segments of it in the paper's framework; this project's tracker runs on the whole recording.
+In the paper's framework, a method runs on segments of the recording. This project's tracker runs on all of it.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ class TrackedJoints:
 
 
 def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
-    """Return the first frame of each complete segment in which the patient's pose is known throughout.
+    """Return the first frame of each complete segment in which the patient's pose is known in every frame.
 
-    In other segments, the patient's pixels are not given in every frame.
+    In the other segments, some frames have no pixels of the patient that could be given.
     """
     return [start for start in range(0, frames - length + 1, length) if found[start : start + length].all()]
 
@@ -106,7 +106,7 @@ def track_segments(
 def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
     """Track the whole recording with this project's tracker, which finds the patient and learns the body itself.
 
-    It is the same in every form. The joints come from its pose, even if it reports them as lost.
+    The result is the same for every form. Joints are taken from the pose, even if the tracker reports them as lost.
     """
     frames = np.arange(len(recording.streams[0].files))
     try:
@@ -137,7 +137,7 @@ class PreparedClip:
 def work_on(clip: Clip, plan: Plan) -> None:
     """Do all open tasks of a clip, one result file per task.
 
-    Raises AnchorposeError if the patient or a world frame is not found in it.
+    Raises AnchorposeError if the patient or a world frame is not found in the clip.
     """
     open_tasks = [task for task in plan.tasks(clip) if not task.done]
     if not open_tasks:
@@ -197,7 +197,7 @@ def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recordin
 
 @contextmanager
 def open_trials(prepared: PreparedClip, plan: Plan, holes_m: Sequence[float]) -> Iterator[dict[float, Trial]]:
-    """Yield a trial of the recording for each of these sizes of hole. Raises InputError as ``cut_holes``."""
+    """Yield a trial of the recording for each of these sizes of hole. Raises InputError as ``cut_holes`` does."""
     with ExitStack() as stack:
         room = paper_room(prepared.recording, prepared.reference, plan.movements)
         uncut, trials = GivenFrames(room, prepared.reference), {}
@@ -287,7 +287,7 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Return only the frames that other methods track: frames of the segments, without frames whose pose is given."""
+    """Return only the frames that other methods also track: those of the segments, except frames with a given pose."""
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
         kept[start + 1 : start + length] = True
@@ -302,7 +302,7 @@ def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarra
 def _matched_arrays(
     windows: Sequence[Window], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray, plan: Plan
 ) -> dict[str, object]:
-    """Return the arrays of all windows, joined one after another; window (m,) is the window of each node."""
+    """Return the joined arrays of all windows, and the array ``window`` (m,) with the window of each node."""
     height_m = np.nan if prepared.skin is None else prepared.skin.clinic.patient.person.height_m
     gap_of = {plan.config.stride(gap_s): gap_s for gap_s in plan.gaps_s}
     return {

@@ -9,7 +9,7 @@ from numba import njit
 
 FULL_TURN = 2.0 * np.pi
 
-SMALLEST = 5e-324  # makes the direction of a zero vector 0, not NaN
+SMALLEST = 5e-324  # added so that the direction of a zero vector is 0, not NaN
 
 ARC = (
     0.159154940193,
@@ -22,12 +22,12 @@ ARC = (
     -0.00250370604512,
     0.000440267689862,
 )
-"""atan(z) / (2 pi z) as a polynomial in z^2, through the Chebyshev points of 0 <= z^2 <= 1: within 2e-9 of a turn."""
+"""atan(z) / (2 pi z) as a polynomial in z^2, through the Chebyshev points of 0 <= z^2 <= 1; the error is below 2e-9."""
 
 
 @njit(cache=True, error_model="numpy")
 def turn_fraction(x: float, y: float, begin: float) -> float:
-    """Return the direction of (x, y), counted from the direction ``begin``; both are shares of a turn in [0, 1).
+    """Return the direction of (x, y) relative to the direction ``begin``, both as shares of a turn in [0, 1).
 
     This is faster than a library's arctangent.
     """
@@ -46,7 +46,7 @@ def turn_fraction(x: float, y: float, begin: float) -> float:
         fraction = -fraction
     fraction -= begin
     fraction -= np.floor(fraction)
-    return fraction if fraction < 1.0 else 0.0  # a value just below 0 rounds to 1
+    return fraction if fraction < 1.0 else 0.0  # 1.0 is the rounded result of a value just below 0
 
 
 @njit(cache=True)
@@ -55,7 +55,7 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
     at = fraction * len(bins) - 0.5
     low = int(np.floor(at))
     part = at - low
-    low = low if low >= 0 else len(bins) - 1  # a remainder would cost more than the rest
+    low = low if low >= 0 else len(bins) - 1  # the remainder operator is slower than all other steps together
     bins[low] += weight * (1.0 - part)
     bins[low + 1 if low + 1 < len(bins) else 0] += weight * part
 
@@ -90,20 +90,20 @@ def smooth(bins: np.ndarray, rounds: int) -> None:
             before = here
 
 
-# arctan(t) / t over t^2, interpolated at Chebyshev nodes: within 1e-7 rad in single precision
+# arctan(t) / t over t^2, interpolated at Chebyshev nodes; the error is below 1e-7 rad in single precision
 _A0, _A1, _A2, _A3 = (np.float32(a) for a in (0.999999982, -0.333330367, 0.19991872, -0.141977978))
 _A4, _A5, _A6, _A7 = (np.float32(a) for a in (0.106183706, -0.0745685481, 0.0421376235, -0.015731249))
 _A8 = np.float32(0.00276628348)
 ZERO: Any
 ONE: Any
-ZERO, ONE = np.float32(0.0), np.float32(1.0)  # a literal would make everything float64
+ZERO, ONE = np.float32(0.0), np.float32(1.0)  # with literals, all results would be float64
 PI, HALF_PI = np.float32(np.pi), np.float32(np.pi / 2)
 
 
 @njit(cache=True, error_model="numpy")
 def angle_of(y: Any, x: Any) -> Any:
-    """Return the angle of (x, y) float32 from the x axis, radians, -pi to pi; 0 for a zero vector. Branch-free: it
-    vectorises.
+    """Return the angle of (x, y) float32 from the x axis, radians, -pi to pi; 0 for a zero vector. The code has no
+    branches, so the compiler can vectorise it.
     """
     along, across = abs(x), abs(y)
     steep = across > along

@@ -1,6 +1,6 @@
 """Draw the depth of the surface around a node as a small upright image, and compute its SIFT descriptor.
 
-The surface is seen from above the node's tangent plane; pixels may be unknown (NaN).
+The surface is seen from above the node's tangent plane. Unknown pixels are NaN.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from numba import njit
 
 from anchorpose.research.features.circle import FULL_TURN, turn_fraction
 
-SMALLEST_M2 = 1e-12  # m², twice the area of the smallest triangle whose slope is computed
-HALF_SPREAD = 0.5  # sigma of the weights for the angle, as a share of half the window's width
-CELLS: Final = 4  # cells per side
+SMALLEST_M2 = 1e-12  # m², twice the minimum area of a triangle whose slope is computed
+HALF_SPREAD = 0.5  # sigma of the weights from which the angle is computed, as a share of half the window's width
+CELLS: Final = 4  # number of cells on each side of the image
 ORIENTATIONS: Final = 8
 WIDTH: Final = CELLS * CELLS * ORIENTATIONS
-CLIP: Final = 0.2  # largest value of a descriptor of unit length, so that no single edge outweighs the rest
+CLIP: Final = 0.2  # maximum value in a descriptor of unit length, so that a single edge does not outweigh all others
 
 
 @njit(cache=True, error_model="numpy")
@@ -45,7 +45,7 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 def outline_angle(slopes: np.ndarray, count: int) -> float:
     """Return the direction, as a share of a turn, of the longer principal axis of the triangles' centres.
 
-    It points to the end of the axis towards which the surface rises. It is NaN without a surface.
+    Of the axis's two ends, it points to the end towards which the surface rises. It is NaN without a surface.
     """
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(count):
@@ -106,7 +106,7 @@ def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, image: np.ndarray
             beta, gamma = dx * cy - dy * cx, bx * dy - by * dx
             if (beta >= -slack) & (gamma >= -slack) & (beta + gamma <= 1.0 + slack):
                 height = az + beta * bz + gamma * cz
-                if not image[i, j] >= height:  # NaN is not
+                if not image[i, j] >= height:  # the comparison is false for NaN
                     image[i, j] = height
 
 

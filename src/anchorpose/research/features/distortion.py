@@ -1,8 +1,8 @@
-"""Measure how far two surfaces are from isometric: d_PE, from the least distortion of a map (paper, Eq. gmds).
+"""Measure by d_PE how far two surfaces are from isometric, from the smallest distortion of a map (paper, Eq. gmds).
 
 The distortion of a map is the greatest change of a distance (paper, Eq. distortion; Bronstein, Bronstein and Kimmel
-2006, doi:10.1073/pnas.0508601103). Branch and bound finds the map of least distortion exactly, for few samples. The
-GMDS of the rival methods (``gmds``) counts all changes instead of only the greatest, and so distinguishes maps better.
+2006, doi:10.1073/pnas.0508601103). Branch and bound finds the map of smallest distortion exactly, for few samples. The
+compared method GMDS (``gmds``) uses all changes instead of only the greatest, and so distinguishes maps better.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from anchorpose.surface.surface import Surface
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeastDistortion:
-    """A map of least distortion between two sets of points."""
+    """A map of smallest distortion between two sets of points."""
 
     match: np.ndarray  # (n_a,) int32, point of the second set for each point of the first; several may share a point
-    distortion_m: float  # distortion of this map
-    proven: bool  # whether no other map has less distortion
+    distortion_m: float  # m, distortion of this map
+    proven: bool  # whether it is proven that no other map has a smaller distortion
 
     @property
     def d_pe_m(self) -> float:
@@ -42,7 +42,7 @@ def distortion_m(distances_a: np.ndarray, distances_b: np.ndarray, match: np.nda
 def least_distortion(
     distances_a: np.ndarray, distances_b: np.ndarray, max_branches: int = 1_000_000
 ) -> LeastDistortion:
-    """Return the map from the first set of points to the second whose greatest change of a distance is least.
+    """Return the map from the first set of points to the second whose greatest change of a distance is smallest.
 
     distances_a (n_a, n_a), distances_b (n_b, n_b): metres, symmetric, zero from a point to itself, finite. Raises
     ValueError for other distances, and if only the second set is empty.
@@ -55,16 +55,16 @@ def least_distortion(
 
 
 def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates: int = 60) -> LeastDistortion:
-    """Compute d_PE between samples of one surface and candidates on another, both as far apart as possible.
+    """Compute d_PE between samples of one surface and candidates on another. Both sets are spread as far as possible.
 
-    Distances are by fast marching, links are paths; between pieces of a surface they are ``APART_M``.
+    Distances are computed by fast marching, and links are paths. Between pieces of a surface they are ``APART_M``.
     """
     nodes = farthest_points(one, samples)[0], farthest_points(other, candidates)[0]
     return least_distortion(_among(one, nodes[0]), _among(other, nodes[1]))
 
 
 def _among(surface: Surface, nodes: np.ndarray) -> np.ndarray:
-    """Return (k, k) float64 distances between nodes, the same both ways."""
+    """Return the symmetric matrix (k, k) float64 of distances between nodes."""
     fields = np.minimum(geodesic_distance(surface, nodes)[:, nodes], APART_M).astype(np.float64)
     return np.asarray((fields + fields.T) / 2.0)
 

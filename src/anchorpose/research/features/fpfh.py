@@ -15,7 +15,7 @@ from anchorpose.settings import Positive, settings
 
 BINS = 11
 SIZE = 3 * BINS
-_PADDED = 40  # columns of a row, more than 33 so that it fills whole vector registers
+_PADDED = 40  # number of columns, more than 33 so that a row fills whole vector registers
 _TWO_PI, _HALF, _BINS = np.float32(2 * np.pi), np.float32(0.5), np.float32(BINS)
 _FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
 
@@ -24,10 +24,10 @@ _FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
 class FpfhConfig:
     """Settings of FPFH, which has 3 histograms of 11 bins."""
 
-    # radius of a simplified histogram; so a node's descriptor depends on 30 cm around it; with 10 cm, errors are twice
-    # as large
+    # radius of a simplified histogram; a node's descriptor depends on the surface within twice this radius, 30 cm; with
+    # a radius of 10 cm, errors are twice as large
     radius_m: Positive = 0.15
-    own_histogram: bool = False  # True adds the node's own histogram, as the paper and Open3D do; PCL leaves it out
+    own_histogram: bool = False  # True: the node's own histogram is added, as in the paper and Open3D, but not in PCL
 
 
 def fpfh(points_m: np.ndarray, normals: np.ndarray, config: FpfhConfig | None = None) -> np.ndarray:

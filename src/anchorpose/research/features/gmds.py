@@ -1,9 +1,9 @@
 """Match two surfaces by generalised multi-dimensional scaling, GMDS (paper, Section III-A).
 
-Samples far apart are mapped so that the distances between them change least, from coarse to fine. First, branch and
+Samples far apart are mapped so that the distances between them change as little as possible. First, branch and
 bound maps the few farthest samples onto few candidates and keeps the best maps that differ. Then all samples are mapped
-onto more candidates. Then, for the best maps, samples may move to any node. All other nodes follow from their distances
-to the samples.
+onto more candidates. Then, for the best maps, samples may move to any node. All other nodes are mapped by their
+distances to the samples.
 Source: Bronstein, Bronstein and Kimmel 2006 (doi:10.1073/pnas.0508601103): their least squares, with branch and bound
 for the initial map.
 """
@@ -22,8 +22,8 @@ from anchorpose.surface.links import pieces
 from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
-APART_M: Final = 1e3  # m, distance assumed between separate pieces of surface, far larger than any on a body
-FIRST_LIMIT_M: Final = 0.02  # m, largest mean change of a distance in the first search; doubled until maps are found
+APART_M: Final = 1e3  # m, assumed distance between separate pieces of surface, far greater than distances on a body
+FIRST_LIMIT_M: Final = 0.02  # m, maximum mean change of a distance in the first search; doubled until a map is found
 
 
 def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -60,19 +60,19 @@ def field_from(surface: Surface, node: int) -> np.ndarray:
 class GmdsConfig:
     """Resolution and effort of the search."""
 
-    # number of samples, 7 cm apart on a body; with 50, the mirror image fits as well as the truth more often
+    # number of samples, 7 cm apart on a body; with 50, the mirror image more often fits as well as the truth
     samples: Count = 100
-    first_samples: Count = 6  # number of samples mapped first: usually head, hands, feet and one more
-    first_candidates: Count = 60  # number of candidates for them, 10 cm apart on a body
+    first_samples: Count = 6  # number of samples that are mapped first, usually head, hands, feet and one more
+    first_candidates: Count = 60  # number of candidates for the first samples, 10 cm apart on a body
     candidates: Count = 200  # number of candidates for all samples, 5 cm apart on a body
-    starts: Count = 24  # number of maps of the first samples to continue with; many are mirrored or swap limbs
+    starts: Count = 24  # number of maps of the first samples that are continued; many are mirrored or swap limbs
     finalists: Count = 3  # number of maps that are refined to nodes
-    # largest change of a distance that counts: if a hand starts or stops touching the body, all distances to it change
+    # maximum change of a distance that is counted, since all distances to a hand change when it touches the body
     cap_m: Positive = 0.15
-    sweeps: Count = 10  # largest number of sweeps over all samples; usually they settle after four
-    # smallest share of the nodes on a piece that is matched, about a forearm; smaller pieces have no recognisable shape
+    sweeps: Count = 10  # maximum number of sweeps over all samples; they usually converge in four
+    # minimum share of the nodes on a piece that is matched, about a forearm; smaller pieces have no recognisable shape
     min_piece: Share = 0.03
-    max_branches: Count = 300_000  # largest number of branches visited, in a tenth of a second
+    max_branches: Count = 300_000  # maximum number of branches visited, which takes a tenth of a second
 
     def __post_init__(self) -> None:
         if not 2 <= self.first_samples <= self.samples:
@@ -85,12 +85,12 @@ class GmdsConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GmdsMaps:
-    """The best maps of the samples, the best first; the others are alternatives, such as the mirror image."""
+    """The best maps of the samples, best first. Maps after the first are alternatives, such as the mirror image."""
 
     samples: np.ndarray  # (k,) int32, nodes of the source
     places: np.ndarray  # (m, k) int32, nodes of the target, one row per map
     stress_m: np.ndarray  # (m,) float64, root mean square of the capped changes of distance
-    proven: bool  # whether the first samples' map onto the first candidates is known to be the best of all
+    proven: bool  # whether the map of the first samples onto the first candidates is proven to be the best
 
 
 def match_by_gmds(source: Surface, target: Surface, config: GmdsConfig | None = None) -> np.ndarray:

@@ -1,10 +1,10 @@
-"""The Laplace-Beltrami operator of a surface's triangles, on their intrinsic Delaunay triangulation.
+"""Compute the Laplace-Beltrami operator of a surface's triangles, on their intrinsic Delaunay triangulation.
 
 Depth meshes have slivers along their outline. The cotangents of slivers are hugely negative, so that heat would flow
-from cold to warm. Flipping edges within the surface, by their lengths alone, changes no distance on it and leaves no
-negative weight. An outline has triangles on one side only. Therefore each triangle exists twice, as front and as back,
-and the two sheets are glued along the outline, where the mirror image satisfies Neumann's condition. If an edge has
-three or more triangles, each is glued to the next in the same way.
+from cold to warm. Therefore edges are flipped within the surface, by their lengths alone, which changes no distance and
+leaves no negative weight. An outline has triangles on one side only. Therefore each triangle exists twice, as front and
+as back, and the two sheets are glued along the outline, where the mirror image satisfies Neumann's condition. If an
+edge has three or more triangles, each is glued to the next in the same way.
 Sources: Bobenko and Springborn 2007 (doi:10.1007/s00454-007-9006-1), the flips; Sharp and Crane 2020
 (doi:10.1111/cgf.14069), both sides of each triangle and the slight lengthening of edges.
 """
@@ -22,20 +22,20 @@ from scipy.sparse.csgraph import connected_components
 from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
-MIN_SLACK: Final = 1e-5  # share of the mean edge: two sides of every triangle exceed the third by at least this
-FLIPS_PER_EDGE: Final = 50  # far more than any mesh needs: flips end by themselves, except for rounding
-TOLERANCE: Final = 1e-9  # rounding error of a cotangent below which an edge is not flipped
+MIN_SLACK: Final = 1e-5  # minimum excess of two sides of a triangle over the third, as a share of the mean edge length
+FLIPS_PER_EDGE: Final = 50  # maximum number of flips, far more than a mesh needs; with rounding, they might not end
+TOLERANCE: Final = 1e-9  # rounding error of a cotangent; an edge is not flipped for less
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Laplacian:
     """The operator on the nodes that belong to a triangle."""
 
-    node: np.ndarray  # (v,) int32, these nodes of the surface; all other arrays are in their order
+    node: np.ndarray  # (v,) int32, these nodes of the surface; all other arrays are in this order
     # (v, v) float64, sparse, cotangent weights: symmetric, positive semidefinite, no positive entry off the diagonal
     stiffness: csc_array
-    # (v,) float64, the area nearer to the node than to any other (Voronoi); unlike a third of each triangle's area, it
-    # does not depend on the diagonal that cuts a square
+    # (v,) float64, area that is nearer to the node than to all other nodes (Voronoi); unlike a third of each triangle's
+    # area, it does not depend on which diagonal divides a square
     mass_m2: np.ndarray
     piece: np.ndarray  # (v,) int32, number of the node's connected component; triangles with a common corner connect
 
@@ -43,7 +43,7 @@ class Laplacian:
 def surface_laplacian(surface: Surface) -> Laplacian:
     """Return cotangent weights and lumped mass on the intrinsic Delaunay triangulation, with Neumann's condition.
 
-    Links have no triangles and conduct no heat. Triangles with a node whose position is not finite are left out.
+    Links have no triangles, so they conduct no heat. Triangles with a node whose position is not finite are left out.
     """
     triangles = faces(surface)
     return mesh_laplacian(surface.points_m, triangles[np.isfinite(surface.points_m).all(axis=1)[triangles].all(axis=1)])
@@ -52,13 +52,13 @@ def surface_laplacian(surface: Surface) -> Laplacian:
 def mesh_laplacian(points_m: np.ndarray, triangles: np.ndarray) -> Laplacian:
     """Return the operator of ``surface_laplacian`` for any triangles (f, 3) int of points (n, 3) in metres.
 
-    Even three triangles may share an edge.
+    An edge may belong to three or more triangles.
     """
     node, own = np.unique(triangles, return_inverse=True)
     count = len(node)
     edges, values = intrinsic_delaunay(np.asarray(points_m, np.float64)[node], own.reshape(-1, 3))
     tail, head = edges.T
-    weight = np.where(tail == head, 0.0, values[:, 0] / 2.0)  # halves, for each triangle has a front and a back
+    weight = np.where(tail == head, 0.0, values[:, 0] / 2.0)  # halves, since each triangle has a front and a back
     off = coo_array((np.tile(-weight, 2), (np.append(tail, head), np.append(head, tail))), shape=(count, count)).tocsc()
     diagonal = np.bincount(np.append(tail, head), np.tile(weight, 2), count)
     stiffness = (off + coo_array((diagonal, (np.arange(count), np.arange(count))), shape=(count, count))).tocsc()

@@ -28,13 +28,13 @@ from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
 REACH: Final = np.sqrt(2.0) * (CELLS + 1) / CELLS
-"""Distance of the depth map's corners from its middle, relative to half the width of all cells."""
+"""Distance from the middle of the depth map to its corners, relative to half the width of all cells."""
 
 
 class Beyond(StrEnum):
-    """The content of the depth map at pixels without surface."""
+    """The value of the depth map at pixels without surface."""
 
-    UNKNOWN = "unknown"  # no gradient, since the end of the camera's view is not part of the shape
+    UNKNOWN = "unknown"  # NaN, without a gradient, since the end of the camera's view is not part of the shape
     FLOOR = "floor"  # a plane floor_m below the node, so that the surface's outline is an edge
 
 
@@ -42,23 +42,23 @@ class Beyond(StrEnum):
 class LdSiftConfig:
     """Settings of LD-SIFT."""
 
-    radius_m: Positive = 0.15  # half the width of all 4 x 4 cells; a larger radius distinguishes more, and costs more
+    radius_m: Positive = 0.15  # half the width of all 4 x 4 cells; a larger radius distinguishes more, but takes longer
     beyond: Beyond = Beyond.UNKNOWN
     floor_m: Positive = 0.05
-    samples: Count = 6  # pixels of the depth map on a cell's side; with fewer, an arm seen from the side is missed
+    samples: Count = 6  # number of pixels on a cell's side; with fewer, an arm seen from the side is missed
 
 
 def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
     """Return the descriptors (n, 128) float32, of unit length, with no value below 0.
 
-    A row is NaN if the node has no position, normal or triangle, or if no gradient of its depth map is known: the map
-    is flat to the last bit, or its surface is nowhere two pixels wide.
+    A row is NaN if the node has no position, normal or triangle, or if its depth map has no known gradient. The latter
+    is so if the map is exactly flat, or if its surface is nowhere two pixels wide.
 
-    The triangles within reach along the edges are seen from above the node's tangent plane. The map is turned upright
-    by the longer principal axis of the area that the surface covers, for example the direction of a limb, and described
-    by SIFT. By default, pixels that no triangle covers are unknown and have no gradient, so that the end of the
-    camera's view is not an edge. The authors describe only detected points of closed meshes, at the scale of each point
-    and turned by its gradients; here every node is described, at one scale.
+    The depth map shows the triangles within reach along the edges, from above the node's tangent plane. It is turned
+    upright by the longer principal axis of the area that the surface covers, for example the direction of a limb, and
+    described by SIFT. By default, pixels that no triangle covers are unknown and have no gradient, so that the end of
+    the camera's view is not an edge. The authors describe only detected points of closed meshes, at the scale of each
+    point and turned by its gradients. Here every node is described at the same scale.
     """
     config = config or LdSiftConfig()
     rings = rings_within(surface, config.radius_m * REACH)

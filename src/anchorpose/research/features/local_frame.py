@@ -1,4 +1,4 @@
-"""Compute the repeatable local frame of SHOT: the neighbourhood's principal axes, pointing to most neighbours.
+"""Compute SHOT's repeatable local frame: the neighbourhood's principal axes, towards the side with more neighbours.
 
 Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), Section 3, as PCL 1.13 implements it.
 """
@@ -10,15 +10,15 @@ from numba import njit
 
 from anchorpose.research.features.neighbours import Neighbours, as_points
 
-FEWEST = 5  # least number of neighbours; with fewer, axes are noise, and the authors' program gives up, too
-SWEEPS = 12  # largest number of sweeps of Jacobi rotations; they converge quadratically, so six reach the last digit
+FEWEST = 5  # minimum number of neighbours, as in the authors' program; with fewer, axes would be noise
+SWEEPS = 12  # maximum number of sweeps of Jacobi rotations; convergence is quadratic, so six are enough for all digits
 
 
 def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarray | None = None) -> np.ndarray:
     """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where undefined.
 
     points_m (n, 3). x lies along the widest spread and z across the surface; each points to the side with more
-    neighbours. If both sides have the same number, the five neighbours in the middle of the order by distance decide.
+    neighbours. If both sides have the same number, only the five neighbours of median distance count.
     normals (n, 3): if given, z points to the side of the node's normal instead, as a nearly flat surface needs. A frame
     is undefined if the node has fewer than five neighbours at other positions, or no normal.
     """
@@ -93,7 +93,7 @@ def _spread(
 
 @njit(cache=True, error_model="numpy")
 def _points_away(points: np.ndarray, own: int, near: np.ndarray, distance2: np.ndarray, axis: np.ndarray) -> bool:
-    """Return whether more of the neighbours lie against the axis than along it."""
+    """Return whether there are more neighbours on the negative side of the axis than on the positive side."""
     balance = 0
     for m in range(len(near)):
         ahead = _along(points, own, near[m], axis) >= 0.0

@@ -1,8 +1,8 @@
 """Compute derivatives on the mesh: the gradient of a function known at the nodes, and the curvature of the surface.
 
-Curvature comes from the change of the normals. Second differences of depth are mostly noise. The normals are already
-fitted to many pixels, and one more fit over all neighbours within a few centimetres keeps the curvature of a limb or a
-nose. On planes, spheres and cylinders it is exact.
+Curvature is computed from the change of the normals, since second differences of depth are mostly noise. The normals
+are already fitted to many pixels. A further fit over all neighbours within a few centimetres preserves the curvature of
+a limb or a nose. On planes, spheres and cylinders, the result is exact.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from anchorpose.surface.surface import Surface
 def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
     """Fill frame (3, 3) float64 with two unit tangents and the unit normal, right-handed; False for a NaN or 0 normal.
 
-    The tangents depend on the world's axes: a result must not depend on their choice.
+    The choice of the tangents depends on the world's axes, so a caller's result must not depend on this choice.
     """
     x, y, z = np.float64(normal[0]), np.float64(normal[1]), np.float64(normal[2])
     size = np.sqrt(x * x + y * y + z * z)
@@ -42,7 +42,7 @@ def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
 
 
 FLAT_RATIO = 1e-3
-"""Smallest ratio of width to length of the neighbours' spread; below it they lie on a line and give no derivative."""
+"""Minimum ratio of width to length of the neighbours' spread. Below it, they lie on a line and give no derivative."""
 
 
 def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:

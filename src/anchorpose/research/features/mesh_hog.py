@@ -17,7 +17,7 @@ from anchorpose.surface.surface import Surface
 
 
 class ScalarFunction(StrEnum):
-    """The function whose gradients are described; the authors' third, colour, does not exist in depth data."""
+    """The function whose gradients are described. The authors' third function, colour, does not exist in depth data."""
 
     MEAN_CURVATURE = "mean-curvature"
     GAUSSIAN_CURVATURE = "gaussian-curvature"
@@ -28,13 +28,13 @@ TwoOrMore = Annotated[int, Field(ge=2)]
 
 @settings
 class MeshHogConfig:
-    """Settings of MeshHOG; the numbers are the authors' except for both radii and the smoothing."""
+    """Settings of MeshHOG. The default values are the authors', except both radii and the smoothing."""
 
     radius_m: Positive = 0.20  # of the radii from 0.1 to 0.3 m, it distinguishes most places of a body in 0.1 s a frame
-    curvature_radius_m: Positive = 0.07  # so that a depth camera's noise averages out, but a forearm is resolved
+    curvature_radius_m: Positive = 0.07  # averages a depth camera's noise, and still resolves a forearm
     function: ScalarFunction = ScalarFunction.MEAN_CURVATURE
-    directions: Annotated[int, Field(ge=4)] = 36  # bins of the histogram that gives the first axis
-    # rounds of 1 : 2 : 1 smoothing of this histogram, needed since a grid's neighbours lie in only eight directions
+    directions: Annotated[int, Field(ge=4)] = 36  # number of bins of the histogram that determines the first axis
+    # number of times that this histogram is smoothed 1 : 2 : 1, since neighbours in a grid have only eight directions
     smoothing: Annotated[int, Field(ge=0)] = 16
     slices: TwoOrMore = 4  # number of slices of each of the three planes, by position
     orientations: TwoOrMore = 8  # number of orientations in each slice, by direction of the gradient
@@ -42,7 +42,7 @@ class MeshHogConfig:
 
     @property
     def width(self) -> int:
-        """Return the columns of the descriptor."""
+        """Return the number of columns of the descriptor."""
         return 3 * self.slices * self.orientations
 
 
@@ -76,7 +76,7 @@ def scalar_function(surface: Surface, config: MeshHogConfig) -> np.ndarray:
 
 
 PLANES = ((0, 1, 1.0), (0, 2, -1.0), (2, 1, -1.0))
-"""For each plane: the axis from which angles are counted, the axis a quarter of a turn further, and its sign."""
+"""For each plane: the axis from which angles are counted, and the axis at a quarter of a turn with its sign."""
 
 
 class _Layout(NamedTuple):
@@ -158,7 +158,7 @@ def _first_axis(local: np.ndarray, count: int, rounds: int, polar: np.ndarray) -
             total += weight
     if not total > 0.0:
         return np.nan
-    begin = turn_fraction(x, y, 0.0)  # turns with the body, unlike the tangents
+    begin = turn_fraction(x, y, 0.0)  # this direction turns with the body, unlike the tangents
     polar[:] = 0.0
     for c in range(count):
         if local[c, 0] != 0.0 or local[c, 1] != 0.0:
@@ -196,7 +196,7 @@ def _fill(local: np.ndarray, count: int, plane: tuple, bins: np.ndarray) -> None
         to = turn_fraction(gx, gy, 0.0) * orientations - 0.5
         s, o = int(np.floor(at)), int(np.floor(to))
         ds, do = at - s, to - o
-        s, o = s if s >= 0 else slices - 1, o if o >= 0 else orientations - 1  # remainders are slow
+        s, o = s if s >= 0 else slices - 1, o if o >= 0 else orientations - 1  # the remainder operator is slow
         s_after, o_after = s + 1 if s + 1 < slices else 0, o + 1 if o + 1 < orientations else 0
         bins[s, o] += weight * (1.0 - ds) * (1.0 - do)
         bins[s, o_after] += weight * (1.0 - ds) * do

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-ROWS: Final = 1000  # source rows whose distances to all target rows are in memory at once: 16 MB for 4,000 target rows
-COLUMNS: Final = 256  # target rows compared with a source row at once, so that they stay in the processor's cache
+ROWS: Final = 1000  # number of source rows whose distances are in memory at once: 16 MB for 4,000 target rows
+COLUMNS: Final = 256  # number of target rows compared with a source row at once, few enough for the processor's cache
 ULP: Final = 2.0**-23  # precision of float32: twice the relative error of one rounding
 
 
@@ -29,9 +29,9 @@ def nearest_descriptor(source: np.ndarray, target: np.ndarray, metric: Metric | 
     """Return (m,) int32: the row of target nearest to each row of source, up to the rounding of float64.
 
     source (m, d) and target (n, d) are compared as float32 values. A row with a value that is not finite is undefined:
-    if it is in source, its result is -1; if it is in target, it is never chosen. If target has no other rows, all
-    results are -1. Of equal rows the first is chosen. Raises ValueError if the widths differ, for an unknown metric,
-    and for negative values with HELLINGER.
+    if it is in source, its result is -1; if it is in target, it is never chosen. If all target rows are undefined, all
+    results are -1. Of equally near rows, the first is chosen. Raises ValueError if the widths differ, for an unknown
+    metric, and for negative values with HELLINGER.
     """
     metric = Metric(metric)
     source, target = (np.asarray(table, dtype=np.float32).astype(np.float64) for table in (source, target))
@@ -118,13 +118,13 @@ def _settle(
 ) -> np.ndarray:
     """Return (m,) int64: the nearest target row, out of the rows whose rough distance is close to the smallest.
 
-    slack (m,): largest rough distance above the smallest that is compared again.
+    slack (m,): a row is computed again if its rough distance exceeds the smallest by at most this.
     """
     nearest = np.zeros(len(source), np.int64)
     for row in range(len(source)):
         best, limit = np.inf, rough[row].min() + slack[row]
         for other in range(len(target)):
-            if not rough[row, other] > limit:  # also where float32 overflowed
+            if not rough[row, other] > limit:  # true also if float32 has overflowed
                 apart = 0.0
                 for k in range(source.shape[1]):
                     off = source[row, k] - target[other, k]

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-BLOCK: Final = 32  # number of successive nodes that are skipped together, about a mesh's row across a limb
+BLOCK: Final = 32  # number of successive nodes that are skipped together, about as many as in a mesh row on a limb
 
 
 class Neighbours(NamedTuple):
@@ -60,7 +60,7 @@ def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, 
             for other in range(block * BLOCK, min((block + 1) * BLOCK, count)):
                 dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
                 apart2 = dx * dx + dy * dy + dz * dz
-                node[spot], distance2[spot] = other, apart2  # the next one overwrites it unless it is near
+                node[spot], distance2[spot] = other, apart2  # unless this node is near, the next overwrites it
                 spot += (apart2 <= limit) & (other != c)
         start[c + 1] = spot
     return start, node[:spot].copy(), distance2[:spot].copy()

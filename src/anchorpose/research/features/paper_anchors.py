@@ -1,4 +1,4 @@
-"""Find the paper's anchors as its text describes them (Section IV-B, Section V): extrema by r = 0.5 m about one centre.
+"""Find the paper's anchors as described in Sections IV-B and V: the extrema by r = 0.5 m around a single centre.
 
 The anchor is the extremum itself. A separate piece has no distance from the centre, and so no anchor. The paper orders
 extrema "based on the corresponding body parts" and gives no rule. Here an extremum has the name of this project's
@@ -18,9 +18,9 @@ from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.surface.surface import Surface
 
-RADIUS_M: Final = 0.5  # the paper's r, chosen "empirically"
-SAME_END_M: Final = 0.12  # m, twice the depth of an anchor's cap; an extremum farther from a named end is another end
-by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)  # as in the source that the paper cites for extrema
+RADIUS_M: Final = 0.5  # m, the paper's r, which its authors chose "empirically"
+SAME_END_M: Final = 0.12  # m, twice the depth of an anchor's cap; an extremum farther than this is at another end
+by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)  # as in the publication that the paper cites for extrema
 
 
 def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
@@ -32,7 +32,7 @@ def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
     extrema, anchors = geodesic_extrema(surface, field, RADIUS_M), no_anchors()
     apart = np.linalg.norm(surface.points_m[extrema][:, None] - named.position_m[None], axis=2)
     apart = np.where(apart < SAME_END_M, apart, np.inf)
-    cost = np.minimum(apart, 1.0)  # metres: farther than any that counts
+    cost = np.minimum(apart, 1.0)  # m, beyond ``SAME_END_M``, so that it never counts as the same end
     for row, name in zip(*linear_sum_assignment(cost), strict=True):
         if np.isfinite(apart[row, name]):
             anchors.node[name], anchors.position_m[name] = extrema[row], surface.points_m[extrema[row]]

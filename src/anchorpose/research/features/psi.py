@@ -16,10 +16,10 @@ from numba import njit
 
 from anchorpose.track_tree.hypotheses import GateConfig, anchor_subsets
 
-NONE: Final = -1  # fills up a subset that has fewer anchors than others
-# m2, ridge of the regression; it keeps psi's middle from moving in directions in which distances hardly vary
+NONE: Final = -1  # placeholder in a subset that has fewer anchors than others
+# m2, ridge of the regression; it prevents a shift of psi's middle in directions in which distances hardly vary
 RIDGE_M2: Final = 0.002**2
-FEWEST: Final = 8  # least number of nodes of psi that determine a regression over three distances
+FEWEST: Final = 8  # minimum number of nodes of psi for a regression over three distances
 
 
 def subsets_with_pieces(source: np.ndarray, target: np.ndarray, found: np.ndarray, size: int) -> np.ndarray:
@@ -95,7 +95,7 @@ def _match_all(
     for node in range(len(source)):
         widest2 = 0.0
         for s in range(len(subsets)):
-            if np.isfinite(limit2[node, s]):  # not finite where a distance of the node is not finite; psi is empty then
+            if np.isfinite(limit2[node, s]):  # if a distance of the node is not finite, psi is empty
                 widest2 = max(widest2, limit2[node, s])
         count = _possible(source[node], columns, widest2, fewest, near, possible)
         for s in range(len(subsets)):

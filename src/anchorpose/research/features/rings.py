@@ -14,9 +14,9 @@ from anchorpose.surface.surface import Surface
 class Rings(NamedTuple):
     """The nodes around each node, one row per node."""
 
-    start: np.ndarray  # (n + 1,) int64, beginnings of the rows
+    start: np.ndarray  # (n + 1,) int64, index in ``node`` at which each row begins
     node: np.ndarray  # (m,) int32, each row begins with its own node
-    distance_m: np.ndarray  # (m,) float32, along the edges
+    distance_m: np.ndarray  # (m,) float32, distance of these nodes along the edges
     reach_m: np.ndarray  # (n,) float64, distance up to which each row was searched
 
 

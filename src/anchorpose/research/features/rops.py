@@ -1,4 +1,4 @@
-"""Compute rotational projection statistics (RoPS): moments of the neighbourhood, turned nine times, on three planes.
+"""Compute rotational projection statistics (RoPS): the neighbourhood's moments on three planes, after each of 9 turns.
 
 Source: Guo, Sohel, Bennamoun, Lu, Wan 2013 (doi:10.1007/s11263-013-0627-y), Section 4, as PCL 1.13 implements it.
 """
@@ -22,9 +22,9 @@ STATISTICS = 5  # central moments 11, 21, 12 and 22, and the entropy
 class RopsConfig:
     """Settings of RoPS; with three turns about each axis it has 135 numbers, see ``columns``."""
 
-    radius_m: Positive = 0.20  # the authors' 15 mesh resolutions; a resolution is 13 mm here
+    radius_m: Positive = 0.20  # 15 mesh resolutions, as the authors use; a mesh resolution is 13 mm here
     turns: Count = 3  # number of turns about each axis, within a right angle; the authors' choice
-    bins: Count = 5  # bins along each side of a plane, the authors' choice
+    bins: Count = 5  # number of bins along each side of a plane; the authors' choice
 
     @property
     def columns(self) -> int:
@@ -95,7 +95,7 @@ def _to_local(points: np.ndarray, own: int, near: np.ndarray, frame: np.ndarray,
     return len(near) + 1
 
 
-@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})  # no NaN here; vectorises the extremes
+@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})  # without NaN, this is vectorised
 def _into_bins(values: np.ndarray, count: int, bins: int, cell: np.ndarray) -> None:
     """Fill cell with the bin of each value. Bins divide smallest to largest value evenly; if these are equal, 0."""
     low, high = values[0], values[0]

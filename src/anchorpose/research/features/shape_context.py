@@ -1,4 +1,4 @@
-"""Compute 3D shape contexts: the density of points in the cells of a sphere, which are narrower towards its centre.
+"""Compute 3D shape contexts: the density of points in the cells of a sphere. Shells are thinner towards its centre.
 
 Sources: Frome, Huber, Kolluri, Buelow, Malik 2004 (doi:10.1007/978-3-540-24672-5_18), cells and weights as in PCL 1.13.
 The paper leaves open where azimuth begins and compares every turn. One repeatable frame per node makes the descriptor
@@ -19,18 +19,18 @@ from anchorpose.research.features.neighbours import Neighbours, as_oriented, as_
 from anchorpose.settings import Count, Positive, settings
 
 _TWO_PI = np.float32(2 * np.pi)
-PARALLEL = 1e-3  # sine of the smallest angle between x axis and normal at which x has a direction in the tangent plane
+PARALLEL = 1e-3  # minimum sine of the angle between x axis and normal; below it, x has no tangential direction
 
 
 @settings
 class ShapeContextConfig:
     """Settings of shape contexts; by default they have 1980 numbers, see ``cells``."""
 
-    radius_m: Positive = 0.20  # contains a limb with its edges; within a smaller sphere, the body looks flat everywhere
-    # share of the radius from which radii grow by one factor per shell; the first shell itself begins at 0
+    radius_m: Positive = 0.20  # the sphere contains a limb with its edges; in a smaller one, every surface looks flat
+    # share of the radius from which radii grow by a constant factor per shell; the first shell itself begins at 0
     innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1
-    density: Positive = 0.2  # share of the radius within which points are counted for the density around a point
-    # numbers of cells, all three as in PCL and in the paper's own experiments
+    density: Positive = 0.2  # share of radius_m within which points are counted for the density around a point
+    # numbers of cells; all three are those of PCL and of the authors' experiments
     azimuths: Count = 12
     elevations: Count = 11
     shells: Count = 15

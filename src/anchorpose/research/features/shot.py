@@ -14,7 +14,7 @@ from anchorpose.research.features.local_frame import FEWEST, as_frames, local_fr
 from anchorpose.research.features.neighbours import Neighbours, as_oriented, find_neighbours
 from anchorpose.settings import Positive, settings
 
-SECTORS, LEANS = 32, 10  # sectors: 8 around, 2 outwards, 2 upwards; steps of the cosine between normal and z
+SECTORS, LEANS = 32, 10  # numbers of sectors (8 around, 2 outwards, 2 upwards) and of cosine steps
 COLUMNS = LEANS + 1
 SIZE = SECTORS * COLUMNS
 _HALF = np.float32(0.5)
@@ -27,10 +27,10 @@ _TWO = np.float32(2.0)
 class ShotConfig:
     """Settings of SHOT, which has 352 numbers."""
 
-    # radius of the sphere and its frame, which contains a limb with its edges; with 15 cm, errors are 1.5 times as
+    # radius of the sphere, also for its frame; it contains a limb with its edges; with 15 cm, errors are 1.5 times as
     # large
     radius_m: Positive = 0.20
-    z_by_normal: bool = False  # True turns the frame's z to the normal's side; the authors use the side of most points
+    z_by_normal: bool = False  # True: z points to the normal's side; False: to the side of most points (authors)
 
 
 def shot(
@@ -40,8 +40,8 @@ def shot(
 
     points_m, normals (n, 3) are in one frame, and normals have unit length; NaN = unknown. A node without position is
     left out, and a node without normal casts no vote. frames (n, 3, 3): the axes x, y, z as rows; None = the result of
-    ``local_frames``. Each sector s has 11 columns: s & 1 tells whether it is in the upper half, s >> 1 & 1 whether it
-    is in the outer half, and s >> 2 is its eighth of a turn, counted from -x. A row is NaN if the node has no frame, or
+    ``local_frames``. Each sector s has 11 columns: s & 1 is 1 in the upper half, s >> 1 & 1 is 1 in the outer half,
+    and s >> 2 is the eighth of a turn, counted from -x. A row is NaN if the node has no frame, or
     no node with a normal is within the radius.
     """
     config = config or ShotConfig()
@@ -117,7 +117,7 @@ def _vote(turn: np.float32, out: np.float32, inclination: np.float32, lean: np.f
     step = np.int32(lean + _HALF)
     column = sector * COLUMNS + step
     off = lean - np.float32(step)
-    # the ends wrap around as in the authors' program: from column 9 upwards to 0, not to 10
+    # the ends wrap around as in the authors' program, in which column 0, not 10, follows column 9
     beside = (0 if step == LEANS - 1 else step + 1) if off > ZERO else (LEANS - 1 if step == 0 else step - 1)
     row[sector * COLUMNS + beside] += abs(off)
     weight = ONE - abs(off)

@@ -15,12 +15,12 @@ from anchorpose.research.features.laplacian import Laplacian, surface_laplacian
 from anchorpose.settings import Count, Positive, settings
 from anchorpose.surface.surface import Surface
 
-# number of eigenpairs; their waves are as short as 10 cm on a body's 0.45 m²; Sun et al. and Aubry et al. used 300 on
+# number of eigenpairs; on a body's 0.45 m², the shortest wave is 10 cm long; Sun et al. and Aubry et al. used 300 on
 # closed meshes
 PAIRS: Final = 150
-LANCZOS_VECTORS: Final = 1.6  # vectors per pair; on body meshes of 2,300 nodes this is faster than 1.3 or 2.5
-START: Final = 20110413  # seed of Lanczos' first vector; with ARPACK's own, two runs would differ in the last digits
-DECAY: Final = 4.0 * np.log(10.0)  # exponent at which a wave has decayed, to 1e-4; it gives the times of Sun et al.
+LANCZOS_VECTORS: Final = 1.6  # vectors per eigenpair; on body meshes of 2,300 nodes, this is faster than 1.3 or 2.5
+START: Final = 20110413  # seed of Lanczos's first vector; with that of ARPACK, two runs would differ in the last digits
+DECAY: Final = 4.0 * np.log(10.0)  # exponent at which a wave has decayed to 1e-4; it determines the times of Sun et al.
 
 
 def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
@@ -158,18 +158,18 @@ class HksConfig:
     """Settings of the heat kernel signature."""
 
     times: Count = 100  # number of times, as in Sun et al.
-    range_m2: Range | None = None  # first and last time; None: from the spectrum, as in Sun et al.
-    scaled: bool = True  # divide by the heat trace, as in Sun et al.; otherwise short times outweigh all others
+    range_m2: Range | None = None  # first and last time; None = from the spectrum, as in Sun et al.
+    scaled: bool = True  # divide by the heat trace, as in Sun et al.; otherwise short times outweigh the others
 
 
 def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
     """Return the heat kernel signature, (n, times) float32 in 1/m².
 
-    It is the heat left at a node a time t after it was put there: sum_i exp(-lambda_i t) phi_i^2. Times are in m²,
-    since heat diffuses over one square metre in a time of one, and their logarithms are evenly spaced. If scaled, each
-    time's column is divided by its integral over the largest piece of surface, the heat trace. NaN at nodes without
-    triangles, and everywhere if the times should come from a spectrum that has no positive eigenvalues. Source: Sun,
-    Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
+    It is the heat that is left at a node at time t if it was put there at time 0: sum_i exp(-lambda_i t) phi_i^2. Times
+    are in m², since heat diffuses over one square metre in a time of one. Their logarithms are evenly spaced. If
+    scaled, each time's column is divided by its integral over the largest piece of surface, the heat trace. NaN at
+    nodes without triangles, and everywhere if times should come from a spectrum without positive eigenvalues. Source:
+    Sun, Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
     """
     config = config or HksConfig()
     times_m2 = heat_times(spectrum, config)
@@ -181,7 +181,7 @@ def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
 
 
 def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
-    """Return (times,) m², from the time when the shortest wave has decayed to the time when the longest has.
+    """Return the times (times,) m², from the time at which the shortest wave has decayed to that for the longest wave.
 
     If the configuration has a range, it gives the first and the last time instead.
     """
@@ -199,11 +199,11 @@ def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
 class SiHksConfig:
     """Settings of the scale-invariant heat kernel signature."""
 
-    # first time, in octaves relative to 1 m²; no wave has decayed much by then
+    # first time, in octaves relative to 1 m²; until then, no wave has decayed much
     first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0
-    octaves: Positive = 24.0  # as in Bronstein and Kokkinos; up to 4 m², when a body's longest wave has decayed
+    octaves: Positive = 24.0  # as in Bronstein and Kokkinos; at the end, 4 m², a body's longest wave has decayed
     steps_per_octave: Count = 16  # as in Bronstein and Kokkinos
-    frequencies: Count = 6  # number of frequencies, the lowest, as in Bronstein and Kokkinos
+    frequencies: Count = 6  # number of frequencies from the lowest on, as in Bronstein and Kokkinos
 
     def __post_init__(self) -> None:
         if self.frequencies > int(self.octaves * self.steps_per_octave) // 2:
@@ -234,9 +234,9 @@ class WksConfig:
     """Settings of the wave kernel signature: energies, and how sharply they are resolved."""
 
     energies: Count = 100  # number of energies, as in Aubry et al.
-    # standard deviation of an energy's logarithm, in steps between energies, as in Aubry et al.
+    # standard deviation of the logarithm of an energy, in steps between energies, as in Aubry et al.
     width_steps: Positive = 7.0
-    range_per_m2: Range | None = None  # eigenvalues between which energies lie; None: the spectrum's own
+    range_per_m2: Range | None = None  # eigenvalues between which energies lie; None = those of the spectrum
 
     def __post_init__(self) -> None:
         if not self.energies > 4 * self.width_steps:

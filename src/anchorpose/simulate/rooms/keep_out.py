@@ -23,7 +23,7 @@ class Lane:
         return float(np.linalg.norm(place_m - start - share * along)) - self.radius_m
 
     def crossings_m(self, z_m: float) -> tuple[float, ...]:
-        """Return the x coordinate at which the lane's line crosses z = z_m; empty if it does not."""
+        """Return the x coordinate at which the lane's centre line crosses z = z_m; empty if it does not cross."""
         (x0, z0), (x1, z1) = self.start_m, self.end_m
         if (z0 - z_m) * (z1 - z_m) >= 0.0:
             return ()

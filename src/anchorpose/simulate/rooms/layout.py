@@ -11,16 +11,16 @@ from anchorpose.simulate.rooms.pieces import AT_WALLS, PIECES, Piece
 from anchorpose.simulate.rooms.plan import MIDDLE_SHARE, Clutter, RoomConfig
 from anchorpose.simulate.rooms.walls import Outline
 
-TRIES: Final = 120  # most places drawn for a piece
-CAMERA_CLEAR_M: Final = 0.7  # m around the camera that stay free
-PATIENT_CLEAR_M: Final = 0.75  # m around the patient that stay free for movements
-SIGHT_CLEAR_M: Final = 0.35  # m on both sides of the line from the camera to the patient that stay free
-LEGS_CLEAR_M: Final = 0.5  # m between the patient and furniture in front of the legs
+TRIES: Final = 120  # maximum number of places that are tried for a piece
+CAMERA_CLEAR_M: Final = 0.7  # m, radius around the camera that stays free of furniture
+PATIENT_CLEAR_M: Final = 0.75  # m, radius around the patient that stays free for movements
+SIGHT_CLEAR_M: Final = 0.35  # m on both sides of the line of sight from the camera to the patient, free of furniture
+LEGS_CLEAR_M: Final = 0.5  # m, distance between the patient and furniture in front of the legs
 BELOW_SIGHT_M: Final = 0.04
 
 
 def first_lanes(room: RoomConfig, camera_m: np.ndarray) -> list[Lane]:
-    """Return the patient's place, the camera's (x, z), and the line of sight between them."""
+    """Return lanes around the patient's place, the camera's place (x, z), and the line of sight between them."""
     here = (float(camera_m[0]), float(camera_m[1]))
     return [disc(np.zeros(2), PATIENT_CLEAR_M), disc(camera_m, CAMERA_CLEAR_M), Lane(here, (0.0, 0.0), SIGHT_CLEAR_M)]
 
@@ -77,7 +77,7 @@ def _draw_place(rng: np.random.Generator, kind: Clutter, piece: Piece, outline: 
 
 
 def _inside(place_m: np.ndarray, piece: Piece, outline: Outline, kind: Clutter) -> bool:
-    """Return whether a piece lies inside the walls; a piece that stands at a wall may be nearer to it than others."""
+    """Return whether a piece lies inside the walls. Kinds that stand at a wall may be nearer to it than other kinds."""
     margin_m = 0.2 if kind in AT_WALLS else 0.7 * piece.radius_m
     o = outline
     x, z = float(place_m[0]), float(place_m[1])

@@ -15,10 +15,10 @@ from anchorpose.simulate.rooms.pieces import Piece, box, piece_of
 from anchorpose.simulate.rooms.walls import Panel
 from anchorpose.simulate.timeline import body_course, ease
 
-STEP_S: Final = 0.05  # s between the known places of moved furniture
-AHEAD_M: Final = 0.35  # m between a person who pushes and the nearest part of the furniture
-OPENING_S: Final = 1.6  # s in which a door opens
-BEFORE_S: Final = 3.0  # s before and after the recording for which places are known
+STEP_S: Final = 0.05  # s between the times for which the place of moved furniture is computed
+AHEAD_M: Final = 0.35  # m, distance between a person who pushes and the nearest part of the furniture
+OPENING_S: Final = 1.6  # s, time that a door takes to open
+BEFORE_S: Final = 3.0  # s before and after the recording for which places are computed, too
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +27,7 @@ class Mover:
 
     piece: Piece
     times_s: np.ndarray  # (k,)
-    places_m: np.ndarray  # (k, 2) x and z at these times
+    places_m: np.ndarray  # (k, 2) x and z of the piece at these times
     yaws: np.ndarray  # (k,) rad, positive to the left
 
     def figure(self, time_s: float) -> Figure:
@@ -42,7 +42,7 @@ class Mover:
 def pushed(piece: Piece, pusher: Actor, lane: Lane, starts_m: float, seconds: float) -> Mover:
     """Return a piece that stands at ``starts_m`` along a lane until a person who walks along the lane pushes it.
 
-    It faces the direction of the push, and stays where the person turns back.
+    The piece faces the direction of the push. It stays at the place at which the person turns back.
     """
     times_s = np.arange(-BEFORE_S, seconds + BEFORE_S, STEP_S)
     start, along = np.array(lane.start_m), np.subtract(lane.end_m, lane.start_m)

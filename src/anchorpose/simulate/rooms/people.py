@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 SEATED_MOTIONS: Final = ("reach", "arm-raise", "head")
 STANDING_MOTIONS: Final = ("standing", "weight-shift", "trunk", "head", "reach")
 BACK_REST_M: Final = 0.45
-RISING_S: Final = 2.0  # s in which a person rises; a seat is fitted to both postures
+RISING_S: Final = 2.0  # s, time in which a person rises, so that a seat is fitted to both postures
 
 
 def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Actor | CapturedActor:
@@ -57,7 +57,7 @@ def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person
 
 
 def draw_bystander(rng: np.random.Generator, config: SimulationConfig, seat: Seat | None) -> tuple[Actor, Piece | None]:
-    """Draw another person at the origin who faces +X and sits on a seat (also returned) or, with None, stands."""
+    """Draw another person at the origin who faces +X and stands, or sits on ``seat`` if given. Also return the seat."""
     motions = STANDING_MOTIONS if seat is None else SEATED_MOTIONS
     alone = replace(
         config, room=None, motions=motions, movement_file=None, movement=None, away_s=(), stool=False, passers_by=0
@@ -70,7 +70,7 @@ def draw_bystander(rng: np.random.Generator, config: SimulationConfig, seat: Sea
 
 
 def seated(actor: Actor) -> Actor:
-    """Return the same person, seated all the time."""
+    """Return the same person, who is seated for the whole recording."""
     sits = Movement(seated_offsets(actor.person), LONG_AGO_S, 1.0, 1e4, 1.0)
     return replace(actor, movements=[sits, *actor.movements])
 
@@ -89,7 +89,7 @@ def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor
 
 
 def _rising(patient: Actor | CapturedActor) -> Actor | CapturedActor:
-    """Return the same person, rising from the seat at first: so a wheelchair is fitted to standing legs, too."""
+    """Return the same person, who first rises from the seat, so that a wheelchair also fits the standing legs."""
     if isinstance(patient, CapturedActor):
         return patient
     rises = Movement(seated_offsets(patient.person), LONG_AGO_S, 1.0, -LONG_AGO_S - 0.7, 0.5)
@@ -125,8 +125,8 @@ def moved_actor(actor: Actor, place_m: np.ndarray, yaw: float) -> Actor:
 
 
 def over_origin(patient: Actor, seat: Piece | None, share: float) -> tuple[Actor, Piece | None]:
-    """Move a person and the seat forward by a share of the offset of a seated pelvis. With share 1, the pelvis is over
-    the origin.
+    """Move a person and the seat forward. A seated pelvis is behind the origin; ``share`` is the share of this distance
+    by which both are moved.
     """
     ahead_m = -share * dict(seated_offsets(patient.person))["pelvis_forward"]
     place = np.array([ahead_m, 0.0])

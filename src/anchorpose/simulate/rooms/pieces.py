@@ -26,7 +26,7 @@ class Piece:
 
     @property
     def radius_m(self) -> float:
-        """Return the radius of the circle around the origin that the piece needs on the floor."""
+        """Return the radius of the circle on the floor, around the origin, that contains the piece."""
         return float(np.linalg.norm(self.triangles[..., [0, 2]], axis=-1).max())
 
     @property

@@ -32,15 +32,15 @@ Clutter = Literal[
 ]
 
 NEAREST_M, FARTHEST_M = 1.2, 4.5  # m, limits of the distance from camera to patient along the floor
-# m, the same for a late patient, who would otherwise not be in place before the recording ends
+# m, maximum distance of a late patient, who would otherwise not be in place before the recording ends
 FARTHEST_LATE_M: Final = 3.3
-RANGE_MARGIN_M: Final = 0.5  # m, margin to the sensor's range, for the patient's movements
+RANGE_MARGIN_M: Final = 0.5  # m, distance kept from the limits of the sensor's range, for the patient's movements
 LOWEST_M, HIGHEST_M = 0.5, 2.5
 STEEPEST_RAD: Final = float(np.radians(35.0))
-UPWARD_RAD: Final = float(np.radians(8.0))  # largest upward tilt, of a camera on a low shelf
+UPWARD_RAD: Final = float(np.radians(8.0))  # rad, maximum upward tilt: a camera on a low shelf
 LARGEST_ROLL_RAD: Final = float(np.radians(4.0))
-AIM_RAD: Final = float(np.radians(9.0))  # largest angle between the optical axis and the patient's middle, up or down
-CLEARLY_RAD: Final = float(np.radians(3.0))  # least angle beyond the image border of a part that is cut off
+AIM_RAD: Final = float(np.radians(9.0))  # rad, maximum angle, up or down, from the optical axis to the patient
+CLEARLY_RAD: Final = float(np.radians(3.0))  # rad, minimum angle beyond the image border at which a part is cut off
 INSIDE_RAD: Final = float(np.radians(1.5))
 SEATED_SHARE: Final = 0.76  # height of the top of a seated person's head, as a share of the stature
 MIDDLE_SHARE: Final = 0.55  # height of the patient's middle, always in view, as a share of the head's height
@@ -48,8 +48,8 @@ ROOM_SENSORS: Final = ("kinect-v2", "azure-kinect", "realsense", "kinect-v1", "r
 SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)
 FRAMINGS: Final = get_args(Framing)
 POSTURES: Final = get_args(Posture)
-LOW: Final[tuple[Clutter, ...]] = ("table", "chair", "stool", "boxes", "wheelchair")  # may stand before the legs
-ROOM_FOR_PASSER_M: Final = 2.2  # m, least distance between camera and patient for a person to walk through
+LOW: Final[tuple[Clutter, ...]] = ("table", "chair", "stool", "boxes", "wheelchair")  # furniture in front of the legs
+ROOM_FOR_PASSER_M: Final = 2.2  # m, minimum distance between camera and patient for a person to walk through
 
 
 @settings
@@ -162,7 +162,7 @@ def _half_view_rad(sensor: str) -> float:
 def _draw_place(
     rng: np.random.Generator, sensor: str, framing: Framing, head_m: float, farthest_m: float
 ) -> tuple[float, float, float]:
-    """Draw the camera's distance_m, height_m and tilt_rad so that the image has the given framing."""
+    """Draw the camera's distance_m, height_m and tilt_rad at which the image has the given framing."""
     while True:
         distance_m, height_m = rng.uniform(NEAREST_M, farthest_m), rng.uniform(LOWEST_M, HIGHEST_M)
         down = np.arctan2(height_m - MIDDLE_SHARE * head_m, distance_m) + rng.uniform(-AIM_RAD, AIM_RAD)
@@ -173,7 +173,7 @@ def _draw_place(
 
 
 def _draw_others(rng: np.random.Generator, distance_m: float) -> tuple[tuple[Other, ...], Moved]:
-    """Draw up to three other people, and the moved furniture; only a person who walks pushes furniture."""
+    """Draw up to three other people, and the furniture that moves. Only a person who walks through pushes furniture."""
     kinds: tuple[Other, ...] = ("sits", "stands", "passes-behind", "passes-before")
     chances = np.array([0.25, 0.2, 0.2, 0.35 if distance_m >= ROOM_FOR_PASSER_M else 0.0])
     drawn: list[Other] = [

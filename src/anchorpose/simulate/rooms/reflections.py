@@ -11,7 +11,7 @@ from anchorpose.camera import Camera
 from anchorpose.simulate.render import NOTHING, Figure, TrueImage, draw_figures, first_hits, ray_directions
 from anchorpose.simulate.rooms.walls import Mirror
 
-NEARER_THAN_ALL_M: Final = 1e-3  # m, a depth nearer than everything that is drawn
+NEARER_THAN_ALL_M: Final = 1e-3  # m, a depth that is smaller than all drawn depths
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,14 +19,14 @@ class RoomPicture:
     """The still room of one camera."""
 
     camera: Camera
-    image: TrueImage  # true image; the mirrored room lies as far beyond the mirror as the room lies in front of it
+    image: TrueImage  # true image; the mirrored room is as far behind the mirror as the room is in front of it
     mirror: Mirror | None
     in_mirror: np.ndarray  # (height, width) bool, pixels whose ray meets the mirror
     shiny: np.ndarray  # (height, width) bool, pixels whose ray meets bare metal
 
     def with_movers(self, movers: tuple[Figure, ...], people: tuple[Figure, ...]) -> TrueImage:
-        """Return the room with moved furniture, and with the mirror images of furniture and people; all are labelled as
-        room.
+        """Return the room with moved furniture, and with the mirror images of furniture and people. All of these have
+        the room's label.
         """
         image = self.image
         if self.mirror is not None and self.in_mirror.any():

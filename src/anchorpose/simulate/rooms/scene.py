@@ -48,12 +48,14 @@ if TYPE_CHECKING:
 
 ROOM_KEY: Final = 1002  # key of random streams in addition to those of ``clinic`` and ``config``
 STREAMS: Final = ("plan", "patient", "programme", "walls", "people", "furniture", "spoil", "beyond")
-ASKEW_RAD: Final = 0.35  # rad, largest angle between the line of sight and the room's long axis
-PERSON_CLEAR_M: Final = 0.5  # m around a person who sits or stands that stay free
+ASKEW_RAD: Final = 0.35  # rad, maximum angle between the line of sight and the room's long axis
+PERSON_CLEAR_M: Final = 0.5  # m, radius around a person who sits or stands that stays free
 WALK_CLEAR_M: Final = 0.35
 TRIES: Final = 200
 SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "sits": 1.0}
-"""Share of the backward offset of a seated pelvis by which the patient is moved forward, to where the camera aims."""
+"""By posture: the share of a seated pelvis's backward offset by which the patient is moved forward, into the camera's
+aim.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +63,7 @@ class RoomScene:
     """The content of a room in the world frame; the patient is at the origin and faces +X."""
 
     camera: Camera
-    triangles: np.ndarray  # (n, 3, 3) everything that never moves
+    triangles: np.ndarray  # (n, 3, 3) of everything that never moves
     shiny: np.ndarray  # (n,) bool, triangles of bare metal
     mirror: Mirror | None
     patient: Actor | CapturedActor
@@ -238,7 +240,7 @@ def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
     """Add low pieces before the patient, then clutter, then the door."""
     room = draft.room
     head_m = person.height_m * (SEATED_SHARE if room.posture != "stands" else 1.0)
-    free = draft.taken[3:]  # without the patient's place, the camera's place and the line between them
+    free = draft.taken[3:]  # without the lanes of the patient, the camera and the line of sight
     draft.pieces.extend(stand_before(rng, room, draft.camera_m, head_m, free))
     draft.pieces.extend(lay_out(rng, room, draft.outline, [*draft.taken, *free]))
     if room.moved == "door" and draft.back.opening is not None:

@@ -1,4 +1,4 @@
-"""Build the room: floor, walls with windows and doorways, the space beyond these, and the mirror on a wall."""
+"""Build the room: floor, walls with windows and doorways, the space behind the openings, and the mirror on a wall."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DOOR_HEIGHT_M: Final = 2.05
 DOOR_WIDTH_M: Final = 0.95
 CORRIDOR_M: Final = 1.3  # m, width of the corridors beside the room, from which people walk in
 TRIES: Final = 200
-BEHIND_MIRROR_M: Final = 0.004  # m between mirror and wall (the glass), so that rays do not meet the wall first
+BEHIND_MIRROR_M: Final = 0.004  # m between mirror and wall, as thick as the glass, so that rays meet the mirror first
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Mirror:
     triangles: np.ndarray  # (2, 3, 3)
 
     def reflect(self, points_m: np.ndarray) -> np.ndarray:
-        """Return the places (..., 3) where the mirror shows points (..., 3)."""
+        """Return the places (..., 3) at which the mirror shows the given points (..., 3)."""
         return np.asarray(points_m - 2.0 * self.before_m(points_m)[..., None] * self.normal)
 
     def before_m(self, points_m: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ class Mirror:
 
 @dataclass(frozen=True, slots=True)
 class BackWall:
-    """The opening and objects of the back wall, each None if it has none."""
+    """The opening in the back wall and the objects on it; None for each that does not exist."""
 
     opening: Panel | None
     way_out: bool  # True: the opening is a doorway, open or with a door that opens; False: it is a window

@@ -15,14 +15,14 @@ from anchorpose.simulate.person import Person
 from anchorpose.simulate.sessions.plan import EXTENDING_S, PAUSE_S, RESTING_DEG, STANDING_UP_S, PlannedTrial
 from anchorpose.simulate.timeline import Footwork, Movement, Step, ball_ahead_m, stand
 
-HANDS_S: Final = 0.5  # s in which a hand leaves a rail or comes back to it
-CARRY_S: Final = 0.6  # s after standing up in which the legs begin to determine the height of the pelvis
+HANDS_S: Final = 0.5  # s, time in which a hand leaves a rail or returns to it
+CARRY_S: Final = 0.6  # s after standing up, time over which the legs gradually determine the pelvis's height
 ALWAYS_S: Final = 1e5  # s, longer than any session
 
-BUCKLE_DEG: Final = (25.0, 50.0)  # degrees, range of the depth of a buckle, from the least depth that counts as one
+BUCKLE_DEG: Final = (25.0, 50.0)  # degrees, range of a buckle's depth; a bend below the first counts as no buckle
 BUCKLE_S: Final = (0.2, 0.45)  # s, range of the time in which the knee gives way, as in ``movements.buckle``
 CAUGHT_S: Final = (0.2, 0.5)
-OTHER_KNEE: Final = 0.4  # bend of the other knee, as a share of the buckle's depth, since the pelvis sinks
+OTHER_KNEE: Final = 0.4  # bend of the other knee as a share of the buckle's depth; it bends since the pelvis sinks
 
 FAILS_AT_S: Final = 1.5  # s after the onset of the trial at which the failed stand begins
 # range of the share of the way to standing in a failed stand; from about 0.7 on, the patient would be upright
@@ -42,12 +42,12 @@ RECOVERY_S: Final = BACK_AFTER_S + BACK_S + HANDS_S
 CLONUS_HZ: Final = (3.5, 7.0)
 CLONUS_DEG: Final = (2.0, 5.0)  # degrees, range of the amplitude at the knee; the ankle has half of it
 CLONUS_S: Final = 4.0  # s, duration of a clonus: at least two windows of the measure
-SWELLS_S: Final = 0.3  # s in which a clonus begins and ends
+SWELLS_S: Final = 0.3  # s, time in which a clonus grows at its beginning, and subsides at its end
 
 
 @dataclass(frozen=True, slots=True)
 class Happening:
-    """An incident as it was drawn."""
+    """An incident of the drawn programme."""
 
     kind: str  # as in ``TrueEvent``
     start_s: float  # onset
@@ -59,10 +59,10 @@ class Happening:
 class SessionPatient(Actor):
     """A patient in a session."""
 
-    happenings: tuple[Happening, ...] = ()  # incidents in the order of time
+    happenings: tuple[Happening, ...] = ()  # incidents, sorted by time
 
     def sits(self) -> bool:
-        """Return whether a stand fails, so that the patient needs a seat."""
+        """Return whether there is a failed stand, for which the patient needs a seat."""
         return any(happening.kind == "failed_stand" for happening in self.happenings)
 
 

@@ -16,30 +16,30 @@ OFF, ON = "off", "on"
 Incident = Literal["buckle", "failed-stand", "recovery-step", "clonus"]
 INCIDENTS: Final[tuple[Incident, ...]] = ("buckle", "failed-stand", "recovery-step", "clonus")
 
-SHORTEST_TRIAL_S: Final = 10.0  # s for a failed stand, standing up, and holding for two seconds
-PAUSE_S: Final = 4.0  # s before every trial and after the last trial: time to sit down, or to bend the knees again
-BLOCK: Final = 2  # trials of each condition in a block; their order within the block is drawn
+SHORTEST_TRIAL_S: Final = 10.0  # s, enough for a failed stand, standing up, and holding for two seconds
+PAUSE_S: Final = 4.0  # s before every trial and after the last, in which the patient sits down or bends the knees
+BLOCK: Final = 2  # number of trials of each condition in a block; their order within the block is random
 
-# degrees of flexion at rest: more than the 25 degrees at which an extension ends, but still upright
+# degrees, flexion at rest, at which a patient still stands; it is above 25 degrees, at which an extension ends
 RESTING_DEG: Final = 30.0
 HELD_DEG: Final = (9.0, 15.0)  # degrees, range of the flexion of knees that hold without stimulation
-SIDES_DEG: Final = 2.0  # degrees, largest difference between a patient's left and right knee
-# degrees, standard deviation of knee flexion from trial to trial: an assumption, for knees that repeat well
+SIDES_DEG: Final = 2.0  # degrees, maximum difference between a patient's left and right knee
+# degrees, standard deviation of knee flexion from trial to trial; it is an assumption, for knees that repeat well
 SCATTER_DEG: Final = 1.5
 LEAST_DEG: Final = 1.0  # degrees, flexion of a straight knee
 LATENCY_S: Final = (0.8, 1.6)  # s, range of the time from the onset until knees begin to extend
-EXTENDING_S: Final = 1.0  # s in which knees extend, and in which they bend again
-# knees bend again at this share of the trial before its end, unless stimulation holds them longer
+EXTENDING_S: Final = 1.0  # s, time in which the knees extend, and in which they bend again
+# share of the trial that is left when the knees begin to bend again, unless stimulation holds them longer
 LETS_GO: Final = 0.15
 
 
 @settings
 class SessionConfig:
-    """Settings of a session: half of the trials with stimulation, half without, at random within blocks of four."""
+    """Settings of a session. Half of the trials have stimulation; their order is random within blocks of four."""
 
     trials: Annotated[int, Field(ge=2, le=200, multiple_of=2)] = 12
     trial_s: Annotated[float, Field(ge=SHORTEST_TRIAL_S, le=3600)] = 20.0
-    amplitude_v: Positive = 4.0  # V, amplitude of the stimulation
+    amplitude_v: Positive = 4.0  # V, amplitude of the stimulation in the trials that have it
     effect_deg: Annotated[float, Field(ge=0, le=10)] = 5.0  # degrees by which stimulated knees are straighter
     effect_s: NotNegative = 0.0  # s by which stimulated knees hold longer, at most until the end of the trial
     helped: When = "off"  # trials in which therapists hold knees and hips, from beginning to end
@@ -64,19 +64,19 @@ class PlannedTrial:
 
     onset_s: float
     duration_s: float
-    amplitude_v: float  # 0 = without stimulation
+    amplitude_v: float  # V, 0 = without stimulation
     block: int
     helped: bool
     hands_off: bool
     held_deg: tuple[float, float]  # flexion of the left and the right knee while they hold
     extends_s: float  # when the knees begin to extend
-    lets_go_s: float  # when they begin to bend again
-    stands_s: float | None = None  # in a trial with a failed stand, when the patient stands up at last; else None
+    lets_go_s: float  # when the knees begin to bend again
+    stands_s: float | None = None  # when the patient stands up after a failed stand; None without a failed stand
     incident: Incident | None = None
 
     @property
     def condition(self) -> str:
-        """Return the trial_type."""
+        """Return the trial's condition, as in the column trial_type."""
         return ON if self.amplitude_v > 0 else OFF
 
     @property
@@ -90,7 +90,7 @@ class PlannedTrial:
         return self.extends_s + EXTENDING_S, self.lets_go_s
 
 
-STANDS_AT_S: Final = 5.0  # s after the onset at which the patient stands up, in a trial that begins with a failed stand
+STANDS_AT_S: Final = 5.0  # s from the onset until the patient stands up in a trial with a failed stand
 STANDING_UP_S: Final = 1.8
 UP_S: Final = STANDS_AT_S + STANDING_UP_S
 

@@ -7,7 +7,7 @@ from anchorpose.simulate.sessions.plan import SessionConfig
 
 
 def stimulation(seed: int, session: SessionConfig, fps: float = 15.0) -> SimulationConfig:
-    """Return the preset: three cameras; the recording has the length of the session."""
+    """Return the preset: three cameras, and a recording that is as long as the session."""
     return SimulationConfig(
         seed=seed,
         seconds=session.seconds,

@@ -1,4 +1,4 @@
-"""Draw the therapists of a session, who crouch beside the patient; in trials with help, each holds knee and hip."""
+"""Draw the therapists of a session, who crouch beside the patient. In trials with help, each holds knee and hip."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from anchorpose.simulate.sessions.plan import PlannedTrial
 from anchorpose.simulate.therapist import STANCE_M, Therapist, choose_spot, crouch_offsets, grasp
 from anchorpose.simulate.timeline import Movement, stand
 
-GRASP_S: Final = 0.4  # s in which hands come to the patient before the onset of a trial, and go after its end
-# offsets of a therapist who does not help, and so does not touch the patient
+GRASP_S: Final = 0.4  # s, time in which hands come to the patient before a trial's onset, and go after its end
+# offsets of a therapist who does not help, so that the therapist does not touch the patient
 AWAY: Final = (("pelvis_forward", -0.30), ("trunk_flex", -0.35))
-COMES_S: Final = 0.8  # s in which a therapist comes nearer before the grasp, and in which the therapist goes back
+COMES_S: Final = 0.8  # s, time in which a therapist comes nearer before the grasp, and goes back after it
 
 
 def draw_session_therapists(
@@ -46,7 +46,7 @@ def _draw(
 
 
 def _help(trial: PlannedTrial) -> tuple[Movement, Movement]:
-    """Return movements of hands that hold through the whole trial; in a trial that begins seated, from standing on."""
+    """Return movements of hands that hold during the whole trial; after a failed stand, only once the knees extend."""
     from_s = trial.onset_s if trial.stands_s is None else trial.extends_s
     lasts_s, near = trial.end_s - from_s, tuple((channel, -amount) for channel, amount in AWAY)
     comes = Movement(near, from_s - GRASP_S - COMES_S, COMES_S, lasts_s + 2.0 * GRASP_S, COMES_S)

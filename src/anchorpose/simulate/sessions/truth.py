@@ -17,7 +17,7 @@ from anchorpose.simulate.sessions.plan import PlannedTrial
 
 TRUTH_HZ: Final = 100.0  # Hz, rate at which a fall is sampled
 GRAVITY_M_S2: Final = 9.81
-SOLE_M: Final = 0.03  # m; skin of feet lower than this is on the floor (soles of shoes included)
+SOLE_M: Final = 0.03  # m; skin of the feet lower than this is on the floor; this includes the soles of shoes
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])  # (2, 72) directions in which an outline is measured
 

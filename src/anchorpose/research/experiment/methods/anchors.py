@@ -30,10 +30,10 @@ PAPER_SUBSET: Final = 3  # number of anchors in a subset, N_S: "three anchor nod
 class AnchorSetting:
     """Settings of the match. For ``unclipped`` and ``squared`` see ``features.psi``."""
 
-    gate: GateConfig = PAPER_GATE  # chosen by hand in the paper
+    gate: GateConfig = PAPER_GATE  # the paper's authors chose it by hand
     unclipped: bool = True
     squared: bool = False
-    pieces: bool = True  # whether the anchors that reach a cut-off piece of surface form a subset for it
+    pieces: bool = True  # whether the anchors that reach a cut-off piece of the surface form a subset for this piece
 
 
 GATES: Final = tuple(

@@ -1,4 +1,4 @@
-"""Provide the descriptors of the paper's comparison and related work, each matched by its nearest neighbour."""
+"""Provide the descriptors of the paper's comparison and related work. Matches are nearest neighbours."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class ContextSetting:
     """Settings of the shape context and of its comparison."""
 
     config: ShapeContextConfig
-    unit_length: bool  # whether contexts are scaled, so that the amount of surface around the node does not count
+    unit_length: bool  # whether contexts are scaled to unit length, so that the amount of surface has no effect
 
 
 def _shape_context(seen: Observation, setting: ContextSetting) -> np.ndarray:
@@ -63,7 +63,7 @@ def _rops(seen: Observation, config: RopsConfig) -> np.ndarray:
 
 
 USUAL_RADIUS_M = 0.05
-"""The usual radius of these descriptors for objects on a table, which is also used for people."""
+"""Radius in metres that is usual for objects on a table, and that is also used for people."""
 
 
 def _both(
@@ -77,7 +77,7 @@ def _both(
 ) -> tuple[Method, Method]:
     """Return two methods: the descriptor with the best of all settings, and with the usual radius.
 
-    Both together show the effect of tuning. first_m: the radius that is tried first, and used if nothing is tuned.
+    The comparison of both shows the effect of tuning. first_m: the radius that is tried first, and used without tuning.
     """
     radii = sorted(RADII_M, key=lambda radius: radius != first_m)
     chosen = tuple(setting(radius, variant) for radius in radii for variant in (0, 1))
@@ -199,8 +199,8 @@ class SpectralConfig:
     """Settings of a spectral signature and of its comparison."""
 
     signature: Any  # the signature's own configuration
-    pairs: int = 100  # number of eigenpairs; more take more time and do not match better
-    logarithm: bool = False  # whether the signature's logarithm is compared
+    pairs: int = 100  # number of eigenpairs; with more, matching takes longer and is not better
+    logarithm: bool = False  # whether logarithms of signatures are compared
 
 
 Signature = Callable[[Spectrum, Any], np.ndarray]
@@ -271,6 +271,6 @@ SPECTRAL = (
 _SHOT = next(method for method in LOCAL if method.key == "shot")
 
 FILTERED = (replace(_SHOT, key="shot-filter", title="SHOT with a Kalman filter", update=Update.KALMAN),)
-"""Shows the effect of the filter alone, which the next generation also uses."""
+"""SHOT with the filter that the next generation also uses, to show the effect of the filter alone."""
 
 METHODS = (*LOCAL, *FILTERED, *MESH, *SPECTRAL)

@@ -16,7 +16,7 @@ from anchorpose.research.experiment.method import DescriptorSetting, Family, Met
 from anchorpose.research.features.shot import ShotConfig, shot
 from anchorpose.tracker.observation import Observation
 
-SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # settings as chosen for SHOT alone
+SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for SHOT alone
 SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VI (future work)"
 
 
@@ -24,13 +24,13 @@ SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VI (future work)"
 class LearntConfig:
     """Settings of the learnt descriptor."""
 
-    local: float = 0.0  # weight of SHOT's signature (of unit length) relative to places in statures; 0 = places alone
+    local: float = 0.0  # weight of SHOT's signature relative to places in statures; 0 = only places
 
 
 def _describe(seen: Observation, config: LearntConfig) -> np.ndarray:
     """Return the descriptors (n, 3) or, with SHOT, (n, 3 + 352).
 
-    NaN if the network sees nobody at the node, or SHOT is undefined.
+    A row is NaN if the network finds no person at the node, or if SHOT is undefined.
     """
     places = _places(seen)
     if config.local == 0.0:

@@ -24,11 +24,11 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
-SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # settings as chosen for SHOT alone
-MOST: Final = 9.0  # squared deviation that counts at most, since occlusions change distances, or for unknown distances
-MOST_SHOT: Final = 18.0  # largest squared deviation of a signature, since a hole beside a node changes it
-GIVEN_UP_M: Final = 0.30  # m; a hand at 3 m/s is so far from its prediction, and its descriptor still identifies it
-ROWS: Final = 500  # number of source nodes compared at once: 4 MB per anchor for 2,000 nodes of the other frame
+SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for SHOT alone
+MOST: Final = 9.0  # maximum squared deviation of a distance, since occlusions change it; also for unknown distances
+MOST_SHOT: Final = 18.0  # maximum squared deviation of a signature, since a hole beside a node changes it
+GIVEN_UP_M: Final = 0.30  # m, distance of a hand at 3 m/s from its prediction; its descriptor still identifies it
+ROWS: Final = 500  # number of source nodes compared at once; with 2,000 nodes in the other frame: 4 MB per anchor
 SUBSET: Final = 3  # number of anchors in a subset
 
 
@@ -36,10 +36,10 @@ SUBSET: Final = 3  # number of anchors in a subset
 class NextSetting:
     """The sigmas and the cost of the next generation's matches."""
 
-    anchor_sigma_m: float = 0.04  # sigma of a distance to an anchor
+    anchor_sigma_m: float = 0.04  # m, sigma of a distance to an anchor
     shot_sigma: float = 0.15  # sigma of the distance between two signatures of unit length
-    place_sigma_m: float = 0.03  # sigma of a node's movement, small since most of the skin hardly moves
-    cost_m: float = 0.01  # cost of a branch of the tree for one deviation of its nodes' descriptors
+    place_sigma_m: float = 0.03  # m, sigma of a node's movement, small since most skin hardly moves
+    cost_m: float = 0.01  # m, cost of a branch of the tree per deviation of its nodes' descriptors
 
 
 SETTINGS: Final = (
@@ -76,7 +76,7 @@ def _associate(setting: NextSetting) -> Associate:
         source = now.descriptor - jitter_m(now, following, unlike(now, following))
 
         def find(nodes: np.ndarray) -> np.ndarray:
-            local = unlike(now, following)  # not stored with the matches, since it is 16 MB for 2,000 nodes
+            local = unlike(now, following)  # not cached with the matches, since it is 16 MB for 2,000 nodes
             match = np.empty((len(nodes), len(subsets)), np.int32)
             per2 = (setting.anchor_sigma_m**-2, setting.place_sigma_m**-2)
             for first in range(0, len(nodes), ROWS):
@@ -117,8 +117,8 @@ def most_similar(
 
     The squared deviations are (k, s) float32. local (k, n): squared deviations of the signatures. seen: distances to
     the anchors (k, 5) and places (k, 3) of the nodes; others: the same of the other frame's nodes, (n, 5) and (n, 3).
-    per2: factors that turn the squared metres of both into squared deviations. A distance counts at most ``MOST``, and
-    an unknown distance counts ``MOST``. Of equally similar nodes, the node with the lower number is chosen.
+    per2: factors that turn the squared metres of both into squared deviations. The squared deviation of a distance is
+    at most ``MOST``, also if it is unknown. Of equally similar nodes, the node with the lower number is chosen.
     """
     match = np.zeros((len(local), len(subsets)), np.int32)
     total = np.full((len(local), len(subsets)), np.inf, np.float32)
@@ -126,7 +126,7 @@ def most_similar(
     for node in range(len(local) if local.shape[1] else 0):
         likely = local[node].argmin()
         _add_up(_base(local, seen, others, per2, node, likely), seen, others, subsets, per2, node, likely, each, sums)
-        worst = sums.max()  # a node that deviates more by signature and place alone is not the most similar
+        worst = sums.max()  # a node whose signature and place already deviate more is not the most similar
         for other in range(local.shape[1]):
             if local[node, other] > worst:
                 continue
@@ -172,7 +172,7 @@ def _add_up(
     for anchor in range(len(each)):
         off = seen[0][node, anchor] - others[0][other, anchor]
         off2 = off * off * np.float32(per2[0])
-        each[anchor] = off2 if off2 < MOST else np.float32(MOST)  # NaN is never less, so counts most
+        each[anchor] = off2 if off2 < MOST else np.float32(MOST)  # NaN is never less, so it becomes MOST
     for s in range(len(subsets)):
         sums[s] = base
         for anchor in subsets[s]:
@@ -180,10 +180,10 @@ def _add_up(
 
 
 def jitter_m(now: Observation, following: Observation, local: np.ndarray) -> np.ndarray:
-    """Return e_1, (5,) float32 metres: what each anchor's own movement adds to the distances of all nodes.
+    """Return e_1, (5,) float32 metres: the change of all nodes' distances to an anchor by the movement of this anchor.
 
-    It is the median difference of distance between nodes and their matches by the local descriptor alone; 0 for an
-    anchor that is not reached in both frames.
+    It is the median difference of distance between nodes and their matches by the local descriptor alone. It is 0 for
+    an anchor that no path reaches in one of the frames.
     """
     jitter = np.zeros(len(ANCHOR_NAMES), np.float32)
     if len(now.surface) == 0 or len(following.surface) == 0:

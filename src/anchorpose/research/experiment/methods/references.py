@@ -68,7 +68,7 @@ BASELINES = (
 
 def _gmds(setting: Any) -> Associate:
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-        @cache  # all nodes are matched at once, even if only few matches are requested
+        @cache  # all nodes are matched at once, even if only a few matches are requested
         def match() -> np.ndarray:
             return match_by_gmds(now.surface, following.surface, setting)
 
@@ -105,7 +105,7 @@ ABLATION: Final[Mapping[str, tuple[str, TrackConfig]]] = {
     "own-mean-body": ("without the learnt body", TrackConfig(learning=LearningConfig(own_shape=False))),
     "own-parts": ("every part by itself", TrackConfig(method=Registration.PARTS)),
 }
-"""Variants of the tracker, each without one of its components: title and configuration."""
+"""Title and configuration of each variant of the tracker; each lacks one component of the tracker."""
 
 
 def _own(key: str, title: str, config: TrackConfig) -> Method:

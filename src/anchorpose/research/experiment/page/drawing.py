@@ -23,7 +23,7 @@ INK: Final = "#15191d"
 FAINT: Final = "#8a9299"
 LINE: Final = "#d5dbe0"
 GROUND: Final = "#ffffff"
-ON_DARK: Final = "#fefefe"  # white that differs from GROUND, since a page in dark colours replaces GROUND
+ON_DARK: Final = "#fefefe"  # a white other than GROUND, since the page in dark colours replaces GROUND
 
 LOOK: Final = {
     Family.PROPOSED: (as_hex(Ink.VERMILLION), "solid"),
@@ -35,12 +35,12 @@ LOOK: Final = {
     Family.NONE: (FAINT, (0, (2, 2))),
     Family.TRACKER: (INK, "solid"),
 }
-"""Colour (by Okabe and Ito) and line of each kind of method."""
+"""Colour, from Okabe and Ito's palette, and line of each kind of method."""
 
-PALE: Final = 0.35  # opacity of intervals; in full colour, the intervals of twenty methods would hide the means
+PALE: Final = 0.35  # opacity of intervals, low so that the intervals of twenty methods do not hide the means
 
 MARKS: Final = "osD^vP*X"
-"""Marks for the methods of one kind, in their order."""
+"""Matplotlib's markers for the methods of one kind, in their order."""
 
 FAMILY_NAMES: Final = {
     Family.PROPOSED: "anchor geodesics",
@@ -59,7 +59,7 @@ class DrawnFigure:
     """A drawn figure."""
 
     key: str  # name of its files
-    caption: str  # contains the paper's name of the figure
+    caption: str  # caption, with the figure's name in the paper
     svg: str
     png_bytes: bytes
 
@@ -100,7 +100,7 @@ def _matplotlib(module: str) -> Any:
 def _settings(salt: str) -> Any:
     mpl = _matplotlib("matplotlib")
     plain: dict[str, Any] = dict(mpl.rcParamsDefault)
-    plain.pop("backend", None)  # not needed: no window is opened
+    plain.pop("backend", None)  # left out, since no window is opened
     plain.pop("backend_fallback", None)
     plain |= {
         "svg.hashsalt": f"anchorpose {salt}",
@@ -127,7 +127,7 @@ def _settings(salt: str) -> Any:
 
 
 def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
-    """Return colour and line of the method's kind, and its own mark; the proposed method and anchorpose stand out."""
+    """Return the method's mark, with colour and line of its kind. The proposed method and anchorpose stand out."""
     colour, line = LOOK[method.family]
     alike = [one.key for one in methods if one.family is method.family]
     strong = method.key == PROPOSED or method.family is Family.TRACKER
@@ -144,7 +144,7 @@ def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
 
 
 def bounds_of(values: Sequence[Estimate]) -> np.ndarray:
-    """Return (2, n) distances from the mean down and up, for error bars; 0 without an interval."""
+    """Return (2, n) distances from the means down and up to the ends of the intervals; 0 without an interval."""
     below = [value.mean - value.low for value in values]
     above = [value.high - value.mean for value in values]
     return np.maximum(np.nan_to_num(np.array([below, above])), 0.0)

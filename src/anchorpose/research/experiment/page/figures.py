@@ -38,7 +38,7 @@ PANELS = (
 
 
 def _draw_by_joint(tables: Sequence[Table], what: str) -> Any:
-    """Draw a panel for each kind of method; every panel also has the proposed method, for comparison."""
+    """Draw a panel for each kind of method. For comparison, every panel also has the proposed method."""
     table = tables[0]
     present = {method.family for method in table.methods}
     panels = [panel for panel in PANELS if present & set(panel)]

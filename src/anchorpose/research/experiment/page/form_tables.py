@@ -32,7 +32,7 @@ FORM_NAMES = {
     Form.MATCHES: "matches alone",
     Form.MATCHES_ALL: "matches alone, nothing rejected",
 }
-WITHIN_MM = 50.0  # largest error of a good match: the paper's bound on an anchor's error
+WITHIN_MM = 50.0  # mm, maximum error of a good match: the paper's bound on an anchor's error
 
 Take = Callable[[Matched], np.ndarray]
 
@@ -54,7 +54,7 @@ def form_tables(results: ExperimentResults) -> list[Table]:
 
 
 def _columns(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return two columns for each form: for no hole and for the largest hole."""
+    """Return two columns for each form: one for no hole, and one for the largest hole."""
     found = []
     for form in results.config.forms:
         holes = Tracking(results, form).holes(Scene.PAPER)
@@ -126,7 +126,7 @@ def _by_gap(results: ExperimentResults, key: str, title: str, unit: Unit, summar
 
 
 def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable[[np.ndarray], np.ndarray]) -> Table:
-    """Return the next generation's error minus every other row's, in the same frames."""
+    """Return the error of the next generation minus the error of each other row, in the same frames."""
     rows = dict[str, list[Row]]()
     for form, hole, column in [*_columns(results), *_all_sizes(results)]:
         tracking = Tracking(results, form)

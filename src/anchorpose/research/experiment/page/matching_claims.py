@@ -25,18 +25,18 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_least, at_most, measured
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
-COMPARABLE: Final = 0.8  # smallest share of the paper's nodes; a smaller mesh proves nothing about time
-CLEARLY_LESS: Final = 0.8  # largest ratio to the error elsewhere that is clearly less
-# share of the matches of hands and feet that lie on the opposite limb; by chance it would be one in forty
+COMPARABLE: Final = 0.8  # minimum number of nodes, relative to the paper's; a smaller mesh proves nothing about time
+CLEARLY_LESS: Final = 0.8  # maximum ratio of an error to the error elsewhere that counts as clearly less
+# minimum share of the matches of hands and feet on the opposite limb that counts as often; by chance, it is 1 in 40
 OFTEN: Final = 0.1
-INACCURATE_MM: Final = 100.0  # twice the paper's bound on an anchor's error
+INACCURATE_MM: Final = 100.0  # mm, twice the paper's bound on an anchor's error
 SYMMETRIC: Final = ("hand", "foot")
 NAMES: Final = tuple(REGIONS)
 RIVALS: Final = (Family.LOCAL, Family.SPECTRAL)
 
 
 class MatchingClaims:
-    """The claims about matches, each made from the results."""
+    """The claims about matches, each judged by the results."""
 
     def __init__(self, results: ExperimentResults) -> None:
         self._matching, self._tracking = Matching(results), Tracking(results)
@@ -56,7 +56,7 @@ class MatchingClaims:
         ]
 
     def local_distinctive(self) -> Claim:
-        """Judge the claim of Fig. result2 by the matches, since the surface corrects joints with any feature."""
+        """Judge the claim of Fig. result2 by matches, not by joints, which the surface corrects with any feature."""
         inside = [NAMES.index("head")]
         outside = [index for index in range(len(NAMES)) if index not in inside]
         checks = []
@@ -191,7 +191,7 @@ class MatchingClaims:
         return checks
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
-        """Return the shares of nodes matched, since a method that matches only the easiest nodes has smaller errors."""
+        """Return the shares of nodes with a match, since a method that matches only easy nodes has smaller errors."""
         lines = []
         for key in keys:
             if key in self._methods:
@@ -216,7 +216,7 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods without control methods, whose matches a filter uses."""
+        """Return all methods of these families except control methods, whose matches a filter uses."""
         every = self._methods.values()
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

@@ -1,4 +1,4 @@
-"""Make tables of the matches, with errors overall, by region, by size of hole and as a curve, and tables of times."""
+"""Make tables of the matches' errors (overall, by region, by size of hole and as a curve), and tables of times."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from anchorpose.research.experiment.page.tracking_tables import hole_column
 from anchorpose.research.experiment.results import ExperimentResults, Matched, PaperTimes
 
 CURVE_MM = tuple(range(0, 501, 20))
-CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # distances, 0 to 0.3 of the body's height
+CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # distances as shares of the body's height
 
 NOTE = (
     "The same nodes for every method, of the paper’s scene. “Direct” is the nearest descriptor; a method with several "
@@ -141,7 +141,7 @@ def _by_size(matching: Matching, resamples: int, key: str, title: str, take: Tak
 
 
 def _curve(matching: Matching, resamples: int, key: str, title: str, places: Sequence[float], by_height: bool) -> Table:
-    """Return the share of all nodes matched within each distance; a node without a match is within no distance."""
+    """Return the share of all nodes with a match within each distance. A node without a match is within no distance."""
     rows = []
     for method in matching.methods:
         within = list(matching.values(method.key, partial(_counts, matching, np.array(places), by_height)).values())
@@ -154,7 +154,7 @@ def _curve(matching: Matching, resamples: int, key: str, title: str, places: Seq
 
 
 def _counts(matching: Matching, places: np.ndarray, by_height: bool, match: Matched) -> np.ndarray:
-    """Return (1, places) number of nodes of a window matched within each distance along the skin."""
+    """Return (1, places): how many nodes of a window have a match within each distance along the skin."""
     distance = match.direct_skin_mm if matching.has_direct(match.method) else match.tree_skin_mm
     known = np.sort(distance[np.isfinite(distance)])
     reach = places * 1000 * match.body_m if by_height else places
@@ -165,7 +165,7 @@ PAPER_MESH_S: Final = 0.72
 PAPER_FEATURE_S: Final = 0.23
 PAPER_NODES: Final = 15549
 PAPER_EDGES: Final = 36185
-"""The paper's times and mesh: Section V-B, one core of an Intel i7-6700."""
+"""The paper's times and its mesh, from Section V-B. The times are for one core of an Intel i7-6700."""
 
 
 def time_tables(results: ExperimentResults) -> list[Table]:

@@ -31,10 +31,10 @@ SECTIONS: Final = {
     "regions": "Bright and shadow regions",
     "other": "More pictures",
 }
-"""Titles of the sections of pictures, in the order of the page; "other" has the pictures without a caption."""
+"""Titles of the sections of pictures, in the page's order. Pictures without a caption are in the section "other"."""
 
 FILES_ONLY: Final = "match"
-"""The section of pictures that are not on the page, since one picture per method would triple its size."""
+"""Section whose pictures are not on the page, since one picture per method would triple the page's size."""
 
 REMEDY: Final = "write a list of objects with file, caption and section, or remove the file"
 
@@ -87,11 +87,11 @@ SIGNS: Final = {
     Verdict.NOT: ("not", "✗"),
     Verdict.UNKNOWN: ("unknown", "?"),
 }
-"""CSS class and sign of each verdict, so that no information is in the colour alone."""
+"""CSS class and sign of each verdict. The sign is for readers who do not see the colour."""
 
 
 MOST_NAMED: Final = 3
-"""Largest number of failed comparisons that are listed in the table of claims itself."""
+"""Maximum number of failed comparisons that the table of claims itself lists."""
 
 
 def table_html(table: Table, unfolded: bool = False) -> str:
@@ -154,7 +154,7 @@ def _claim_row(claim: Claim) -> str:
 
 
 def _figures(claim: Claim) -> str:
-    """Return the answers of the comparisons, their range, and the comparisons that answer no if there are few."""
+    """Return the answers of the comparisons and their range. If few comparisons answer no, list these."""
     checks = claim.checks
     if len(checks) < 2:
         return checks[0].text() if checks else "no data"
@@ -171,7 +171,7 @@ def _figures(claim: Claim) -> str:
 
 
 def drawing_html(picture: DrawnFigure) -> str:
-    """Return a figure as part of the page, in the page's colours, light or dark."""
+    """Return a figure as part of the page, in the page's light or dark colours."""
     caption = escape(picture.caption)
     return (
         f"<figure class='drawing'><div class='scroll' tabindex='0' role='region' aria-label='{caption}'>"
@@ -180,10 +180,10 @@ def drawing_html(picture: DrawnFigure) -> str:
 
 
 def inline_svg(picture: DrawnFigure) -> str:
-    """Return the drawing without the parts that only a file needs; ids are unique, since figures share the page."""
+    """Return the drawing without the parts that only a file needs, with ids that are unique on the page."""
     svg = picture.svg[picture.svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page sets the font; saves a tenth of the length
+    svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page sets the font; this saves a tenth of the length
     svg = re.sub(r"(\.\d\d)\d+", r"\1", svg)  # hundredths of a point are not visible
     svg = re.sub(r'\bid="', f'id="{picture.key}-', svg)
     svg = re.sub(r"url\(#", f"url(#{picture.key}-", svg)

@@ -15,7 +15,7 @@ from anchorpose.research.experiment.method import OWN, Family, Method
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults, Matched, Tracked
 
 Kept = Mapping[tuple[str, float], np.ndarray]
-"""The frames kept of each recording and size of hole, in order."""
+"""The frames that are kept, in order, by recording and size of hole."""
 
 
 def compared(methods: Iterable[Method]) -> list[Method]:
@@ -38,7 +38,7 @@ def frame_means(error_mm: np.ndarray) -> np.ndarray:
 
 
 HANDS: Final = tuple(index for index, name in enumerate(JOINT_NAMES) if name.startswith(("Hand", "Wrist")))
-"""Hands and wrists; they move most, and their errors are the largest part of every mean over all joints."""
+"""Indices of hands and wrists, which move most; their errors are the largest part of every mean over all joints."""
 
 
 def without_hands(error_mm: np.ndarray) -> np.ndarray:
@@ -49,7 +49,7 @@ def without_hands(error_mm: np.ndarray) -> np.ndarray:
 class Tracking:
     """All frames tracked in one form, by scene, method and size of hole.
 
-    Recordings are in the order of their names. This project's tracker is the same in every form.
+    Recordings are sorted by name. This project's tracker has the same frames in every form.
     """
 
     def __init__(self, results: ExperimentResults, form: Form = Form.REFINED) -> None:
@@ -77,7 +77,7 @@ class Tracking:
         return self._runs.get((scene, method, hole_m), {})
 
     def shared(self, scene: Scene, methods: Iterable[Method]) -> Kept:
-        """Return the frames on which all methods ran, except methods that tracked nothing in the scene."""
+        """Return the frames on which all these methods ran. Methods that tracked nothing in the scene do not count."""
         keys = [method.key for method in self.ran(scene, methods)]
         kept: dict[tuple[str, float], np.ndarray] = {}
         for hole in self.holes(scene):
@@ -128,7 +128,7 @@ class Tracking:
 
 
 def left_out(results: ExperimentResults) -> tuple[int, int]:
-    """Return two numbers of segments of the simulated recordings: without a pose to start from, and in total."""
+    """Return how many segments of the simulated recordings have no pose to start from, and how many there are."""
     config, ran = results.config, dict[tuple[Scene, str], int]()
     for run in results.tracked:
         if run.scene is not Scene.REAL:
@@ -178,7 +178,7 @@ class Matching:
     def values(
         self, method: str, take: Callable[[Matched], np.ndarray], hole_m: float | None = None
     ) -> dict[str, np.ndarray]:
-        """Return, by recording, the values of ``take`` for all windows; hole_m: only windows with this hole."""
+        """Return, by recording, the values of ``take`` for all windows, or only for windows with this hole."""
         parts: dict[str, list[np.ndarray]] = defaultdict(list)
         for window in self.windows:
             if hole_m in (None, window[1]):
@@ -202,7 +202,7 @@ def every_mm(match: Matched) -> np.ndarray:
 
 
 def of_moved(take: Callable[[Matched], np.ndarray]) -> Callable[[Matched], np.ndarray]:
-    """Restrict a quantity to the nodes that moved by more than ``MOVED_MM``; most nodes move less."""
+    """Restrict a quantity to the nodes that moved by more than ``MOVED_MM``, which most nodes do not."""
     return lambda match: take(match)[match.moved_mm > MOVED_MM]
 
 
@@ -212,7 +212,7 @@ MOVED_MM: Final = 30.0
 def penalised_mm(match: Matched) -> np.ndarray:
     """Return the distance of the match after the tree.
 
-    A node without a match counts ``MISSED_MM``, so that a method is not better if it matches fewer nodes.
+    It is ``MISSED_MM`` for a node without a match, so that a method is not better if it matches fewer nodes.
     """
     return np.where(np.isfinite(match.tree_mm), match.tree_mm, MISSED_MM)
 
@@ -226,7 +226,7 @@ def error_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]
 
 
 def mirrored_of(match: Matched) -> np.ndarray:
-    """Return 1 if the match is on the opposite limb, 0 if it is not, NaN without a match."""
+    """Return, for each node, 1 if its match is on the opposite limb, 0 if it is not, NaN without a match."""
     matched = np.isfinite(match.direct_mm) | np.isfinite(match.tree_mm)
     return np.where(matched, match.mirrored.astype(np.float64), np.nan)
 

@@ -20,7 +20,7 @@ from anchorpose.research.experiment.method import Method
 
 NORMAL_TAIL = 1.959964
 BOOTSTRAP_KEY = 13
-MEDIAN_STEPS = 1024  # number of ranks that resolve a median's interval, to a tenth of a per cent
+MEDIAN_STEPS = 1024  # number of ranks to which a median's interval is rounded: a tenth of a per cent
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """Return the ratio of two means over the same recordings; NaN if the lower mean is 0.
+    """Return the ratio of two means over the same recordings; NaN if the denominator is 0.
 
     above, below: one group per recording. The bootstrap draws the groups of a recording together.
     """
@@ -64,7 +64,7 @@ def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples
     if known.sum() < 2:
         return Estimate(ratio, np.nan, np.nan, int(known.sum()))
     draws = _draws(len(a), resamples)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a draw whose lower mean is 0 leaves the interval open
+    with np.errstate(divide="ignore", invalid="ignore"):  # if the denominator of a draw is 0, the interval is open
         each = (a[draws].sum(1) / n[draws].sum(1)) / (b[draws].sum(1) / m[draws].sum(1))
     return _with_interval(ratio, each, len(a))
 
@@ -111,10 +111,10 @@ def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 def _with_interval(value: float, drawn: np.ndarray, count: int) -> Estimate:
     """Return the estimate with its percentiles, widened for a small number of recordings.
 
-    The bootstrap of n values is too narrow by sqrt((n - 1) / n), and has the tails of the normal distribution instead
-    of Student's (Hesterberg 2015, doi:10.1080/00031305.2015.1089789): for four recordings, 95 % would be 82 %. If all
-    draws are positive, intervals are widened by logarithms, so that intervals of errors and ratios do not reach below
-    zero.
+    The bootstrap's interval of n values is too narrow by sqrt((n - 1) / n), and has the tails of the normal
+    distribution instead of Student's (Hesterberg 2015, doi:10.1080/00031305.2015.1089789). For four recordings, 95 %
+    would be 82 %. If all draws are positive, the interval is widened on a logarithmic scale, so that intervals of
+    errors and ratios stay above zero.
     """
     low, high = (float(bound) for bound in np.quantile(drawn, [0.025, 0.975]))
     wider = float(np.sqrt(count / (count - 1)) * student.ppf(0.975, count - 1) / NORMAL_TAIL)
@@ -157,7 +157,7 @@ class Column:
     """A column of a table."""
 
     key: str  # name in files
-    label: str  # name for readers, with the unit if it differs from the table's
+    label: str  # name for readers, with the unit if this is not the table's unit
     unit: Unit = Unit.MM
 
 
@@ -176,8 +176,8 @@ class Table:
 
     key: str  # name of the file
     title: str
-    across: str  # name of the quantity in which columns differ
-    note: str  # sentences that a reader must know
+    across: str  # name of the quantity by which columns differ
+    note: str  # sentences that a reader of the table must know
     rows: tuple[Row, ...]  # by method, with columns in the same order; a method may lack some columns
 
     @property

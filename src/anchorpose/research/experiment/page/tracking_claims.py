@@ -18,13 +18,13 @@ from anchorpose.research.experiment.page.tracking_tables import errors_of_all_si
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_most, between
 from anchorpose.research.experiment.results import ExperimentResults
 
-CONSTANT: Final = 1.1  # largest ratio that is "almost constant"
-SIMILAR: Final = 2.0  # largest ratio of the errors of the worst and the best joint that are "similar"
-ADEQUATE_MM: Final = 100.0  # about the width of a forearm; a joint with a smaller error is on the right limb
+CONSTANT: Final = 1.1  # maximum ratio that counts as "almost constant"
+SIMILAR: Final = 2.0  # maximum ratio of the worst joint's error to the best joint's that counts as "similar"
+ADEQUATE_MM: Final = 100.0  # mm, about the width of a forearm; a joint with a smaller error is on the right limb
 
 
 FILTERS: Final = {PROPOSED: ("anchors-filter",), LITERAL: ("paper-kalman", "paper-particles")}
-"""The methods with a filter instead of the tree, by the method whose matches they use."""
+"""Methods with a filter instead of the tree, by the key of the method whose matches they use."""
 
 
 def literal_claims(results: ExperimentResults) -> list[Claim]:
@@ -42,9 +42,9 @@ def literal_claims(results: ExperimentResults) -> list[Claim]:
 
 
 class TrackingClaims:
-    """The claims about joints, each made from the results.
+    """The claims about joints, each judged by the results.
 
-    proposed: key of the method that stands for the paper's. form: form of the framework of all methods.
+    proposed: key of the method that represents the paper's. form: form of the framework in which all methods run.
     """
 
     def __init__(self, results: ExperimentResults, proposed: str = PROPOSED, form: Form = Form.REFINED) -> None:
@@ -135,7 +135,7 @@ class TrackingClaims:
         )
 
     def filter_instead(self) -> Claim:
-        """Judge a filter in place of the tree (Section III: "an EKF, UKF, or particle tracking filter")."""
+        """Judge whether a filter can replace the tree (Section III: "an EKF, UKF, or particle tracking filter")."""
         others = [method for method in self._methods if method.key in FILTERS[self._proposed]]
         return Claim(
             "tree-below-filter",
@@ -261,7 +261,7 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods without control methods, whose matches a filter uses."""
+        """Return all methods of these families except control methods, whose matches a filter uses."""
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

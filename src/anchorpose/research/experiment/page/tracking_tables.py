@@ -31,7 +31,7 @@ SAME_NOTE = "The same frames for every method: those that all methods below ran 
 BODY_NOTE = "Without hands and wrists, which are most of every mean over all joints."
 
 OTHER_HOLES = (Scene.LOOSE, Scene.REAL)
-"""Scenes other than the paper's in which holes are also cut."""
+"""Scenes in which holes are cut, other than the paper's."""
 
 
 def tracking_tables(results: ExperimentResults) -> list[Table]:
@@ -110,7 +110,7 @@ def _paper_tables(results: ExperimentResults, tracking: Tracking) -> list[Table]
 
 
 def _unrejected(results: ExperimentResults) -> Table:
-    """Return the paper's table "result1" in the paper's form of the framework."""
+    """Return the paper's table "result1" for the paper's form of the framework."""
     tracking = Tracking(results, Form.REFINED_ALL)
     methods = tracking.ran(Scene.PAPER, compared(results.methods))
     kept = tracking.shared(Scene.PAPER, methods)
@@ -132,7 +132,7 @@ def note_on(kept: Kept) -> str:
 
 
 def _other_holes(results: ExperimentResults, tracking: Tracking, scene: Scene) -> Table:
-    """Return the paper's "result1" in another scene."""
+    """Return the paper's table "result1" for another scene."""
     methods = tracking.ran(scene, compared(results.methods))
     kept = tracking.shared(scene, methods)
     rows = by_size_rows(tracking, methods, kept, partial(mean_over, resamples=results.config.resamples), scene=scene)
@@ -223,7 +223,7 @@ def _scene_table(results: ExperimentResults, tracking: Tracking) -> Table:
 
 
 def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept, resamples: int) -> list[Row]:
-    """Return the rows without a hole and, if holes are cut in the scene, the rows with the largest hole."""
+    """Return the method's rows without a hole and, if holes are cut in the scene, with the largest hole."""
     holes = tracking.holes(scene)
     return [
         Row(

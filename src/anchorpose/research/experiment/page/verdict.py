@@ -1,4 +1,4 @@
-"""Judge claims: each comparison is answered by yes, no or open, and a verdict follows from the answers."""
+"""Judge claims. Each comparison is answered by yes, no or open, and the verdict is computed from the answers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from anchorpose.research.experiment.page.tables import Estimate, Unit, format_es
 
 
 class Answer(StrEnum):
-    """The answer of one comparison; it is open if the interval contains the threshold, or there is no interval."""
+    """The answer of one comparison. It is open if the interval contains the threshold, or if there is no interval."""
 
     YES = "yes"
     NO = "no"
@@ -50,12 +50,12 @@ class Check:
 class Claim:
     """A claim and its comparisons."""
 
-    key: str  # its key in claims.json
-    place: str  # its place in the paper, or a note that it is this project's own claim
+    key: str  # key of the claim in claims.json
+    place: str  # place in the paper, or a note that the claim is this project's
     text: str  # the claim in our words
     rule: str  # condition under which a comparison is answered by yes
     checks: tuple[Check, ...]  # every comparison
-    context: tuple[str, ...] = ()  # related values without an answer
+    context: tuple[str, ...] = ()  # related values, which are not compared
 
     @property
     def verdict(self) -> Verdict:

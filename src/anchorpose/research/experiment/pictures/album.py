@@ -1,4 +1,4 @@
-"""Make the pictures of one training recording, and measure how long the paper's own steps take on it."""
+"""Make the pictures of one training recording, and measure the time of the paper's steps."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _matches(sources: _Sources, methods: Sequence[Method], settings: Mapping[str
 
 
 def _on_these_meshes(method: Method, moment: Moment, settings: Mapping[str, object]) -> bool:
-    """Return whether the method matches nodes of the drawn meshes; a method that closes holes uses other meshes."""
+    """Return whether the method matches nodes of the drawn meshes. A method that closes holes matches other meshes."""
     if method.associate is None:
         return False
     config = moment.window.config
@@ -128,7 +128,7 @@ def _proposed(
                 yield from hypothesis_pictures(sources.view, moment, method, setting)
 
 
-ROUNDS: Final = 5  # number of timed rounds, whose median is reported
+ROUNDS: Final = 5  # number of rounds that are timed; the median is reported
 
 
 def measure_times(frame: int, given: GivenFrames, run: Run) -> PaperTimes | None:
@@ -158,7 +158,7 @@ def measure_times(frame: int, given: GivenFrames, run: Run) -> PaperTimes | None
 
 
 def _five(surface: Surface) -> np.ndarray:
-    """Return five nodes far from the centre and from each other, like anchors."""
+    """Return five nodes that are far from the centre and from each other, as anchors are."""
     chosen = [surface_center(surface)]
     for _ in range(5):
         field = geodesic_distance_to_set(surface, np.array(chosen))
@@ -184,10 +184,10 @@ Shown = tuple[PaperTimes | None, tuple[str, ...]]
 def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
     """Write ``out / pictures``; return the times, and a sentence for each recording that failed.
 
-    The folder is empty if nothing can be shown. Pictures are of the last training recording, whose movements are the
-    fastest; if it fails, of the recording before it. The times are of another image, see ``_paper_size_times``; if
-    settings are not tuned, the run is only a check, and there are no times. Pictures that an earlier run made from the
-    same inputs are kept.
+    The folder is empty if nothing can be shown. Pictures are made from the last training recording, which has the
+    fastest movements; if this fails, from the recording before it. Times are measured on another image, see
+    ``_paper_size_times``. If settings are not tuned, the run is only a check, and no times are measured. Pictures that
+    an earlier run made from the same inputs are kept.
     """
     plan = spec.plan()
     known = shown_before(out, plan, trainers)
@@ -243,7 +243,7 @@ def _show_one(folder: Path, plan: Plan, clip: Clip) -> None:
             write_pictures(folder, prepared, trials[0.0], trials[middle], frame, plan)
 
 
-PAPER_SIZE: Final = "azure-kinect"  # camera that sees a person with as many pixels as the paper's mesh has nodes
+PAPER_SIZE: Final = "azure-kinect"  # camera in whose image a person has as many pixels as the paper's mesh has nodes
 
 
 def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
@@ -263,7 +263,7 @@ def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
 
 
 def _moving_frame(prepared: PreparedClip, cut: np.ndarray) -> int | None:
-    """Return the frame with the fastest motion, of all frames with a hole that follow a frame without a hole.
+    """Return the frame with the fastest motion among the frames with a hole whose previous frame has no hole.
 
     None if there is no such frame.
     """

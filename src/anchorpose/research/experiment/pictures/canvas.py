@@ -1,4 +1,4 @@
-"""Provide what all pictures share: two frames and their truth, reproducible figures, a level view, shaded meshes."""
+"""Provide what pictures have in common: frames with truth, reproducible figures, a level view and shaded meshes."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 
 DOTS_PER_INCH: Final = 110
-COLOURS: Final = 256  # largest number of colours in a PNG with a palette
+COLOURS: Final = 256  # maximum number of colours in a PNG with a palette
 BLUE, VERMILLION, GREEN = as_hex(Ink.BLUE), as_hex(Ink.VERMILLION), as_hex(Ink.GREEN)
 BARE: Final = np.array([0.86, 0.86, 0.86])
 """The colour of a mesh that shows only its shape."""
 
 # direction to the light (right, up, towards the viewer); it comes from above the viewer's left shoulder
 LAMP: Final = np.array([-0.35, 0.45, 0.82])
-AMBIENT: Final = 0.35  # share of the brightness that does not depend on the direction of the light
+AMBIENT: Final = 0.35  # share of the brightness that is independent of the light's direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ class Picture:
 
     file: str
     caption: str
-    section: str  # its section on the page
+    section: str  # section of the page that contains the picture
     figure: Figure
 
 
@@ -51,7 +51,7 @@ class Picture:
 class View:
     """A level view with parallel rays, from the side of the camera."""
 
-    axes: np.ndarray  # (3, 3), world; rows point to the right, up and towards the viewer
+    axes: np.ndarray  # (3, 3), world; the rows are the directions to the right, up and towards the viewer
 
     def flat_m(self, points_m: np.ndarray, shift_m: float = 0.0) -> np.ndarray:
         """Return (..., 2) metres to the right and up; ``shift_m`` is added to the metres to the right."""
@@ -101,7 +101,7 @@ def blank_figure(width_in: float, height_in: float) -> Figure:
 
 
 def as_png(figure: Figure) -> bytes:
-    """Encode with at most ``COLOURS`` colours, in a third of the size, so that a page can contain all pictures.
+    """Return the figure as a PNG with at most ``COLOURS`` colours, so that a page can contain all pictures.
 
     The same figure gives the same bytes, since the file has no date and no version.
     """
@@ -111,7 +111,7 @@ def as_png(figure: Figure) -> bytes:
     canvas, buffer = FigureCanvasAgg(figure), io.BytesIO()
     canvas.draw()
     drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-    # this method keeps the colours of small marks
+    # this method of quantisation keeps the colours of small marks
     palette = drawn.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
     palette.save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
@@ -132,7 +132,7 @@ def draw_mesh(axes: Axes, view: View, surface: Surface, colour: np.ndarray = BAR
 
 
 def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) -> None:
-    """Set equal scales, limits that contain all the shifted surfaces, and no frame."""
+    """Set equal scales and limits that contain all shifted surfaces, and draw no frame."""
     places = [view.flat_m(surface.points_m, shift_m) for surface, shift_m in surfaces if len(surface)]
     if places:
         together = np.concatenate(places)
@@ -140,7 +140,7 @@ def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) ->
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    # set_axis_off is not used: the layout would leave no room for the title
+    # not by set_axis_off, with which the layout would leave no space for the title
     axes.set(xticks=[], yticks=[], frame_on=False)
 
 

@@ -30,7 +30,7 @@ COLOURS: Final = (
     "#117733",
     "#aa4499",
 )
-"""Colours of the subsets: ten subsets of three of the five anchors, and two for pieces behind a cut.
+"""Colours of the ten subsets of three of the five anchors, and of two subsets for pieces that a hole cuts off.
 
 They are Okabe and Ito's colours, and two of Paul Tol's muted colours.
 """

@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 
 SECTION: Final = "matches"
-ALONE = "match"  # section of the pictures of single methods, which are only files; the page shows the sheets
-DRAWN_SHARE: Final = 0.01  # share of the matches that is drawn, as in the paper; more lines would hide each other
-RIGHT_M: Final = 0.05  # m, largest error of a right match: the paper's bound on the error of an anchor
+ALONE = "match"  # section of the pictures of single methods, which are only files: the page shows sheets of them
+DRAWN_SHARE: Final = 0.01  # share of the matches that are drawn, as in the paper; more lines would hide each other
+RIGHT_M: Final = 0.05  # m, maximum error of a right match: the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17
 PAPER_ORDER: Final = ("fpfh", "rops", "shot", "shape-context", "hks", "si-hks", "wks", "anchors")
 COLUMNS: Final = 4
-TITLE_LETTERS: Final = 36  # largest length of a title on the sheet
+TITLE_LETTERS: Final = 36  # maximum number of letters of a title on the sheet
 BY_TREE: Final = (
     " A method with several hypotheses per node is shown with the one that its track tree chooses, which uses the"
     " predicted movement; all others with the nearest descriptor."
@@ -48,12 +48,12 @@ class Pairs:
     key: str
     title: str
     match: np.ndarray  # (n,), node of the second surface, -1 = none
-    error_m: np.ndarray  # (n,), distance from the node's true place, seen or not; NaN without a match or truth
+    error_m: np.ndarray  # (n,), distance of the match from the true place, seen or hidden; NaN without a match or truth
     by_tree: bool = False  # whether the track tree chose the matches from several hypotheses
 
     @property
     def right(self) -> np.ndarray:
-        """Return (n,) bool: nodes that are matched with the right place."""
+        """Return (n,) bool: nodes whose match is less than ``RIGHT_M`` from the true place."""
         return self.error_m < RIGHT_M
 
 
@@ -82,14 +82,14 @@ def chosen_match(found: Matches) -> tuple[np.ndarray, bool]:
 
 
 def on_patient(moment: Moment) -> np.ndarray:
-    """Return (n,) bool: nodes of the first frame that have a true place in the second, seen or not."""
+    """Return (n,) bool: nodes of the first frame that have a true place in the second, seen or hidden."""
     return np.asarray(np.isfinite(moment.truth.place_m).all(axis=1))
 
 
 def draw_nodes(known: np.ndarray) -> np.ndarray:
-    """Return one per cent of the nodes, (k,), drawn at random from the known nodes (n,) bool.
+    """Return one per cent of the known nodes, (k,), drawn at random. known: (n,) bool.
 
-    They are the same for all methods.
+    The drawn nodes are the same for all methods.
     """
     count = min(int(np.ceil(DRAWN_SHARE * len(known))), int(known.sum()))
     rng = np.random.default_rng(DRAW_SEED)

@@ -26,10 +26,10 @@ from anchorpose.research.geodesic_solvers import Solver
 from anchorpose.research.occlusion import border_is_covered, light_from, occlude
 from anchorpose.surface.surface import Surface
 
-SHOWN_M: Final = 0.10  # m, distortion at which the colour scale ends
-ANCHOR: Final = VERMILLION  # red in the paper
-BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"  # yellow and black in the paper
-LEAST_BLUE: Final = 0.25  # start of the scale, so that any distortion differs visibly from the bare mesh
+SHOWN_M: Final = 0.10  # m, distortion at the upper end of the colour scale
+ANCHOR: Final = VERMILLION  # colour of the anchor, which is red in the paper
+BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"  # bright is yellow in the paper, shadowed is black
+LEAST_BLUE: Final = 0.25  # share of blue at the start of the scale, at which a distortion is visible on the bare mesh
 CUT_OFF: Final = (0.80, 0.47, 0.65)
 
 
@@ -40,7 +40,7 @@ def draw_light(axes: Axes, view: View, light: Light, node: int, title: str) -> N
     for edges, colour, width in (
         (occlusion.boundary.edges, NEITHER, 1.5),
         (light.shadowed_boundary.edges, SHADOWED, 2.6),
-        (light.bright.edges, SHADOWED, 4.2),  # a rim, so that yellow is seen on grey
+        (light.bright.edges, SHADOWED, 4.2),  # a dark rim, so that yellow is visible on grey
         (light.bright.edges, BRIGHT, 2.6),
     ):
         _draw_edges(axes, view, occlusion, edges, colour, width)
@@ -68,8 +68,8 @@ def _draw_distortion(axes: Axes, view: View, occlusion: Occlusion, distortion_m:
 def colour_of(distortion_m: np.ndarray, tolerance_m: float) -> np.ndarray:
     """Return the colours (n, 3), 0 to 1, of nodes with these distortions.
 
-    Up to the tolerance it is the colour of the bare mesh, then blue that deepens up to ``SHOWN_M``. Nodes that are cut
-    off have another colour.
+    Up to the tolerance, nodes have the colour of the bare mesh; then they are blue, the deeper the greater the
+    distortion, up to ``SHOWN_M``. Nodes that are cut off have another colour.
     """
     from matplotlib import colormaps
 
@@ -109,7 +109,7 @@ def explain(figure: Figure, *axes: Axes) -> None:
 
 
 SECTION: Final = "regions"
-TOLERANCE_M: Final = 0.004  # m, fast marching's own error between two meshes
+TOLERANCE_M: Final = 0.004  # m, difference between fast marching on two meshes of the same surface
 TITLES: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left foot", "right foot"), strict=True))
 COLUMNS: Final = 3
 COLOURS: Final = (
@@ -132,7 +132,7 @@ class HoledFrame:
 
     @property
     def hidden(self) -> np.ndarray:
-        """Return (n,) bool: nodes whose pixel the hole removes."""
+        """Return (n,) bool: nodes whose pixels the hole removes."""
         first = self.surface.camera == 0
         row, column = self.surface.pixel[first].T
         hidden = np.zeros(len(self.surface), bool)

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 SECTION: Final = "tracked"
 MOMENTS: Final = 4
-APART: Final = 3  # frames from one moment to the next; at ten frames per second, the body then has moved visibly
+APART: Final = 3  # number of frames between two moments; at ten frames per second, the body has then moved visibly
 KINDS: Final = (("tracked", GREEN, "^", 5.0), ("predicted", VERMILLION, "x", 5.0), ("truth", BLUE, "o", 7.0))
-"""Kind of joints, colour, marker and size; marks of the truth are hollow and drawn above the others."""
+"""Kind of joints, colour, marker and size. Marks of the truth are hollow and are drawn above the others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +79,7 @@ def follow(
 
 
 def _joints(tracker: PatientTracker) -> np.ndarray:
-    """Return the predicted joints (21, 3) of the frame that is registered next."""
+    """Return the joints (21, 3) that are predicted for the next frame."""
     pose = tracker.predict(1)[0]
     return tracker.body.joints(pose)
 
