@@ -29,7 +29,7 @@ from anchorpose.surface.surface import Surface
 SHOWN_M: Final = 0.10  # m, distortion at the upper end of the colour scale
 ANCHOR: Final = VERMILLION  # colour of the anchor, which is red in the paper
 BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"  # bright is yellow in the paper, shadowed is black
-LEAST_BLUE: Final = 0.25  # share of blue at the start of the scale, at which a distortion is visible on the bare mesh
+LEAST_BLUE: Final = 0.25  # place in the colour map where the scale starts; even a small distortion is visible there
 CUT_OFF: Final = (0.80, 0.47, 0.65)
 
 
