@@ -90,8 +90,7 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
     expected = expected.moved(step) if step.any() else expected
     others = bystanders_placed(before.bystanders, memory, pieces, run.room.cameras, elapsed_s)
     apart = _not_in(others, expected.skin.points_m.mean(axis=0))
-    views = _separated(pieces, expected, memory, apart, elapsed_s, run)
-    views = _without_others(pieces, views, expected, first_free(memory, elapsed_s), frame_set.frame, run)
+    views = _separated(pieces, expected, memory, apart, frame_set.frame, elapsed_s, run)
     bystanders = see_bystanders(others, views, elapsed_s, run)
     return _isolated(pieces, views, memory, bystanders, elapsed_s, run), step
 
@@ -139,30 +138,17 @@ def _separated(
     expected: Expectation,
     memory: BystanderMemory,
     bystanders: Bystanders,
+    frame: int,
     elapsed_s: float,
     run: Run,
 ) -> tuple[View | None, ...]:
     """Label the pixels of all people; elapsed_s: time since the frame in which the bystanders' bodies were fitted."""
     with run.stage("isolation"):
         others = bystander_likelihood(bystanders, body_points(), elapsed_s)
-        likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
-        return separate(pieces, memory, likelihood, elapsed_s, run.room.cameras)
-
-
-def _without_others(
-    pieces: Sequence[Pieces | None],
-    views: Sequence[View | None],
-    expected: Expectation,
-    free: int,
-    frame: int,
-    run: Run,
-) -> tuple[View | None, ...]:
-    """Return the views without other people among the patient's pixels (``one_patient``). free: first unused label."""
-    with run.stage("isolation"):
-        free = max(free, *(int(view.labels.max(initial=0)) + 1 for view in views if view is not None), free)
-        skin_m = patient_likelihood(expected, run.config.isolation).points_m
-        place_xz_m = expected.skin.points_m.mean(axis=0)[[0, 2]]
-        return one_patient(pieces, views, run.room.cameras, skin_m, place_xz_m, free, is_described(frame))
+        mine = patient_likelihood(expected, run.config.isolation)
+        views = separate(pieces, memory, join_likelihoods([others, mine]), elapsed_s, run.room.cameras)
+        place_xz_m, free = expected.skin.points_m.mean(axis=0)[[0, 2]], first_free(memory, elapsed_s)
+        return one_patient(pieces, views, run.room.cameras, mine.points_m, place_xz_m, free, is_described(frame))
 
 
 def see_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:

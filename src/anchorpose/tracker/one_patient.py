@@ -39,7 +39,8 @@ def one_patient(
     finds one person as two, the rough bodies join them (``see_people_apart``). The patient is the person with most
     surface near the expected place. Another person gets a new label if enough surface for a person is seen or, if many
     pixels lie off the expected skin, if most of this person's pixels do. skin_m (s, 3): the patient's skin where its
-    expected place is certain; place_xz_m (2,): the expected place over the ground; free: the first unused label.
+    expected place is certain; place_xz_m (2,): the expected place over the ground; free: the least label
+    that is unused in earlier frames.
     """
     theirs = [_patient_pixels(pixels, view) for pixels, view in zip(pieces, views, strict=True)]
     skin = cKDTree(skin_m) if len(skin_m) else None
@@ -54,8 +55,9 @@ def one_patient(
     others[_nearest(people, place_xz_m)] = False
     if not others.any():
         return tuple(views)
+    first = max([free, *(int(view.labels.max()) + 1 for view in views if view is not None)])
     label = np.full(len(others) + 1, PixelLabel.PATIENT, np.int64)
-    label[:-1][others] = np.minimum(free + np.arange(others.sum()), LAST_LABEL)
+    label[:-1][others] = np.minimum(first + np.arange(others.sum()), LAST_LABEL)
     label[-1] = NOBODY
     return tuple(
         view if pixels is None or view is None or of is None else _split(pixels, view, label[of])
