@@ -272,3 +272,16 @@ def test_a_patient_who_is_expected_elsewhere_does_not_become_a_new_person():
     (view,) = separate(pieces, memory, skin_likelihood(*body(0.0, 1.2)), A_FRAME_S, CAMERAS)
     assert (view.labels < OTHER).all()
     assert view.patient.sum() > 0.95 * len(pieces[0].row)
+
+
+def test_a_piece_that_had_the_patients_label_by_mistake_does_not_keep_it():
+    """It lies on no expected skin and touches nobody: only the mistake of the frame before speaks for it."""
+    thing = pillar(-0.6, 0.9)
+    pieces = pieces_of(*body(0.0, 0.0), thing)
+    labels = pieces[0].labels.copy()
+    labels[pieces[0].row, pieces[0].column] = PATIENT
+    mistaken = (View(pieces[0].depth_m, labels),)
+    memory = update_memory(empty_memory(), pieces, mistaken, [FRONT], 0.0)
+    (view,) = separate(pieces, memory, skin_likelihood(*body(0.0, 0.0)), A_FRAME_S, CAMERAS)
+    assert not view.patient[shown(thing, *body(0.0, 0.0))].any()
+    assert view.patient[in_front(FRONT, *body(0.0, 0.0))].mean() > 0.95

@@ -22,14 +22,17 @@ def expectation(sigma_m: np.ndarray, frames_without_fit: int = 0) -> Expectation
 
 def test_the_spread_is_the_uncertainty_of_the_skin() -> None:
     sigma = np.linspace(0.0, 0.9 * LOOSEST_SKIN_M, len(points().part))
-    likelihood = patient_likelihood(expectation(sigma, 2), CONFIG)
+    likelihood, hidden = patient_likelihood(expectation(sigma, 2), CONFIG)
     spread = CONFIG.skin_sigma_m + 2 * UNFITTED_M
     np.testing.assert_allclose(likelihood.sigma_m, np.hypot(spread, sigma), rtol=1e-6)
     assert (likelihood.owner == PixelLabel.PATIENT).all()
+    assert not len(hidden.part)
 
 
 def test_a_limb_that_may_be_anywhere_has_no_likelihood() -> None:
     shank = points().part == points().asset.bone("RightLeg")
     expected = expectation(np.where(shank, 1.01 * LOOSEST_SKIN_M, 0.005))
-    likelihood = patient_likelihood(expected, CONFIG)
+    likelihood, hidden = patient_likelihood(expected, CONFIG)
     np.testing.assert_array_equal(likelihood.points_m, expected.skin.points_m[~shank])
+    np.testing.assert_array_equal(hidden.points_m, expected.skin.points_m[shank])
+    assert len(np.unique(hidden.part)) == 1

@@ -127,3 +127,22 @@ def test_bodies_give_back_what_grew_over_people_who_touch(away_m):
         )
 
     assert wrong(again) < 0.7 * wrong(first)
+
+
+def test_a_person_without_a_body_keeps_their_pixels():
+    """A head behind the patient is too little for a body; it has a label since the descriptor found a person there."""
+    behind = stepped(standing(), -0.8, 0.0, 0.45)
+    depths, truth = photographed(standing(), behind)
+    pieces = find_all_pieces(FrameSet(frame=0, time_s=0.0, depths_m=tuple(depths)), SCENES)
+    views = list[View]()
+    for pixels, who in zip(pieces, truth, strict=True):
+        assert pixels is not None
+        part = (who == 2) & (np.arange(who.shape[0])[:, None] < np.flatnonzero((who == 2).any(axis=1))[0] + 12)
+        labels = np.where(who == 1, PixelLabel.PATIENT, np.where(part, 7, pixels.labels)).astype(np.uint8)
+        views.append(View(pixels.depth_m, labels))
+    patient = rough_person(views, CAMERAS, PixelLabel.PATIENT)
+    assert patient is not None
+    again = label_by_bodies(pieces, tuple(views), patient, Bystanders(), CAMERAS)
+    for before, after in zip(views, again, strict=True):
+        assert after is not None
+        assert (after.labels[before.labels == 7] == 7).mean() > 0.9

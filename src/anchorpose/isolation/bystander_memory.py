@@ -83,6 +83,23 @@ def empty_memory() -> BystanderMemory:
     )
 
 
+def memory_of(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> BystanderMemory:
+    """Return the memory of a single frame: the people's pixels in every third row and column."""
+    points, owners = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
+    for pixels, view in zip(pieces, views, strict=True):
+        if pixels is None or view is None:
+            continue
+        chosen = pixels.index[::SAMPLE_PX, ::SAMPLE_PX]
+        chosen = chosen[chosen >= 0]
+        owner = view.labels[pixels.row[chosen], pixels.column[chosen]]
+        person = owner >= PixelLabel.PATIENT
+        points.append(pixels.points_m[chosen[person]])
+        owners.append(owner[person])
+    points_m, owner = np.concatenate(points), np.concatenate(owners)
+    next_label = max(int(PixelLabel.OTHER_PERSON), int(owner.max(initial=0)) + 1)
+    return BystanderMemory(points_m, owner, np.zeros(len(owner), np.float32), next_label)
+
+
 def update_memory(
     before: BystanderMemory,
     pieces: Sequence[Pieces | None],
@@ -95,30 +112,15 @@ def update_memory(
     Skin that is hidden from all cameras is remembered for ``MEMORY_S``; skin that a camera sees past is forgotten.
     Clusters too small to be a person are dropped, so that an arm or head with a wrong label does not keep it.
     """
-    points, owner = _seen_now(pieces, views)
-    kept = _hidden_since(before, points, pieces, cameras, elapsed_s)
+    now = memory_of(pieces, views)
+    kept = _hidden_since(before, now.points_m, pieces, cameras, elapsed_s)
     memory = BystanderMemory(
-        np.concatenate([points, kept.points_m]),
-        np.concatenate([owner, kept.owner]),
-        np.concatenate([np.zeros(len(points), np.float32), kept.age_s]),
-        max(before.next_label, int(owner.max(initial=0)) + 1),
+        np.concatenate([now.points_m, kept.points_m]),
+        np.concatenate([now.owner, kept.owner]),
+        np.concatenate([now.age_s, kept.age_s]),
+        max(before.next_label, now.next_label),
     )
     return memory._of(_in_large_clusters(memory))
-
-
-def _seen_now(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> tuple[np.ndarray, np.ndarray]:
-    """Return points_m (n, 3) and owner (n,) of the people's pixels in every third row and column."""
-    points, owners = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
-    for pixels, view in zip(pieces, views, strict=True):
-        if pixels is None or view is None:
-            continue
-        chosen = pixels.index[::SAMPLE_PX, ::SAMPLE_PX]
-        chosen = chosen[chosen >= 0]
-        owner = view.labels[pixels.row[chosen], pixels.column[chosen]]
-        person = owner >= PixelLabel.PATIENT
-        points.append(pixels.points_m[chosen[person]])
-        owners.append(owner[person])
-    return np.concatenate(points), np.concatenate(owners)
 
 
 def _hidden_since(

@@ -86,8 +86,7 @@ def separate(
     grid = sort_likelihood(likelihood) if len(likelihood) else None
     decided = each(lambda pixels: _decided(pixels, grid), shown)
     owners = without_strays(shown, _with_detached(shown, _grown(shown, decided)))
-    owners = _with_remembered_patient(shown, owners, memory.points_m[memory.owner == PixelLabel.PATIENT])
-    owners = _with_newcomers(shown, of_shown, owners, first_free(memory, elapsed_s))
+    owners = _with_newcomers(shown, of_shown, owners, first_free(memory, elapsed_s), memory)
     owners = owners if expected is None else without_parts(shown, owners, expected)
     return _views(pieces, owners)
 
@@ -146,28 +145,16 @@ def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.nd
     return assigned
 
 
-def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], skin_m: np.ndarray) -> list[np.ndarray]:
-    """Return the owners after unowned pixels near the patient's skin (p, 3) of the last frame got the patient's label.
-
-    So the patient does not become a new person if the prediction is wrong, nor does a part of the patient that was
-    hidden before. Other people keep their pixels.
-    """
-    if not len(skin_m) or not any((owner == NOBODY).any() for owner in owners):
-        return owners
-    tree, found = cKDTree(skin_m), []
-    for pixels, owner in zip(shown, owners, strict=True):
-        unowned = np.flatnonzero(owner == NOBODY)
-        away, _ = tree.query(pixels.points_m[unowned], distance_upper_bound=ON_SKIN_M)
-        given = owner.copy()
-        given[unowned[np.isfinite(away)]] = PixelLabel.PATIENT
-        found.append(grow_regions(pixels, given) if np.isfinite(away).any() else given)
-    return found
-
-
 def _with_newcomers(
-    shown: Sequence[Pieces], cameras: Sequence[Camera], owners: list[np.ndarray], next_label: int
+    shown: Sequence[Pieces],
+    cameras: Sequence[Camera],
+    owners: list[np.ndarray],
+    next_label: int,
+    memory: BystanderMemory,
 ) -> list[np.ndarray]:
-    """Return the owners with a new label for each person who has mostly unowned pixels."""
+    """Return the owners with a new label for each person who has mostly unowned pixels; with the patient's label if
+    most of these lie where the patient was seen last, since then the patient's prediction was wrong.
+    """
     free = [owner == NOBODY for owner in owners]
     if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, free, strict=True)) < PERSON_AREA_M2:
         return owners
@@ -182,10 +169,24 @@ def _with_newcomers(
     if not len(new):
         return owners
     label = np.full(count, NOBODY, np.uint8)
-    label[new] = np.minimum(next_label + np.arange(len(new)), LAST_LABEL)
+    first_seen = np.minimum(next_label + np.arange(len(new)), LAST_LABEL)
+    label[new] = np.where(_where_patient_was(shown, of_pixels, free, memory)[new], PixelLabel.PATIENT, first_seen)
     return _grown(
         shown, [np.where(own, label[of], owner) for own, of, owner in zip(free, of_pixels, owners, strict=True)]
     )
+
+
+def _where_patient_was(
+    shown: Sequence[Pieces], of_pixels: Sequence[np.ndarray], free: Sequence[np.ndarray], memory: BystanderMemory
+) -> np.ndarray:
+    """Return (k,) bool: people most of whose ``free`` pixels lie on the patient's skin that was seen last."""
+    skin = cKDTree(memory.points_m[memory.owner == PixelLabel.PATIENT])
+    of = np.concatenate([number[own] for number, own in zip(of_pixels, free, strict=True)])
+    places_m = np.concatenate([pixels.points_m[own] for pixels, own in zip(shown, free, strict=True)])
+    away_m, _ = skin.query(places_m, distance_upper_bound=ON_SKIN_M)
+    found = of >= 0
+    on_skin = np.bincount(of[found], np.isfinite(away_m[found]))
+    return np.asarray(on_skin > 0.5 * np.bincount(of[found]))
 
 
 def _views(pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray]) -> tuple[View | None, ...]:

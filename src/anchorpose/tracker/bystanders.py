@@ -29,7 +29,7 @@ from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.shape_prior import child_belief, shape_of_height
 from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
-from anchorpose.isolation.bystander_memory import MEMORY_S, BystanderMemory, empty_memory, update_memory
+from anchorpose.isolation.bystander_memory import MEMORY_S, BystanderMemory, memory_of
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.separation import separate
@@ -199,7 +199,7 @@ def label_by_bodies(
     """
     posed = Bystander(PixelLabel.PATIENT, patient.body, patient.found.belief, np.zeros(POSE_SIZE), 1.0)
     likelihood = bystander_likelihood(Bystanders((posed, *bystanders.followed)), body_points(), 0.0)
-    return separate(pieces, update_memory(empty_memory(), pieces, views, cameras, 0.0), likelihood, 0.0, cameras)
+    return separate(pieces, memory_of(pieces, views), likelihood, 0.0, cameras)
 
 
 def _labels(views: Sequence[View | None]) -> list[int]:

@@ -10,11 +10,13 @@ from itertools import compress, pairwise
 import numpy as np
 
 from anchorpose.body.evidence import gather_evidence
+from anchorpose.body.explanation import segment_of_points
 from anchorpose.body.kinematics import missing_anchors
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, body_points
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
+from anchorpose.isolation.hidden_limbs import HiddenSkin, label_hidden_limbs
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.people import IsolationConfig, PatientChoice
 from anchorpose.isolation.scene import Pieces, find_all_pieces
@@ -121,16 +123,18 @@ def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pie
     return step_onto(front, seen_m, pieces, cameras)
 
 
-def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
-    """Return the likelihood that a place belongs to the patient, by the predicted skin.
+def patient_likelihood(expected: Expectation, config: IsolationConfig) -> tuple[OwnershipLikelihood, HiddenSkin]:
+    """Return the likelihood that a place belongs to the patient, by the predicted skin, and the hidden skin.
 
-    A limb that has been hidden for long is left out, since any surface near its predicted place would be taken for the
-    limb. When the limb reappears, its connection to the patient's surface shows that it is the patient's.
+    A limb that has been hidden for long is not in the likelihood, since any surface near its predicted place would be
+    taken for the limb. When the limb reappears, its connection to the patient's surface shows that it is the patient's,
+    or the place of a whole piece does (``label_hidden_limbs``).
     """
     spread = config.skin_sigma_m + UNFITTED_M * expected.frames_without_fit
-    sure = expected.sigma_m < LOOSEST_SKIN_M
-    sigma = np.hypot(spread, expected.sigma_m[sure]).astype(np.float32)
-    return OwnershipLikelihood(expected.skin.points_m[sure], np.full(len(sigma), PixelLabel.PATIENT, np.uint8), sigma)
+    sure, sigma = expected.sigma_m < LOOSEST_SKIN_M, np.hypot(spread, expected.sigma_m)
+    points_m, owner = expected.skin.points_m, np.full(int(sure.sum()), PixelLabel.PATIENT, np.uint8)
+    hidden = HiddenSkin(points_m[~sure], sigma[~sure], segment_of_points(body_points())[~sure])
+    return OwnershipLikelihood(points_m[sure], owner, sigma[sure].astype(np.float32)), hidden
 
 
 def _separated(
@@ -145,8 +149,9 @@ def _separated(
     """Label the pixels of all people; elapsed_s: time since the frame in which the bystanders' bodies were fitted."""
     with run.stage("isolation"):
         others = bystander_likelihood(bystanders, body_points(), elapsed_s)
-        mine = patient_likelihood(expected, run.config.isolation)
+        mine, hidden = patient_likelihood(expected, run.config.isolation)
         views = separate(pieces, memory, join_likelihoods([others, mine]), elapsed_s, run.room.cameras)
+        views = label_hidden_limbs(pieces, views, hidden)
         place_xz_m, free = expected.skin.points_m.mean(axis=0)[[0, 2]], first_free(memory, elapsed_s)
         return one_patient(pieces, views, run.room.cameras, mine.points_m, place_xz_m, free, is_described(frame))
 

@@ -1,0 +1,66 @@
+"""Label separate pieces of surface as the patient's hidden limbs: for example, a foot below a therapist who kneels in
+front of the patient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.threads import each
+
+# 1/m3, density of pieces of other people and things near a patient in simulated clinics (1 to 3)
+CLUTTER_PER_M3: Final = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HiddenSkin:
+    """The expected skin of limbs whose place is too uncertain to decide the owner of single pixels."""
+
+    points_m: np.ndarray  # (n, 3) world
+    sigma_m: np.ndarray  # (n,) standard deviation of the skin about the point
+    part: np.ndarray  # (n,) int, the part of the body to which the point belongs
+
+    def density(self, places_m: np.ndarray) -> np.ndarray:
+        """Return (m,) 1/m3: the probability density of the centre of a visible piece of the most likely part, at each
+        place (m, 3). A piece may show any point of its part.
+        """
+        away2 = ((places_m[:, None] - self.points_m) ** 2).sum(axis=2)
+        normal = np.exp(-0.5 * away2 / self.sigma_m**2) / (np.sqrt(2.0 * np.pi) * self.sigma_m) ** 3
+        belongs = self.part[:, None] == np.unique(self.part)
+        return np.asarray((normal @ (belongs / belongs.sum(axis=0))).max(axis=1, initial=0.0))
+
+
+def label_hidden_limbs(
+    pieces: Sequence[Pieces | None], views: Sequence[View | None], hidden: HiddenSkin
+) -> tuple[View | None, ...]:
+    """Return the views after separate pieces without a person got the patient's label, where a hidden limb is more
+    probable than an unknown object.
+
+    The label lets the body be registered to the piece. If no pose of the limb explains the piece, it stays uncovered.
+    """
+
+    def labelled(pixels: Pieces | None, view: View | None) -> View | None:
+        return view if pixels is None or view is None else _label(pixels, view, hidden)
+
+    return tuple(each(labelled, pieces, views) if len(hidden.part) else views)
+
+
+def _label(pixels: Pieces, view: View, hidden: HiddenSkin) -> View:
+    free = np.flatnonzero(view.labels[pixels.row, pixels.column] == PixelLabel.CLUTTER)
+    piece, count = pixels.piece[free], pixels.piece_count + 1
+    large = np.flatnonzero(np.bincount(piece, pixels.area_m2[free], count) >= SMALLEST_PIECE_M2)
+    sums = [np.bincount(piece, pixels.points_m[free, axis], count) for axis in range(3)]
+    centre_m = np.stack(sums, axis=1)[large] / np.bincount(piece, minlength=count)[large, None]
+    limb = large[hidden.density(centre_m) > CLUTTER_PER_M3]
+    if not len(limb):
+        return view
+    shown = free[np.isin(piece, limb)]
+    labels = view.labels.copy()
+    labels[pixels.row[shown], pixels.column[shown]] = PixelLabel.PATIENT
+    return View(view.depth_m, labels)
