@@ -43,7 +43,7 @@ class FollowConfig:
     tree_nodes: Count = 800  # number of source nodes of the track tree, 40 per body part
     history: Count = 12  # number of frames kept for the motion dynamics
     samples: Count = 16  # number of frames read before tracking, to find the background and the people who stay
-    lost_sigma_m: Positive = 0.25  # m, half a forearm; a joint with a larger sigma is reported as lost
+    lost_sigma_m: Positive = 0.25  # m, a forearm; a joint with a larger sigma is reported as lost
     lost_after_s: Positive = 1.0  # s; after this time without evidence, the whole patient is searched for again
     # whether a body is fitted to each other person and followed; False = only their last skin is kept
     bystanders: bool = True
