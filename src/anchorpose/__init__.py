@@ -1,7 +1,7 @@
-"""Markerless clinical motion capture: depth recordings to 21 joints, each with its state and uncertainty.
+"""Find 21 joints of a patient in depth recordings without markers, each joint with its state and uncertainty.
 
-``track`` a recording, ``open`` its results, or give a ``Tracker`` one frame after another (docs/python.md). Names are
-imported when they are first used; their types are in ``__init__.pyi``.
+Programs call ``track`` on a recording, ``open`` its results, or give a ``Tracker`` one frame after another
+(docs/python.md). A public name is imported when it is first used; ``__init__.pyi`` tells type checkers the types.
 """
 
 from importlib import import_module
@@ -9,7 +9,7 @@ from typing import Any, Final
 
 __version__ = "1.0.0rc1"
 
-_PLACES: Final = {
+_PLACES: Final = {  # the module of each public name
     "AnchorposeError": "errors",
     "Camera": "camera",
     "DepthImages": "api.arrays",

@@ -27,44 +27,44 @@ class Camera:
         return self.require_pose()[:3, 3]
 
     def require_pose(self) -> np.ndarray:
-        """Return T_world_camera; raises ValueError if it is unknown: no stage may invent a pose."""
+        """Return T_world_camera; raises ValueError if it is unknown, since no stage may invent a pose."""
         if self.T_world_camera is None:
             raise ValueError(f"the pose of camera {self.name} is unknown")
         return self.T_world_camera
 
     def share_in_image(self, places_m: np.ndarray) -> float:
-        """Return which share (0 to 1) of the world points (n, 3) lies inside this camera's image; raises as
-        ``require_pose``.
+        """Return the share (0 to 1) of the world points (n, 3) that lies inside this camera's image; raises ValueError
+        if the pose is unknown.
         """
         return float(self.pixel_of(transform_points(invert_rigid(self.require_pose()), places_m))[2].mean())
 
     def pixel_rays(self) -> np.ndarray:
-        """Return the ray of each pixel (height, width, 2) float32, read only: x/z and y/z; NaN where the pixel has no
-        ray.
+        """Return the ray of each pixel (height, width, 2) float32, read only: x/z and y/z in the camera frame; NaN
+        beyond the lens's valid radius.
         """
         return _pixel_rays(self.intrinsics, self.width, self.height)
 
     def valid_pixels(self) -> np.ndarray:
-        """Return (height, width) bool, read only: pixels that have a ray."""
+        """Return (height, width) bool, read only: pixels within the lens's valid radius, which have a ray."""
         return _valid_pixels(self.intrinsics, self.width, self.height)
 
     def back_project(self, depth_m: np.ndarray) -> np.ndarray:
-        """Convert a depth image (height, width) in metres to camera points (height, width, 3) float32; NaN where depth
-        is 0.
+        """Convert a depth image (height, width) in metres to points (height, width, 3) float32 in the camera frame; NaN
+        where depth is 0.
         """
         depth = np.where(depth_m > 0, depth_m, np.nan).astype(np.float32)
         return np.concatenate([self.pixel_rays() * depth[..., None], depth[..., None]], axis=-1)
 
     def project(self, points_camera_m: np.ndarray) -> np.ndarray:
-        """Project camera points (n, 3) to pixels (n, 2) (column, row), distorted; NaN behind the camera and beyond the
-        lens's valid radius.
+        """Project points (n, 3) in the camera frame to pixels (n, 2), column and row, including the lens's distortion;
+        NaN behind the camera and beyond the lens's valid radius.
         """
         points = np.asarray(points_camera_m, dtype=np.float64).reshape(-1, 3)
         return project(points, lens_array(self.intrinsics))
 
     def pixel_of(self, points_camera_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the column and row (n,) int64 of each point's pixel, and (n,) bool: whether the point is in the image.
-        Column and row are 0 where it is not.
+        Column and row of a point outside the image are 0.
         """
         place = self.project(points_camera_m)
         place = np.where(np.isfinite(place), np.clip(place, -1e6, 1e6), -1.0)
@@ -73,11 +73,11 @@ class Camera:
         return np.where(inside, column, 0), np.where(inside, row, 0), inside
 
     def look(self, points_m: np.ndarray, depth_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compare points (n, 3) in the world with a depth image (height, width).
+        """Compare points (n, 3) in the world with this camera's depth image (height, width).
 
-        Return three arrays (n,): the depth of each point in this camera in metres, the depth image's reading at its
-        pixel, and whether the point is in the image. The reading of a point outside is that of pixel 0, 0. Raises as
-        ``require_pose``.
+        Return three arrays (n,): the depth of each point in this camera in metres, the depth image's reading at the
+        point's pixel, and whether the point is in the image. For a point outside the image, the reading is that of
+        pixel (0, 0) and means nothing. Raises ValueError if the camera's pose is unknown.
         """
         in_camera = transform_points(invert_rigid(self.require_pose()), points_m)
         column, row, inside = self.pixel_of(in_camera)

@@ -11,12 +11,12 @@ _SECRET: Final = re.compile(r"([?&][^=\s&]*(?:token|key|secret|sig|password|cred
 
 
 def without_password(text: str) -> str:
-    """Replace passwords and keys in the addresses of a text by three stars."""
+    """Replace passwords and keys in the addresses (URLs) that a text contains by three stars."""
     return _SECRET.sub(r"\1***", _PASSWORD.sub(r"\1:***@", text))
 
 
 def is_utf8(text: str) -> bool:
-    """Return whether a text can be written in UTF-8: file names and arguments may hold bytes that are not text."""
+    """Return whether a text can be written in UTF-8; file names and arguments may hold bytes that are not text."""
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:
@@ -25,10 +25,10 @@ def is_utf8(text: str) -> bool:
 
 
 class AnchorposeError(Exception):
-    """An error that the user can correct; the command line prints it and exits with 2."""
+    """An error that the user can correct; the command line prints its message and exits with status 2."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _made_again, (type(self), self.args, self.__dict__)  # worker processes pickle their errors
+        return _made_again, (type(self), self.args, self.__dict__)  # so that a worker process can pickle its error
 
 
 def _made_again(kind: type[AnchorposeError], args: tuple[object, ...], fields: dict[str, object]) -> AnchorposeError:
@@ -44,7 +44,7 @@ class InputError(AnchorposeError):
     def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
         self.path, self.problem, self.remedy = Path(without_password(str(path))), without_password(problem), remedy
         place = without_password(str(path))
-        super().__init__(f"{place}: {' '.join(self.problem.split())}; {remedy}.")  # a name may contain a line break
+        super().__init__(f"{place}: {' '.join(self.problem.split())}; {remedy}.")  # names may contain line breaks
 
 
 class MissingPackage(AnchorposeError):

@@ -28,14 +28,17 @@ JOINT_NAMES: Final = (
     "AnkleRight",
     "FootRight",
 )
-"""Kinect v2's 25 joints without hand tips and thumbs (paper, Section III: N_J = 21); left is the patient's left."""
+"""Names of the joints, in the order of all arrays of joints. They are the 25 joints of Kinect v2 without hand tips and
+thumbs (paper, Section III: N_J = 21); left is the patient's left.
+"""
 
 JOINT_COUNT: Final = len(JOINT_NAMES)
 
 JOINT_INDEX: Final = {name: index for index, name in enumerate(JOINT_NAMES)}
 
 ANCHOR_NAMES: Final = ("Head", "HandLeft", "HandRight", "FootLeft", "FootRight")
-"""Names of the anchors, in the order used everywhere. Each is an extremum of the body's surface at or near this joint.
+"""Names of the anchors, in the order used everywhere. An anchor is an extremum of the body's surface (a point farthest
+from the body's centre along the skin), at or near the joint of this name.
 """
 
 LIMBS: Final = tuple(
@@ -67,7 +70,7 @@ LIMBS: Final = tuple(
 
 
 class JointState(StrEnum):
-    """The way in which a joint was determined in a frame (the values of the results tables)."""
+    """The way in which a joint was determined in a frame; the values are the texts in the results tables."""
 
     OBSERVED = "observed"
     HIDDEN_BY_SELF = "hidden_by_self"
@@ -79,6 +82,6 @@ class JointState(StrEnum):
 
 
 STATE_CODE: Final = {state: code for code, state in enumerate(JointState)}
-"""State codes: 0 is observed. The less well a joint is known, the larger is its code; lost has the largest."""
+"""Code of each state in arrays, from 0 (observed) to 6 (lost); the less well a joint is known, the larger the code."""
 
 LOST: Final = STATE_CODE[JointState.LOST]

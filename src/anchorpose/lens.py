@@ -1,7 +1,7 @@
 """Compute lenses by OpenCV's models: from a ray to its pixel, and back (docs.opencv.org, calib3d and fisheye).
 
-A ray is x/z and y/z in the camera frame. Beyond a lens's valid radius its polynomial is no longer monotonic: pixels
-there have no ray (NaN), and rays there have no pixel.
+A ray is x/z and y/z in the camera frame. A lens is valid up to a radius, where its polynomial stops being monotonic or
+the maker's guarantee ends. Pixels beyond the valid radius have no ray (NaN), and rays beyond it have no pixel.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ NAMES: Final = {
     LensModel.RATIONAL: "k1, k2, p1, p2, k3, k4, k5, k6",
     LensModel.KANNALA_BRANDT: "k1, k2, k3, k4",
 }
-"""The coefficients in OpenCV's order."""
+"""The names of each model's coefficients in OpenCV's order, for messages."""
 
-WIDEST: Final = 8.0  # maximum radius of rays, in units of z: 83 degrees, wider than any depth camera's image
-_PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0
-_KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # indices in a lens array: model, valid radius, coefficients, tilt matrix
-_SIZE: Final = 27
+WIDEST: Final = 8.0  # maximum sqrt(x² + y²) / z of a ray: 83 degrees off the axis, wider than any depth camera's image
+_PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0  # kinds of lens, as numbers for a lens array
+_KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # indices in a lens array: kind, valid radius, coefficients, tilt matrix
+_SIZE: Final = 27  # length of a lens array
 _STEPS: Final = 20  # maximum number of steps of Newton's method; inside the valid radius, five are enough
-_EXACT_PX: Final = 1e-6
-# a column and row outside of every image; kernels convert it to an integer, which NaN does not allow
+_EXACT_PX: Final = 1e-6  # pixels, error of a ray's projection below which Newton's method has found the ray
+# column and row of a ray without a pixel, outside of every image; not NaN, since compiled code makes it an integer
 NOWHERE: Final = -1e6
 _SLOPE: Final = 1e-6  # step, in units of x/z, by which the derivative is computed numerically
 
@@ -48,8 +48,8 @@ _SLOPE: Final = 1e-6  # step, in units of x/z, by which the derivative is comput
 class Intrinsics:
     """A pinhole camera with OpenCV's distortion; pixel centres have whole-numbered coordinates.
 
-    valid_radius: radius of rays, in units of z, up to which the maker guarantees the coefficients (Azure Kinect's
-    "metric radius" is 1.74); None if unknown.
+    valid_radius: sqrt(x² + y²) / z of a ray up to which the maker guarantees the coefficients (Azure Kinect's "metric
+    radius" is 1.74); None if unknown.
     """
 
     fx: float
@@ -68,7 +68,7 @@ class Intrinsics:
 
 @lru_cache(maxsize=32)
 def lens_array(lens: Intrinsics) -> np.ndarray:
-    """Return the lens (27,) float64, read only, for kernels: fx, fy, cx, cy first; the rest is for ``pixel_of_ray``."""
+    """Return the lens (27,) float64, read only, for compiled code: fx, fy, cx, cy, then what ``pixel_of_ray`` needs."""
     array = np.zeros(_SIZE)
     array[:4] = lens.fx, lens.fy, lens.cx, lens.cy
     coefficients = np.zeros(14)
@@ -91,7 +91,7 @@ def _kind(model: LensModel, coefficients: np.ndarray) -> float:
 
 
 def _tilt(about_x: float, about_y: float) -> np.ndarray:
-    """Return the projection (3, 3) of the image onto a sensor tilted by two angles, radians (OpenCV's tau)."""
+    """Return the projection (3, 3) of the image onto a sensor that is tilted by two angles, radians (OpenCV's tau)."""
     cos_x, sin_x, cos_y, sin_y = np.cos(about_x), np.sin(about_x), np.cos(about_y), np.sin(about_y)
     turn_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, sin_x], [0.0, -sin_x, cos_x]])
     turn_y = np.array([[cos_y, 0.0, -sin_y], [0.0, 1.0, 0.0], [sin_y, 0.0, cos_y]])
@@ -112,8 +112,8 @@ def _turning_point(array: np.ndarray) -> float:
 
 @njit(cache=True, nogil=True)
 def _radial(radius: float, lens: np.ndarray) -> float:
-    """Return the distance of a ray's pixel from the optical axis, in focal lengths, by the radial coefficients
-    alone.
+    """Return the distance of a ray's pixel from the optical axis, in focal lengths, by the radial coefficients alone;
+    -1 where the model is undefined. radius: sqrt(x² + y²) / z of the ray.
     """
     k = lens[_K:]
     if lens[_KIND] == _FISHEYE:
@@ -152,8 +152,8 @@ def pixel_of_ray(x: float, y: float, lens: np.ndarray) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def project(points: np.ndarray, lens: np.ndarray) -> np.ndarray:
-    """Project camera points (n, 3) to (n, 2) column and row; NaN behind the camera and beyond the lens's valid
-    radius.
+    """Project points (n, 3) in the camera frame to (n, 2) column and row; NaN behind the camera and beyond the lens's
+    valid radius.
     """
     pixels = np.full((len(points), 2), np.nan)
     for p in range(len(points)):
@@ -181,7 +181,9 @@ def rays_of_pixels(lens: Intrinsics, width: int, height: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _rays(lens: np.ndarray, radius: np.ndarray, seen: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Find the rays by Newton's method, which starts at the ray that the radial coefficients alone give."""
+    """Find the pixels' rays by Newton's method, which starts at the ray that the radial coefficients alone give. radius
+    (k,): radii of rays, from zero up; seen (k,): ``_radial`` of these radii.
+    """
     rays = np.full((height, width, 2), np.nan)
     for row in range(height):
         for column in range(width):
@@ -196,11 +198,11 @@ def _rays(lens: np.ndarray, radius: np.ndarray, seen: np.ndarray, width: int, he
 
 @njit(cache=True, nogil=True)
 def _solve(x: float, y: float, column: float, row: float, lens: np.ndarray) -> tuple[float, float, bool]:
-    """Solve for the ray of a pixel from a guess; return the ray and whether it was found."""
+    """Solve for the ray of the pixel (column, row), starting at the ray (x, y); return it and whether it was found."""
     for _ in range(_STEPS):
         c, r = pixel_of_ray(x, y, lens)
         miss_c, miss_r = column - c, row - r
-        if c == NOWHERE:  # just beyond the valid radius: continue slightly closer to the axis
+        if c == NOWHERE:  # the guess is beyond the valid radius: try a ray closer to the axis
             x, y = 0.99 * x, 0.99 * y
             continue
         if abs(miss_c) < _EXACT_PX and abs(miss_r) < _EXACT_PX:

@@ -19,13 +19,13 @@ from cyclopts.validators import Number
 from anchorpose.errors import AnchorposeError
 
 DAY_S: Final = 86_400.0
-TALLEST_M: Final = 3.0
+TALLEST_M: Final = 3.0  # maximum height of a person that is accepted
 FARTHEST_M: Final = 100.0
-"""Largest coordinate accepted: no room is larger, and a place given in millimetres by mistake exceeds it."""
+"""Largest accepted coordinate in m: no room is larger, and a place given in millimetres by mistake exceeds it."""
 
-FASTEST_HZ: Final = 1000.0
+FASTEST_HZ: Final = 1000.0  # maximum frame rate that is accepted
 FARTHEST_CLOCK_S: Final = 1e11
-"""Largest difference in s between two clocks. Seconds since any epoch in use are at most a fifth of it."""
+"""Largest accepted difference in s between two clocks: seconds since any epoch in use are at most a fifth of it."""
 
 MOST_FRAMES: Final = 10**9
 MOST_PROCESSES: Final = 1024
@@ -38,17 +38,19 @@ SIGNED: Final = Parameter(allow_leading_hyphen=True)  # a text that may begin wi
 
 
 def positive(most: float) -> Parameter:
-    """Return a parameter above zero, up to ``most``; it refuses NaN as well."""
+    """Return the declaration of a numeric option above zero and up to ``most``; NaN is refused as well."""
     return Parameter(validator=Number(gt=0, lte=most), converter=_as_number)
 
 
 def between(least: float, most: float) -> Parameter:
-    """Return a parameter from ``least`` to ``most``, both allowed."""
+    """Return the declaration of a numeric option from ``least`` to ``most``, both allowed."""
     return Parameter(validator=Number(gte=least, lte=most), converter=_as_number)
 
 
 def whole(least: int, most: int) -> Parameter:
-    """Return a parameter that is a whole number from ``least`` to ``most``; the parser alone would round 1.7 to 2."""
+    """Return the declaration of an option that is a whole number from ``least`` to ``most``; cyclopts alone would round
+    1.7 to 2.
+    """
     return Parameter(validator=Number(gte=least, lte=most), converter=_as_whole)
 
 
@@ -76,12 +78,12 @@ def _as_whole(kind: Any, tokens: Sequence[Token]) -> int:
 
 
 def _shown(token: Token) -> str:
-    """Return the value, and the settings file if it comes from one."""
+    """Return a value for a message, with the name of the settings file if the value comes from one."""
     return f'"{token.value[:40]}"' + (f" from {token.source}" if token.source != COMMAND_LINE else "")
 
 
 def parse_intrinsics(text: str) -> tuple[float, float, float, float]:
-    """Parse ``fx,fy,cx,cy``; raises AnchorposeError otherwise."""
+    """Parse the text ``fx,fy,cx,cy``, pixels; raises AnchorposeError if it is anything else."""
     try:
         fx, fy, cx, cy = (float(part) for part in text.split(","))
     except ValueError:
@@ -220,7 +222,7 @@ class CoordinateModel(StrEnum):
 
 
 def _label(prefix: str) -> Parameter:
-    """Return a label of BIDS, which may be given with its prefix."""
+    """Return the declaration of an option for a BIDS label, which may be given with or without its prefix."""
     return Parameter(converter=lambda kind, tokens: tokens[0].value.removeprefix(prefix))
 
 

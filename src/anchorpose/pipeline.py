@@ -1,8 +1,8 @@
 """Run the stages in their order: from a recording folder to a results folder, or to calibration.json and pictures.
 
-recording -> calibration -> isolation -> surface -> geodesics -> association -> tracking -> body -> results -> report
+recording -> descriptor -> calibration -> isolation -> surface -> geodesics -> motion -> body -> results -> report
 
-``track_recording`` shows the order of the work, ``tracker.patient.PatientTracker.step`` the work on a single frame.
+``track_recording`` runs all of them; ``tracker.patient.PatientTracker.step`` does the work on a single frame.
 """
 
 from __future__ import annotations
@@ -53,22 +53,22 @@ def track_recording(
 ) -> None:
     """Track the patient through a recording and write everything into an existing results folder.
 
-    The folder is empty, or holds the journal of a stopped run: then tracking is resumed, and the tables are the same as
-    without the stop.
+    The results folder is empty, or holds the journal of a stopped run. Such a run is resumed, and the tables are the
+    same as without the stop.
 
-    progress is called with the number of frames done and to do; frames from which the body is learnt count twice.
-    calibration: a calibration.json whose poses replace the given or found poses. corrections: a reviewer's corrections
-    of earlier results. events: an events.tsv with the trials, in place of the recording's own. threads: number of
-    threads that share the cameras, people and trials of a frame; the tables have the same bytes with any number. Linear
-    algebra runs on one thread, since several would add sums in another order. Raises InputError if the recording
-    cannot be used.
+    progress is called with (done, total) frames; a frame counts each time it is processed, for example once more if the
+    body is learnt from it. calibration: a calibration.json whose poses replace the given or found poses. corrections: a
+    reviewer's corrections of earlier results. events: an events.tsv with the trials, in place of the recording's own.
+    threads: number of threads that share the work on a frame (its cameras, people and tried poses); the tables have the
+    same bytes with any number of threads. Linear algebra runs on one thread, since several would add sums in another
+    order. Raises InputError if the recording cannot be used.
     """
     with one_thread(), worker_threads(threads):
         _track(recording, results, config, progress, UserInputs(calibration, corrections, events))
 
 
 def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress, user: UserInputs) -> None:
-    # recording: everything is read and checked before any work is done
+    # stage recording: read and check everything before any other work
     inputs = read_inputs(folder, config, user)
     recording, config = inputs.recording, inputs.config
     begun = begin_journal(results, inputs.identity, dict(inputs.sha256))
@@ -77,7 +77,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     total, first_pass = _frame_counts(recording, config)
     work = first_pass + total * (3 if config.smooth else 1)
 
-    # calibration and isolation: clocks, camera poses, the empty room, and who is the patient
+    # stages descriptor, calibration and isolation: find clocks, camera poses, the empty room and the patient
     stopwatch = Stopwatch()
     with stopwatch.stage("calibration and background"):
         room = prepare_room(recording, config, inputs.review)
@@ -93,13 +93,13 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     }
     journal = Journal(begun, shared)
 
-    # body: the patient's own shape, from a first pass over the first seconds
+    # stage body: learn the shape of the patient's body in a first pass over the first seconds
     learnt = journal.once("learnt", LearntPatient | None, lambda: learn_on(route, run))
     if learnt is not None and not (recording.subject.height_m or is_human(learnt.shape)):
         learnt, run = None, run.without_patient(NoStart.NOT_HUMAN)
         journal = replace(journal, shared={**journal.shared, "run": run, "room": run.room})
 
-    # every frame: isolation, surface, geodesics, association, tracking, body; then results and report
+    # stages for every frame: descriptor, isolation, surface, geodesics, motion, body; then results and report
     frames = track_on(route, run, learnt, journal)
     clear_beside_journal(results)
     write_results(results, frames, run, learnt, inputs)
@@ -108,8 +108,8 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
 
 
 def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:
-    """Return the number of frames to track, and the approximate number of frames that are read before tracking to learn
-    the body.
+    """Return the number of frames to track, and the approximate number of frames that are read before tracking, to
+    learn the patient's body.
     """
     time_s = recording.streams[0].time_s[config.start : config.stop]
     return len(time_s), int((time_s <= time_s[0] + config.learning.window_s).sum())
@@ -132,9 +132,9 @@ def calibrate_recording(
 ) -> Calibration:
     """Find every camera's pose and write calibration.json and one picture per camera into an existing folder.
 
-    ignore_given: find also the poses that the recording gives. markers: a markers.json; cameras with an image of the
-    markers are placed by them, and the poses of the other cameras are found in the same world. Raises InputError if
-    the recording cannot be used or a pose is not accepted.
+    ignore_given: ignore the poses that the recording gives, and find these poses too. markers: a markers.json; cameras
+    with an image of the markers are placed by the markers, and the poses of the other cameras are found in the same
+    world. Raises InputError if the recording cannot be used or a pose is not accepted.
     """
     with one_thread():
         opened = open_recording(recording)

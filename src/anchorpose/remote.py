@@ -25,7 +25,7 @@ EXTRAS: Final = {
 }
 """For each kind of address, the Python package that reads it and the extra of anchorpose that installs this package."""
 
-OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))
+OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))  # kinds of addresses; these stores have no folders
 
 
 def is_address(text: object) -> bool:
@@ -34,7 +34,7 @@ def is_address(text: object) -> bool:
 
 
 def name_of(address: str) -> str:
-    """Return the last part of an address."""
+    """Return the last part of an address, the name of the file or folder."""
     return parts_of(address)[-1]
 
 
@@ -46,10 +46,10 @@ def parts_of(address: str) -> tuple[str, ...]:
 
 @contextmanager
 def local_copy(given: str | Path) -> Iterator[Path]:
-    """Yield the path itself, or a local copy of an address, with the same name, which is removed after the block.
+    """Yield a given path unchanged; for an address, yield a local copy of the same name, removed after the block.
 
-    Raises InputError if the address is empty or cannot be read, MissingPackage if the package that reads such
-    addresses is not installed.
+    Raises InputError if the address is empty or cannot be read, MissingPackage if the package that reads such addresses
+    is not installed.
     """
     if not is_address(given):
         yield Path(given)
@@ -69,8 +69,8 @@ def local_copy(given: str | Path) -> Iterator[Path]:
 
 
 def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
-    """Return the parts of a file's name below a folder; raises InputError if the server names a file outside that
-    folder.
+    """Return the parts of a file's path relative to the folder ``place``; raises InputError if the server names a file
+    outside that folder.
     """
     parts = PurePosixPath(file).relative_to(place).parts
     if ".." in parts or any("\\" in part for part in parts):
@@ -80,10 +80,11 @@ def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
 
 @contextmanager
 def local_results(given: str | Path) -> Iterator[Path]:
-    """Yield the path itself, or a folder whose content is copied to an address when the block ends without an error.
+    """Yield the given path itself. For an address, yield the path of a local folder to be written, whose content is
+    copied to the address when the block ends without an error.
 
-    The folder is copied under a temporary name and then renamed. If the target exists, it is refused before any work,
-    and never replaced. Raises InputError and MissingPackage, as ``local_copy`` does.
+    The folder is copied under a temporary name and then renamed. An address that exists already is refused before any
+    work, and never replaced. Raises InputError and MissingPackage, as ``local_copy`` does.
     """
     if not is_address(given):
         yield Path(given)
@@ -114,7 +115,7 @@ def _new_place(address: str) -> Iterator[tuple[Any, str]]:
 
 
 def _rename(system: Any, source: str, target: str) -> None:
-    """Rename a folder in a single step. An object store has no folders, so every file is copied."""
+    """Rename a folder in a single step. An object store has no folders: every file is copied, then deleted."""
     if OBJECT_STORES.isdisjoint((system.protocol,) if isinstance(system.protocol, str) else system.protocol):
         system.mv(source, target, recursive=True)
         return
@@ -125,7 +126,9 @@ def _rename(system: Any, source: str, target: str) -> None:
 
 @contextmanager
 def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
-    """Yield the file system of an address and the path in it; any error becomes an error of one sentence."""
+    """Yield the file system of an address and the path in it; any error becomes an AnchorposeError. use: "read" or
+    "written", for its message.
+    """
     kind = address.partition("://")[0]
     try:
         from fsspec.core import url_to_fs
@@ -138,14 +141,14 @@ def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
     except ImportError:
         package, extra = EXTRAS.get(kind, (f"that serves {kind}://", "sftp,s3,gs"))
         raise MissingPackage(f"An address that begins with {kind}://", package, extra) from None
-    except Exception as error:  # every file system raises other types of errors
+    except Exception as error:  # each file system raises its own types of errors
         why = _without_own_password(str(error), address).splitlines()[0][:200] if str(error) else type(error).__name__
         remedy = "check the address, your access to it, and the connection"
         raise InputError(address, f"cannot be {use} ({why})", remedy) from error
 
 
 def _without_own_password(text: str, address: str) -> str:
-    """Return the text of an error without the password of the address, be it percent-encoded or not."""
+    """Replace the address's password in the text of an error, whether percent-encoded or not, by three stars."""
     given = re.search(r"://[^:/@]*:(.*)@", address)
     for password in () if given is None else sorted({given[1], unquote(given[1])}, key=len, reverse=True):
         text = text.replace(password, "***") if password else text

@@ -1,8 +1,7 @@
-"""Compute rotations and directions: rotation vectors (axis times angle, radians), matrices, quaternions, unit
-vectors.
+"""Compute rotations and directions: rotation vectors (axis times angle, radians), matrices, quaternions, unit vectors.
 
-Functions that tracking calls for a few bones at a time are compiled: scipy's Rotation would check its input at every
-call.
+Functions that tracking calls for a few bones at a time are compiled: scipy's Rotation would spend time on checking its
+input at every call.
 """
 
 from __future__ import annotations
@@ -15,10 +14,10 @@ from numba import njit
 from anchorpose.errors import DegenerateGeometry
 
 FORWARD, UP, RIGHT = np.eye(3)
-"""Unit vectors of the world's axes, and of the body's in its own frame."""
+"""Unit vectors (3,) along the world's axes x, y and z, or along the axes of a body's own frame."""
 
-COLLINEAR_RATIO: Final = 1e-3  # ratio of the second to the first singular value; up to it, points are collinear
-ONE_PLACE_M2: Final = 1e-12  # m2; up to this second singular value points are also collinear; it is below 1 mm2
+COLLINEAR_RATIO: Final = 1e-3  # ratio of the second to the first singular value up to which points count as collinear
+ONE_PLACE_M2: Final = 1e-12  # m2, second singular value up to which points count as collinear too: (1 micrometre)²
 
 
 def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -30,8 +29,8 @@ def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:
 
 
 def orthonormal_frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return rotation matrices (..., 3, 3) with three columns: ``first``, ``second`` made perpendicular to it, and
-    their cross product.
+    """Return rotation matrices (..., 3, 3) from vectors (..., 3). Their unit columns are ``first``, ``second`` made
+    perpendicular to ``first``, and the cross product of these two.
     """
     first = unit(first)
     second = unit(second - (second * first).sum(axis=-1, keepdims=True) * first)
@@ -44,9 +43,10 @@ def rotate(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def turns(vectors: np.ndarray) -> np.ndarray:
-    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3), by numpy.
+    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3), computed by numpy.
 
-    Simulated recordings keep every digit with this function; ``rotation_matrices`` may differ in the last digit.
+    Simulations use this function, so that simulated values stay the same to the last digit; the compiled
+    ``rotation_matrices`` may differ in this digit.
     """
     angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
     axis = vectors / np.where(angle[..., 0] > 0, angle[..., 0], 1.0)
@@ -57,7 +57,7 @@ def turns(vectors: np.ndarray) -> np.ndarray:
 
 
 def turns_about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Return the rotations (..., 3, 3) by ``angle`` (...) about one unit ``axis`` (3,)."""
+    """Return the rotation matrices (..., 3, 3) for angles (...), radians, about one unit ``axis`` (3,)."""
     return turns(np.asarray(angle)[..., None] * axis)
 
 
@@ -102,8 +102,8 @@ def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def _vectors(matrices: np.ndarray, vectors: np.ndarray) -> None:
-    """Compute rotation vectors through unit quaternions, whose largest component is computed first (Shepperd 1978,
-    doi:10.2514/3.55767b).
+    """Compute rotation vectors from unit quaternions, whose largest component is computed first to keep all digits
+    (Shepperd 1978, doi:10.2514/3.55767b).
     """
     q = np.empty(4)
     for m in range(len(matrices)):
@@ -140,7 +140,7 @@ def inverse_left_jacobian(vector: np.ndarray, change: np.ndarray) -> None:
     angle = np.sqrt(squared)
     factor = 1.0 / 12.0 if angle < 1e-6 else (1.0 - angle / 2.0 / np.tan(angle / 2.0)) / squared
     for i in range(3):
-        for j in range(3):  # the square of the cross product's matrix is w w^T - |w|^2
+        for j in range(3):  # the square of the matrix of the cross product with w is w w^T - |w|^2
             change[i, j] = factor * vector[i] * vector[j]
         change[i, i] += 1.0 - factor * squared
     for i in range(3):

@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.dataclasses import dataclass
 
 LEAST, LARGEST = 1e-6, 1e9
-"""Limits of any number that is squared, inverted or used as a divisor: a micrometre and a million kilometres. Beyond
-these limits, floats overflow.
+"""Limits of any number that is squared, inverted or used as a divisor, since floats overflow beyond these limits. As
+lengths they are a micrometre and a million kilometres.
 """
 
 Positive = Annotated[float, Field(ge=LEAST, le=LARGEST, allow_inf_nan=False)]
@@ -43,7 +43,7 @@ def settings(cls: type[Class]) -> type[Class]:
 class Unfit(ValueError):
     """The error for a value of the right type that cannot be used, with the problem and the remedy.
 
-    key: the field concerned, if the object with this field was checked as a whole.
+    key: name of the field concerned, needed if the object with this field was checked as a whole.
     """
 
     def __init__(self, problem: str, remedy: str, key: str = "") -> None:
@@ -52,17 +52,17 @@ class Unfit(ValueError):
 
 
 def nearest_key(unknown: str, known: Iterable[str]) -> str | None:
-    """Return the known key most similar to ``unknown``, whatever its case; None if none is similar."""
+    """Return the known key most similar to ``unknown``, regardless of upper and lower case; None if none is similar."""
     names = {name.lower(): name for name in known}
     alike = difflib.get_close_matches(unknown.lower(), list(names), n=1, cutoff=0.5)
     return names[alike[0]] if alike else None
 
 
 def explain(error: ValidationError, kind: Any = None) -> tuple[str, str]:
-    """Return the first problem, with its place such as ``cameras[0].name``, and the remedy.
+    """Return the first problem of a failed validation, with its place such as ``cameras[0].name``, and the remedy.
 
-    kind: the expected type, which supplies the descriptions and names of known fields. An unknown name is reported
-    first, since it explains why another name is missing.
+    kind: the type that was expected, which has the names and descriptions of the allowed fields. An unknown name is
+    reported first, since it may be the misspelt name of a missing field.
     """
     unknown = ("extra_forbidden", "unexpected_keyword_argument")
     found = min(error.errors(include_url=False), key=lambda one: one["type"] not in unknown)
@@ -98,7 +98,7 @@ def sentence_of(error: ValueError) -> str:
     return "; ".join(explain(error)) if isinstance(error, ValidationError) else str(error)
 
 
-_PLAIN_WORDS: Final = {
+_PLAIN_WORDS: Final = {  # pydantic's words, and the words that replace them in messages
     "greater than or equal to": "at least",
     "less than or equal to": "at most",
     "greater than": "more than",
@@ -122,7 +122,7 @@ def _follow(kind: Any, location: tuple[int | str, ...]) -> tuple[str, str, list[
             continue
         declared = {name: hint for owner in owners for name, hint in _fields(owner).items()}
         tagged = [owner for owner in owners if _is_tag(step, owner)]
-        if step not in declared and tagged:  # the tag of a union is not a part of the place
+        if step not in declared and tagged:  # the tag of a union is not a key of the file
             owners = tagged
             continue
         place, known = _join(place, step if len(step) <= LONGEST_KEY else step[:LONGEST_KEY] + "..."), list(declared)
@@ -136,7 +136,7 @@ def _is_tag(step: str, owner: type) -> bool:
 
 
 def _classes_in(hint: Any) -> list[type]:
-    """Return the classes with fields inside a type, such as a tuple or a union."""
+    """Return the classes with declared fields that a type contains, for example as parts of a tuple or a union."""
     if isinstance(hint, type) and (is_dataclass(hint) or issubclass(hint, BaseModel)):
         return [hint]
     return [found for part in get_args(hint) for found in _classes_in(part)]
@@ -144,14 +144,14 @@ def _classes_in(hint: Any) -> list[type]:
 
 @cache
 def _fields(owner: type) -> dict[str, Any]:
-    """Return the annotation of every field, by its name in the file."""
+    """Return the annotation of every field by the field's name in the file."""
     hints = get_type_hints(owner, include_extras=True)
     names = owner.model_fields if issubclass(owner, BaseModel) else [field.name for field in fields(cast("Any", owner))]
     return {_stated(hints[name], "alias") or name: hints[name] for name in names}
 
 
 def _stated(hint: Any, what: str) -> str:
-    """Return the alias or description of an annotation; empty if it has none."""
+    """Return an annotation's text of the kind ``what``, "alias" or "description"; empty if it has none."""
     own = [text for part in getattr(hint, "__metadata__", ()) if (text := getattr(part, what, None))]
     return own[0] if own else next((text for part in get_args(hint) if (text := _stated(part, what))), "")
 
@@ -161,6 +161,6 @@ def _join(place: str, key: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return a value as in a file, shortened if long."""
+    """Return a value as JSON writes it, cut to 40 characters, for a message."""
     text = json.dumps(value, default=repr)
     return text if len(text) <= 40 else text[:37] + "..."

@@ -1,8 +1,8 @@
-"""Control how many threads work; results never depend on their number.
+"""Control how many threads work; results never depend on the number of threads.
 
-Linear algebra and OpenCV keep to one thread, so that sums are added in a fixed order and give the same bytes whatever
-the number of threads. Work on single cameras or people may be shared among threads: each result is computed by one
-thread alone, and results are joined in a fixed order.
+Linear algebra and OpenCV use a single thread, so that sums are added in a fixed order and always give the same bytes.
+Work on single cameras or people may be shared among threads: each result is computed by one thread alone, and the
+results are joined in a fixed order.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from threadpoolctl import threadpool_limits
 
 Result = TypeVar("Result")
 
-_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # None: no other threads
+_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # None: no thread besides the caller's
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep linear algebra and OpenCV on one thread: OpenCV's threads spend more time waiting than working."""
+    """Keep linear algebra and OpenCV on one thread in the block; OpenCV's threads wait longer than they work."""
     import cv2
 
     before = cv2.getNumThreads()
@@ -36,8 +36,8 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def worker_threads(count: int) -> Iterator[None]:
-    """Let ``each`` share its work among ``count`` threads within the block; if it is 1, the caller's thread does all
-    work.
+    """Let ``each`` share its work among ``count`` threads within the block; if ``count`` is 1, the caller's thread does
+    all work.
     """
     if count < 2:
         yield
@@ -51,8 +51,8 @@ def worker_threads(count: int) -> Iterator[None]:
 
 
 def each(work: Callable[..., Result], *arguments: Iterable[object]) -> list[Result]:
-    """Call ``work`` with the first item of every argument, then with the second items and so on; return the results in
-    this order.
+    """Call ``work`` with the first item of every argument, with the second item of every argument and so on, on the
+    threads of ``worker_threads``; return the results in this order.
 
     A call must not change data that another call reads. Raises the exception of the first call that fails.
     """

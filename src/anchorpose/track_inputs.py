@@ -24,13 +24,13 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import NO_REVIEW, Review, require_frames, review_of
 from anchorpose.versions import code_digest, versions
 
-# m; places closer to each other than this are the same, since places are printed to the centimetre
+# m, maximum distance of two places of a patient that count as the same, since places are printed to the centimetre
 SAME_PLACE_M: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class UserInputs:
-    """Files that the user gives besides the recording; None if not given."""
+    """Paths of the files that the user gives besides the recording; None if not given."""
 
     calibration: Path | None = None
     corrections: Path | None = None
@@ -48,11 +48,12 @@ class ReviewFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackInputs:
-    """The checked inputs.
+    """The checked inputs of ``track``.
 
-    recording: the recording with the user's height and poses; config: settings that include the patient whom a reviewer
-    named; sha256: (path, hash) of every file of the recording, of the reference movements and of the events;
-    pose_source: source of poses that replace the recording's; trials: None without events.
+    recording: the recording with the height and camera poses that the user gave; config: settings that include the
+    patient whom a reviewer named; sha256: (path, hash) of every file of the recording, of the reference movements and
+    of the events; review_file: None without corrections; pose_source: where the poses come from if they replace the
+    recording's, else None; trials: None without events.
     """
 
     recording: Recording
@@ -102,14 +103,14 @@ def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInp
 
 
 def _read_events(recording: Recording, given: Path | None) -> Trials | None:
-    """Read the trials of the given file, else of the recording's events.tsv; None without either."""
+    """Read the trials from the given file, otherwise from the recording's events.tsv; None if there is neither."""
     own = events_files(recording.folder)
     path = given or (own[0] if own else None)
     return None if path is None else read_trials(path, recorded_span(recording.streams[0].time_s))
 
 
 def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
-    """Return name and hash of a given events file, and of the file with its units."""
+    """Return name and hash of an events file that the user gave, and of the file beside it with the units."""
     if events is None:
         return ()
     files = [file for file in (events, sidecar_of(events)) if is_there(file)]
@@ -132,8 +133,8 @@ def _hash_inputs(recording: Recording, config: TrackConfig) -> tuple[tuple[str, 
 
 
 def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
-    """Return the recording with the camera poses of the corrected results. Poses then need not be found again, and
-    places in the corrections stay valid even if another person is named as the patient.
+    """Return the recording with the camera poses of the results that were corrected. Poses then need not be found
+    again, and places in the corrections stay valid even if another person is named as the patient.
     """
     poses = corrections.recording.poses
     cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)
@@ -141,8 +142,8 @@ def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
 
 
 def _require_about(given: ReviewFile, recording: Recording, hashes: tuple[tuple[str, str], ...]) -> None:
-    """Raise InputError if the corrections are about another recording or world, or about frames that do not
-    exist.
+    """Raise InputError if the corrections were made for another recording or other camera poses, or for frames that do
+    not exist.
     """
     about = reviewed_recording(recording.folder.resolve().name, hashes, poses_of(recording.cameras))
     require_recording(given.path, given.corrections, about)

@@ -25,7 +25,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def machine() -> dict[str, str]:
-    """Return system and processor, on which the last digits of results depend."""
+    """Return the operating system and the processor, on which the last digits of results depend."""
     return {"system": platform.platform(), "processor": platform.machine()}
 
 
@@ -33,8 +33,8 @@ def machine() -> dict[str, str]:
 def code_digest(leave_out: tuple[str, ...] = ()) -> str:
     """Return a SHA-256 in hex of the package's modules, .npz files and learnt weights.
 
-    Files whose path starts with one of ``leave_out`` are left out. The same digest means the same code, also
-    between two releases and in a changed copy.
+    Files whose path starts with one of ``leave_out`` are left out. Equal digests mean equal code. Equal version numbers
+    do not: the code changes between releases, and a copy may be modified.
     """
     root, digest = Path(__file__).parent, hashlib.sha256()
     for path in sorted(root.rglob("*")):

@@ -68,9 +68,9 @@ from anchorpose.tracker.room import Room, Run
 def write_results(
     results: Path, frames: Iterable[TrackedFrame], run: Run, learnt: LearntPatient | None, inputs: TrackInputs
 ) -> None:
-    """Write all results of ``frames``, in the order of time, into an existing folder.
+    """Write all results of ``frames``, which come in the order of time, into an existing folder.
 
-    Pictures show frames whose depth images are in the run's recording. learnt: the patient's body; None if unknown.
+    Only frames with depth images in the run's recording get pictures. learnt: the patient's body; None if unknown.
     """
     written = _write_frames(results, frames, run)
     shape = None if learnt is None else learnt.shape
@@ -86,8 +86,8 @@ def write_results(
 
 
 def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Written:
-    """Write joints, poses, explanations, anchors, labels and contacts to their tables frame by frame; collect
-    problems.
+    """Write the tables of joints, poses, anchors, person labels and contacts, and of how well each pose explains the
+    depth images, frame by frame; collect what run.json needs.
     """
     dropped, lost, shares = list[DroppedFrame](), list[LostInterval](), list[float | None]()
     poor = list[PoorInterval]()
@@ -124,7 +124,12 @@ def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Wr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Written:
-    """Data that writing the frames yields besides the tables."""
+    """Data for run.json that are collected while the tables are written.
+
+    association: share of the track tree's nodes that were matched, by frame; dropped: frames or depth images that were
+    not used; lost: intervals without the patient; poor_depth: intervals in which a camera's depth is too poor to locate
+    joints; explained: how well the poses explain the depth images.
+    """
 
     association: MatchedShares
     dropped: tuple[DroppedFrame, ...]
@@ -166,7 +171,7 @@ def account_of(
     inputs: TrackInputs,
     corrections: CorrectionsRecord | None,
 ) -> RunRecord:
-    """Return the record of a run after all frames."""
+    """Return the content of run.json after all frames were written."""
     room, config, gaps = run.room, run.config, find_gaps(run.room.recording)
     return RunRecord(
         recording=room.recording.folder.resolve().name,
@@ -204,8 +209,8 @@ def account_of(
 
 
 def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
-    """Return the used poses and clocks, and the source of each pose. source: the source of all poses if they were
-    given.
+    """Return each camera's record: the pose and clock that were used, and where the pose comes from. source: where all
+    poses come from if the user gave them, else None.
     """
     return tuple(
         CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock, _depth(scene))
@@ -228,7 +233,9 @@ def _pose_residuals(calibration: Calibration) -> list[Residual]:
 
 
 def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residual]:
-    """Return the measurements of each camera's clock; the first camera is the reference."""
+    """Return figures on each camera's clock, such as offset and drift against the first camera's clock, and their
+    standard errors.
+    """
     found = []
     for camera, missing in zip(clocks.cameras[1:], gaps[1:], strict=True):
         name, clock = camera.camera, camera.clock
@@ -316,7 +323,7 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
 
 def _record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, seconds: float) -> BodyRecord:
     """Return the record of the learnt body. belief: the shape at the end of learning; first: the shape after the first
-    window.
+    of the windows of frames from which it was learnt.
     """
     height_m, row = standing_height(asset, belief.shape)
     return BodyRecord(

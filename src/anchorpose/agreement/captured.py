@@ -1,4 +1,4 @@
-"""Read a file of another motion capture system: points and angles over time, by their names in the file."""
+"""Read labelled points and angles over time from another motion capture system's file (C3D, TRC, MOT, STO or CSV)."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ METRES: Final[Mapping[str, float]] = {
 }
 """Length of each unit in metres, by the unit's name in files."""
 
-LONGEST_S: Final = 86_400.0  # s (a day), maximum time; larger values must be in milliseconds or smaller units
-FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # maximum position and angle; larger values mean a damaged file
+LONGEST_S: Final = 86_400.0  # s (one day), maximum duration; if a recording is longer, its times are not in seconds
+FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # m, degrees: maximum coordinate and angle; more means a wrong unit or a bad file
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Captured:
-    """A recording of another system. time_s (t,): increasing times on the clock of the file.
+    """A recording of another motion capture system. time_s (t,): increasing times on the clock of the file.
 
-    point_m (t, p, 3): the points with the labels ``points``, metres in the frame of the file; degrees (t, a): the
-    angles with the labels ``angles``. NaN where missing.
+    point_m (t, p, 3): the points with the labels ``points``, metres in the file's frame of reference; degrees (t, a):
+    the angles with the labels ``angles``. Both are NaN where missing.
     """
 
     path: Path
@@ -48,15 +48,15 @@ class Captured:
     degrees: np.ndarray
 
     def point(self, label: str) -> np.ndarray:
-        """Return the point (t, 3) of one label, metres."""
+        """Return the positions (t, 3), in metres, of the point with this label."""
         return self.point_m[:, self.points.index(label)]
 
 
 def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
-    """Return the metres per unit.
+    """Return the length in metres of the file's unit of length.
 
-    unit: the file's unit, None if it states none; stated: the user's unit, which takes precedence. Raises InputError
-    where neither is given, or where the unit is unknown.
+    unit: the unit that the file states, None if it states none; stated: the unit that the user states, which takes
+    precedence. Raises InputError where neither is given, or where the unit is unknown.
     """
     name = stated if stated is not None else unit
     if not name:
@@ -68,8 +68,8 @@ def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
 
 
 def checked(captured: Captured) -> Captured:
-    """Raise InputError for a file without points and angles, with a single frame, with times that do not increase, or
-    with impossible values.
+    """Return the recording unchanged. Raises InputError if it has no points and angles, only one frame, times that do
+    not increase, or impossible values.
     """
     path, known = captured.path, np.isfinite(captured.point_m).all(axis=2).any(axis=0)
     if not known.any() and not np.isfinite(captured.degrees).any():
@@ -98,12 +98,12 @@ def repeated_label(path: Path, labels: tuple[str, ...]) -> None:
 
 
 def read_c3d(path: Path, unit: str | None = None) -> Captured:
-    """Read the points and angles of a C3D. unit: the unit of its lengths, needed if the file states none or a wrong
+    """Read the points and angles of a C3D file. unit: its unit of length, needed if the file states none or a wrong
     one.
 
-    A point is missing where its residual is negative. Unlabelled points (``*12``) are left out. In labels, the name of
-    a subject before a colon is left out. Raises InputError for a file that cannot be used, and MissingPackage without
-    ezc3d.
+    A point is missing where its residual is negative. Unlabelled points (``*12``) are left out. A subject's name and
+    colon before a label are removed. Raises InputError for a file that cannot be used, and MissingPackage if ezc3d is
+    not installed.
     """
     try:
         import ezc3d
@@ -144,7 +144,7 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
 
 
 def _labels(group: Any) -> tuple[str, ...]:
-    """Return the labels: for more than 255 points, LABELS is continued in LABELS2 and so on."""
+    """Return the labels of all points, in order. From the 256th on, C3D files have them in LABELS2, LABELS3, ..."""
     names = [name for name in group if name.startswith("LABELS")]
     return tuple(label for name in sorted(names, key=lambda one: (len(one), one)) for label in _texts(group, name))
 
@@ -170,7 +170,7 @@ def read_lines(path: Path) -> list[str]:
 
 
 def read_trc(path: Path, unit: str | None = None) -> Captured:
-    """Read the markers of a TRC; empty cells, NaN, and three zeros mean a missing marker."""
+    """Read a TRC file. unit: as in ``read_c3d``. A marker is missing where its cells are empty, NaN, or all zero."""
     remedy = "export it again as TRC"
     lines = read_lines(path)
     if len(lines) < 6 or not lines[0].lower().startswith("pathfiletype"):
@@ -187,7 +187,7 @@ def read_trc(path: Path, unit: str | None = None) -> Captured:
 
 
 def read_mot(path: Path) -> Captured:
-    """Read the coordinates of a MOT or STO as angles, in degrees; translations (``_tx`` and so on) are left out."""
+    """Read the joint angles of OpenSim's MOT or STO file, in degrees; translations (``_tx`` and so on) are left out."""
     lines = read_lines(path)
     end = next((row for row, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None or len(lines) < end + 3:
@@ -205,7 +205,9 @@ def read_mot(path: Path) -> Captured:
 
 
 def read_csv(path: Path, unit: str | None = None) -> Captured:
-    """Read the columns as ``CSV_REMEDY`` describes; lengths without a unit need ``unit``; empty cells are missing."""
+    """Read a CSV file with the columns that ``CSV_REMEDY`` describes. Empty cells are missing values. unit: as in
+    ``read_c3d``; it overrides units in column names.
+    """
     rows = [row for _, row in read_rows(path)]
     if len(rows) < 2:
         raise InputError(path, "has no rows", CSV_REMEDY)
@@ -242,12 +244,12 @@ def read_csv(path: Path, unit: str | None = None) -> Captured:
 
 
 def _padded(cells: list[str], length: int) -> list[str]:
-    """Fill up a row to all columns: some programs leave out empty cells at the end of a line."""
+    """Return the row with exactly ``length`` cells, since some programs leave out empty cells at the end of a line."""
     return [*cells, *[""] * (length - len(cells))][:length]
 
 
 def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
-    """Return the numbers (rows, columns) float64 in cells, NaN for an empty cell."""
+    """Convert rows of text cells to numbers (rows, columns) float64, NaN for an empty cell."""
     try:
         return np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows], dtype=np.float64)
     except ValueError as error:
@@ -255,10 +257,10 @@ def _numbers(path: Path, rows: list[list[str]], remedy: str) -> np.ndarray:
 
 
 def read_captured(path: Path, unit: str | None = None) -> Captured:
-    """Read the points and angles of a .c3d, .trc, .csv, .mot or .sto file. unit: unit of lengths, where the file does
-    not state it.
+    """Read the points and angles of a .c3d, .trc, .csv, .mot or .sto file. unit: unit of length, needed if the file
+    states none or a wrong one.
 
-    Raises InputError for another ending, and where the file cannot be used.
+    Raises InputError if the file's name has another ending, or the file cannot be used.
     """
     match path.suffix.lower():
         case ".c3d":

@@ -1,8 +1,8 @@
-"""Find how the clock of another system relates to that of the results, from the movement that both recorded. "Ours" are
-the results of this program, "theirs" is the other system's recording.
+"""Find by how much the clocks of another motion capture system and of the results differ, from the movement that both
+systems recorded. "Ours" means the results of this program, "theirs" the other system's recording.
 
-Distances between joints, and angles, do not depend on the frame of reference, so the movement can be matched in time
-before anything is known about space.
+Distances between joints, and angles, do not depend on the frame of reference. The difference between the clocks can
+therefore be found before it is known how the two frames of reference are placed relative to each other.
 """
 
 from __future__ import annotations
@@ -19,32 +19,33 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.errors import AnchorposeError
 
 GRID_HZ: Final = 100.0
-"""Rate of the common grid of times in Hz. Between two times of the grid, movement is smooth."""
+"""Hz, rate of the evenly spaced times (the grid) at which signals are compared; movement is smooth between them."""
 
 SMOOTHING_S: Final = 0.04
-"""Standard deviation, in s, of the kernel that smooths the noise of both systems equally. It passes frequencies up to 4
-Hz, and most movements of people are slower.
+"""Standard deviation, in s, of the Gaussian kernel that smooths the signals of both systems. It passes frequencies up
+to 4 Hz, and most movements of people are slower.
 """
 
 LONGEST_GAP_S: Final = 0.15
-"""Maximum duration, in s, of a gap that is interpolated."""
+"""Duration, in s, up to which gaps in a signal are interpolated; where 1.5 frame intervals are longer, up to those."""
 
-MOST_SIGNALS: Final = 40
+MOST_SIGNALS: Final = 40  # maximum number of signals that are compared: those that vary most
 
 LEAST_MOVEMENT_M: Final = 0.02
 LEAST_MOVEMENT_DEG: Final = 4.0
-"""Minimum standard deviation over the recording of a distance or an angle that is used as a signal; below it, the
-signal is mostly noise.
+"""Minimum standard deviation, over the recording, of a distance between joints (m, ``LEAST_MOVEMENT_M``) or an angle
+(degrees) that is used as a signal. Below it, the signal is mostly noise.
 """
 
 LEAST_KNOWN: Final = 0.2
-"""Minimum share of the frames in which a signal must be known to be used."""
+"""Minimum share of the frames with a known value, for a signal to be used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signals:
-    """Signals on a grid. time_s (g,): evenly spaced by 1 / ``GRID_HZ``; values (g, k): one column per signal, each
-    divided by the size of a typical movement; NaN in gaps.
+    """Signals (distances, angles or coordinates) at evenly spaced times. time_s (g,): times in steps of 1 /
+    ``GRID_HZ``; values (g, k): one column per signal, NaN in gaps. ``common_signals`` and ``position_signals`` divide
+    lengths by ``LEAST_MOVEMENT_M``, angles by ``LEAST_MOVEMENT_DEG``, so that all signals count alike.
     """
 
     time_s: np.ndarray
@@ -54,9 +55,11 @@ class Signals:
 def common_signals(
     ours: tuple[np.ndarray, np.ndarray, np.ndarray], theirs: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> tuple[Signals, Signals] | None:
-    """Return the signals that both systems have and that vary enough; None without such signals.
+    """Return the signals of both systems: distances between joints, and angles, that both have and that vary enough in
+    both. Return None if there are none.
 
-    Each system has time_s (n,), position_m (n, 21, 3), degrees (n, a), with the same angles in both; NaN where missing.
+    ours, theirs: time_s (n,), position_m (n, 21, 3) and degrees (n, a) of one system, NaN where missing. Both have the
+    same angles in the same order.
     """
     columns = [_raw(position, degrees) for _, position, degrees in (ours, theirs)]
     known = np.minimum(*(np.isfinite(each).mean(axis=0) for each in columns))
@@ -76,8 +79,8 @@ def common_signals(
 
 
 def position_signals(time_s: np.ndarray, position_m: np.ndarray) -> Signals:
-    """Return signals from the coordinates (n, 21, 3) of joints in a frame that both systems share. They contain more
-    information than distances.
+    """Return signals from the coordinates (n, 21, 3) of joints in a frame that both systems share. Coordinates contain
+    more information than the distances of ``common_signals``.
     """
     return on_grid(time_s, position_m.reshape(len(time_s), -1) / LEAST_MOVEMENT_M)
 
@@ -89,7 +92,7 @@ def _raw(position_m: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 
 
 def _spread(values: np.ndarray) -> np.ndarray:
-    """Return the standard deviation (k,) of the known values; NaN where fewer than two are known."""
+    """Return the standard deviation (k,) of the known values of each column; NaN where fewer than two are known."""
     count = np.isfinite(values).sum(axis=0)
     filled = np.nan_to_num(values)
     mean = filled.sum(axis=0) / np.maximum(count, 1)
@@ -98,8 +101,8 @@ def _spread(values: np.ndarray) -> np.ndarray:
 
 
 def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHING_S) -> Signals:
-    """Bring values (n, k) at times (n,), NaN where missing, to an even grid, smoothed by a Gaussian kernel of
-    ``smoothing_s``; not scaled.
+    """Interpolate values (n, k) at times (n,), NaN where missing, to evenly spaced times, and smooth them with a
+    Gaussian kernel of standard deviation ``smoothing_s``. Values are not scaled.
     """
     grid_s = np.arange(time_s[0], time_s[-1], 1.0 / GRID_HZ)
     found = np.stack([at_times(time_s, values[:, column], grid_s) for column in range(values.shape[1])], axis=1)
@@ -113,8 +116,8 @@ def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHI
 
 
 def at_times(time_s: np.ndarray, values: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Interpolate values (n,) linearly at other times (m,); NaN outside, and between neighbours over ``LONGEST_GAP_S``
-    apart.
+    """Interpolate values (n,) linearly at other times (m,). The result is NaN before the first and after the last known
+    value, and in gaps that are longer than both ``LONGEST_GAP_S`` and 1.5 frame intervals.
     """
     known = np.isfinite(values)
     if known.sum() < 2:
@@ -128,7 +131,7 @@ def at_times(time_s: np.ndarray, values: np.ndarray, wanted_s: np.ndarray) -> np
 
 
 def resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """Interpolate values (t, ...) at other times, (n, ...); NaN in gaps and where they are missing."""
+    """Interpolate values (t, ...) at the times ``at_s`` (n,) as ``at_times`` does; return (n, ...)."""
     flat = values.reshape(len(time_s), -1)
     found = np.full((len(at_s), flat.shape[1]), np.nan)
     for column in np.flatnonzero(np.isfinite(flat).any(axis=0)):
@@ -137,24 +140,25 @@ def resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.nd
 
 
 COARSE: Final = 4
-"""Step of the first search in samples of the grid."""
+"""The first search for the offset between the clocks uses only every fourth sample of each signal."""
 
 LEAST_OVERLAP: Final = 0.4
-"""Minimum common time, as a share of the shorter recording; in a shorter time, movements may agree by chance."""
+"""Minimum time that both recordings cover, as a share of the shorter one; in less, movements may agree by chance."""
 
-LEAST_OVERLAP_S: Final = 3.0
+LEAST_OVERLAP_S: Final = 3.0  # s, minimum time that both recordings cover, however short they are
 
-LEAST_CORRELATION: Final = 0.6
+LEAST_CORRELATION: Final = 0.6  # minimum correlation of the two systems at the best offset; below it, no clock is found
 
 RIVAL_DISTANCE_S: Final = 0.5
 RIVAL_FACTOR: Final = 1.5
-"""If another offset, farther away, leaves less than this factor times the unexplained movement of the best offset, it
-is as good: the movement repeats itself.
+"""An offset more than ``RIVAL_DISTANCE_S`` from the best one counts as equally good if the share of the movement that
+it leaves unexplained (1 - correlation^2) is less than ``RIVAL_FACTOR`` times that of the best one. The movement then
+repeats itself, so it does not determine the offset.
 """
 
-ITERATIONS: Final = 20
-BLOCKS: Final = 10
-HUBER: Final = 2.5  # number of standard deviations beyond which residuals get less weight
+ITERATIONS: Final = 20  # maximum number of least-squares steps
+BLOCKS: Final = 10  # number of equal stretches of the common time; the jackknife leaves out each in turn
+HUBER: Final = 2.5  # number of robust standard deviations beyond which a residual gets less weight
 
 
 class NoCommonMovement(AnchorposeError):
@@ -165,8 +169,8 @@ class NoCommonMovement(AnchorposeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OtherClock:
-    """The other clock: at the time t of the results it shows ``t + offset_s + drift * (t - middle_s)``. Sigmas are
-    standard deviations.
+    """The clock of the other system: at the time t of the results it shows ``t + offset_s + drift * (t - middle_s)``.
+    Sigmas are standard deviations.
 
     overlap_s: times of the first and the last common sample, on the clock of the results.
     """
@@ -191,10 +195,9 @@ class Clock(OtherClock):
 
 
 def find_clock(ours: Signals, theirs: Signals) -> Clock:
-    """Find offset and drift with their uncertainty, from the same signals of both systems.
+    """Find the other clock's offset and drift with their uncertainty, from the same signals of both systems.
 
-    Raises NoCommonMovement if the best offset explains too little of the movement, or another offset explains equally
-    much.
+    Raises NoCommonMovement if the best offset explains too little of the movement, or another offset explains as much.
     """
     offset_s, correlation = _coarse_offset(ours, theirs)
     return refine_clock(ours, theirs, starting_clock(offset_s, correlation))
@@ -214,10 +217,10 @@ def starting_clock(offset_s: float, correlation: float) -> Clock:
 
 
 def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool = True) -> Clock:
-    """Refine the clock by least squares, from a start whose error is a fraction of the duration of a movement.
+    """Refine ``clock`` by least squares. The offset of ``clock`` must be wrong by less than the duration of a movement.
 
-    with_drift: if False, the drift stays 0 with the prior sigma of clocks, for recordings that are too short to show
-    it. Raises NoCommonMovement as ``find_clock``.
+    with_drift: if False, drift and its sigma stay as in ``clock``, for recordings that are too short to show a drift.
+    Raises NoCommonMovement if the two recordings have too few common samples.
     """
     offset_s, drift, middle_s, correlation = clock.offset_s, clock.drift, clock.middle_s, clock.correlation
     free = slice(2 if with_drift else 1)
@@ -241,7 +244,7 @@ def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool 
             middle_s=middle_s,
             overlap_s=(float(known_s[0]), float(known_s[-1])),
         )
-    # prior: the drift of clocks is within DRIFT_SIGMA
+    # combine the drift with its prior, which has mean 0 and standard deviation DRIFT_SIGMA
     share = DRIFT_SIGMA**2 / (DRIFT_SIGMA**2 + sigma[1] ** 2)
     return Clock(
         offset_s=offset_s,
@@ -255,7 +258,7 @@ def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool 
 
 
 def _coarse_offset(ours: Signals, theirs: Signals) -> tuple[float, float]:
-    """Return the offset in seconds of the best correlation, and this correlation."""
+    """Return the offset in seconds at which the correlation is best, and this correlation."""
     r, overlap = _correlations(ours.values[::COARSE], theirs.values[::COARSE])
     return offset_of_peak(ours, theirs, r, overlap)
 
@@ -268,12 +271,12 @@ def offset_of_peak(
     least_s: float = LEAST_OVERLAP_S,
     near_s: float | None = None,
 ) -> tuple[float, float]:
-    """Return the offset in seconds of the best correlation, and this correlation.
+    """Return the offset in seconds at which the correlation is best, and this correlation.
 
     r, overlap: correlation and number of common samples at each lag, where every ``COARSE``-th sample is used, as
-    ``_correlations`` returns them. least_s: least common time of a lag that is considered. near_s: an offset within
-    ``RIVAL_DISTANCE_S`` of the right one; None if unknown. Raises NoCommonMovement if the best correlation is too
-    small, or another offset explains as much.
+    ``_correlations`` returns them. least_s: only lags at which both recordings cover at least this time in s are
+    considered. near_s: an offset within ``RIVAL_DISTANCE_S`` of the right one; None if unknown. Raises NoCommonMovement
+    if the best correlation is too small, or another offset explains as much of the movement.
     """
     a, b = ours.values[::COARSE], theirs.values[::COARSE]
     least = max(LEAST_OVERLAP * min(len(a), len(b)), least_s * GRID_HZ / COARSE)
@@ -284,7 +287,7 @@ def offset_of_peak(
     if not considered.any():
         raise NoCommonMovement(f"they have less than {least * COARSE / GRID_HZ:.1f} s in common")
     r = np.where(considered, r, -1.0)
-    # movement outside the overlap counts as unexplained, since movements may agree by chance in a short overlap
+    # the best lag is where r^2 times the overlap is largest: where the overlap is short, a large r may be chance
     best = int(np.argmax(r * np.sqrt(np.where(considered, overlap, 0.0))))
     if r[best] < LEAST_CORRELATION:
         raise NoCommonMovement(f"the best correlation of their movements is {max(r[best], 0.0):.2f}")
@@ -302,9 +305,10 @@ def offset_of_peak(
 
 
 def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the correlation of all signals together, and its number of samples, at each lag of b behind a.
+    """Return, at each lag of b behind a, the correlation over all signals, and the mean number of common samples.
 
-    a (n, k), b (m, k), NaN where missing. Lag index i pairs a[j] with b[j + i - (n - 1)].
+    a (n, k), b (m, k): the same signals, NaN where missing. The correlation is -1 where it is undefined. Lag index i
+    pairs a[j] with b[j + i - (n - 1)].
     """
     covariance, of_a, of_b, count = (np.zeros(len(a) + len(b) - 1) for _ in range(4))
     for column in range(a.shape[1]):
@@ -330,11 +334,11 @@ def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def _normal_equations(
     ours: Signals, theirs: Signals, offset_s: float, drift: float, middle_s: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
-    """Return the normal equations of a least-squares step in offset and drift about the centre of the overlap,
-    separately for ``BLOCKS`` stretches of equal duration.
+    """Return the normal equations of a least-squares step in the offset at the centre of the overlap and the drift,
+    separately for each of ``BLOCKS`` stretches of equal duration.
 
-    They are matrices (b, 2, 2) and right sides (b, 2), with the times of common samples and their centre; None without
-    common samples.
+    Return matrices (b, 2, 2), right sides (b, 2), the times of common samples, and the centre of these times; None if
+    there are too few common samples.
     """
     at_s = ours.time_s + offset_s + drift * (ours.time_s - middle_s)
     place = (at_s - theirs.time_s[0]) * GRID_HZ
@@ -366,17 +370,17 @@ def _normal_equations(
 
 
 def _without_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return each signal (column) without its weighted mean, since the definitions of joints in the two systems differ
-    by a constant.
+    """Return each signal (column) without its weighted mean, since the two systems define joints differently, which
+    shifts a signal by a constant.
     """
     return np.where(weight > 0, values - (weight * values).sum(axis=0) / weight.sum(axis=0), 0.0)
 
 
 def _jackknife(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the standard deviations (2,) of offset and drift, or (1,) of the offset alone, from their changes when one
-    stretch of the movement is left out.
+    """Return the standard deviations (2,) of offset and drift, or (1,) of the offset alone, from their changes when
+    each stretch of the overlap is left out in turn.
 
-    Errors of neighbouring frames are correlated, so the residuals of single frames would give far too small values.
+    Errors of neighbouring frames are correlated, so sigmas computed from single frames would be far too small.
     """
     total, side = matrix.sum(axis=0), right.sum(axis=0)
     kept = [k for k in range(len(matrix)) if matrix[k].any() and np.linalg.cond(total - matrix[k]) < 1e12]

@@ -1,6 +1,6 @@
 """Compare results folders with the recordings of another system (``anchorpose evaluate --reference``).
 
-Each joint, axis, angle and state gets a row of agreement.
+Each coordinate of a joint and each angle gets a row per joint state, as measured and with constant offset removed.
 """
 
 from __future__ import annotations
@@ -38,13 +38,15 @@ STATES: Final = (ALL, INFERRED, *(str(state) for state in JointState if state is
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """One row of agreement; None if undefined. All values are in ``unit``; differences are the value of the results
-    minus that of the other system.
+    """One row of the table of agreement; fields are None where undefined. Values are in ``unit``. Differences are this
+    program's value minus the other system's. ``lower`` and ``upper`` are the limits of agreement, ``_low`` and
+    ``_high`` after a name the ends of its 95 % interval, ``cmc`` the coefficient of multiple correlation.
 
     kind: joint (joint centres), angle (computed from the joints of both systems by this program's formula) or
     given_angle (as the other system computes it). axis: x, y, z of the world, distance, or degrees. state: all,
-    inferred, or one of ``JointState``. offset: ``as_measured``, or ``offset_removed`` for values without the constant
-    difference of the definitions. repeated: the kind of unit that counts as a repetition (subject, or stretch of time).
+    inferred (neither observed nor lost), or one of ``JointState``. offset: ``as_measured``, or ``offset_removed`` if
+    the constant difference due to different definitions of the joint or angle is subtracted. repeated: what counts as
+    one repetition (subject, or stretch of time); units: number of repetitions.
     """
 
     kind: str
@@ -83,10 +85,10 @@ COLUMNS: Final = tuple(each.name for each in fields(Agreement))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """The compared values of one quantity in one recording: ours (n,) of the results with sigma (n,) and state_code
-    (n,), theirs (n,) of the other system, time_s (n,); NaN where unknown.
+    """The compared values of one quantity in one recording, NaN where unknown. ours (n,): values of the results, with
+    sigma (n,) and state_code (n,); theirs (n,): values of the other system; time_s (n,): times of both.
 
-    offset (n,): the constant difference of the definitions at each time, in the same axes.
+    offset (n,): the part of ``ours`` minus ``theirs`` that comes from different definitions of the joint or angle.
     """
 
     ours: np.ndarray
@@ -97,20 +99,20 @@ class Compared:
     time_s: np.ndarray
 
     def chosen(self, state: str) -> np.ndarray:
-        """Return (n,) bool: frames in which all values are known and the joint, or the angle's worst joint, is in the
-        given state.
+        """Return (n,) bool: True for frames in which all values are known and the joint (for an angle, the least well
+        known of its joints) is in the given state.
         """
         known = np.isfinite(self.ours + self.theirs + self.offset) & (self.state_code != LOST)
         return np.asarray(known & in_state(self.state_code, state))
 
     def their_values(self, offset: str) -> np.ndarray:
-        """Return the other system's values (n,), with or without the difference of the definitions."""
+        """Return the other system's values (n,), converted to this program's definition if ``offset`` asks for it."""
         return self.theirs + self.offset if offset == OFFSET_REMOVED else self.theirs
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A compared quantity, and the function that returns its values for a match (None if the recording lacks it)."""
+    """A quantity to be compared. take: returns its values in a match, None if one of the systems lacks it."""
 
     kind: str
     name: str
@@ -120,7 +122,7 @@ class Quantity:
 
 
 def quantities(matches: Sequence[Match]) -> list[Quantity]:
-    """Return the joint centres by axis, angles from joints, and the angles that the other system computed."""
+    """Return what can be compared: coordinates of joints, angles computed from joints, angles in the other's file."""
     given = dict.fromkeys(name for match in matches for name in match.given_names)
     return [
         *(
@@ -134,7 +136,7 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Return all rows of all recordings together; subjects: one text per match, equal for the same person."""
+    """Return the table's rows, each over all recordings. subjects: one text per match, equal for the same person."""
     rows = list[Agreement]()
     for quantity in quantities(matches):
         taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]
@@ -148,7 +150,7 @@ def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Ag
 
 
 Parts = Sequence[tuple[Compared, str, np.ndarray]]
-"""Parts of a comparison, one per recording: the compared values, the subject, and the chosen frames (n,) bool."""
+"""What one row compares, one entry per recording: the compared values, the subject, and the chosen frames (n,) bool."""
 
 
 def _row(quantity: Quantity, parts: Parts, state: str, offset: str) -> Agreement:
@@ -178,7 +180,7 @@ def _row(quantity: Quantity, parts: Parts, state: str, offset: str) -> Agreement
 
 
 def _error_row(about: tuple[str, str, str, str], error: np.ndarray, **values: Any) -> Agreement:
-    """Return a row of errors. about: kind, name, axis and unit."""
+    """Return a row with the statistics of ``error`` (n,). about: kind, name, axis and unit."""
     size, (kind, name, axis, unit) = np.abs(error), about
     return Agreement(
         kind=kind,
@@ -194,7 +196,9 @@ def _error_row(about: tuple[str, str, str, str], error: np.ndarray, **values: An
 
 
 def _shape(parts: Parts, offset: str) -> dict[str, Any]:
-    """Return the coefficient of multiple correlation and the ranges, each as mean over recordings."""
+    """Return the coefficient of multiple correlation, both systems' ranges (largest minus smallest value), and the
+    difference of the ranges, each as the mean over recordings.
+    """
     pairs = [(each.ours[chosen], each.their_values(offset)[chosen]) for each, _, chosen in parts]
     cmc = [waveform_correlation(*pair) for pair in pairs]
     ranges = [tuple(float(np.ptp(values)) for values in pair) for pair in pairs]
@@ -208,8 +212,8 @@ def _shape(parts: Parts, offset: str) -> dict[str, Any]:
 
 
 def _units(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
-    """Return the number of the stretch of time to which each frame belongs. Each stretch lasts twice the correlation
-    time of the errors, at least one second, so that errors of different stretches are independent.
+    """Return the number of the stretch of time to which each frame belongs. A stretch lasts twice the correlation time
+    of the errors, at least one second, so that errors of different stretches are independent.
     """
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     centred = difference - difference.mean()
@@ -242,7 +246,7 @@ def _difference(each: Compared, offset: str) -> np.ndarray:
 
 
 def in_state(state_code: np.ndarray, state: str) -> np.ndarray:
-    """Return (...) bool: codes that are of one of ``STATES``."""
+    """Return (...) bool: True where the code belongs to ``state``, which is one of ``STATES``."""
     if state == ALL:
         return np.ones(state_code.shape, dtype=bool)
     if state == INFERRED:
@@ -278,7 +282,7 @@ def _given(match: Match, name: str) -> Compared | None:
 def _of_angle(match: Match, name: str, theirs: np.ndarray) -> Compared | None:
     column = match.ours.column(name)
     ours = match.ours.degrees[:, column]
-    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # differences along the shorter arc
+    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # turned so that differences are within 180 degrees
     known = np.isfinite(ours - theirs)
     if not known.any():
         return None
@@ -293,7 +297,7 @@ TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four number
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """The comparisons of several recordings and their common results; subjects: one per match."""
+    """Matched recordings, the person of each (``subjects``), and the rows of agreement over all of them."""
 
     matches: tuple[Match, ...]
     subjects: tuple[str, ...]
@@ -303,10 +307,10 @@ class Comparison:
 def compare_with_reference(
     results: Sequence[Path], references: Sequence[Path], subjects: Sequence[str], settings: ReferenceSettings
 ) -> Comparison:
-    """Compare results folders with one reference each, in the same order; subjects: the person of each folder; if
-    empty, each folder is another person.
+    """Compare each results folder with the reference at the same place of ``references``. subjects: the person of each
+    folder; if empty, every folder shows another person.
 
-    Raises InputError or AnchorposeError if the two do not belong together or cannot be used.
+    Raises InputError or AnchorposeError if a folder and its reference do not belong together or cannot be used.
     """
     if len(references) != len(results):
         raise AnchorposeError(
@@ -328,7 +332,7 @@ def compare_with_reference(
 
 
 def read_transform(path: Path) -> np.ndarray:
-    """Read T_world_reference (4, 4) from a JSON file; raises InputError if the file has no such matrix."""
+    """Read the reference's pose T_world_reference (4, 4) from a file; raises InputError if it has no such matrix."""
     document: Any = read_json(path)
     rows = document.get("reference_to_world") if isinstance(document, dict) else None
     try:
@@ -344,7 +348,9 @@ def read_transform(path: Path) -> np.ndarray:
 
 
 def distance_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Return, per joint and for all, mean, root mean square and largest distance in millimetres."""
+    """Return rows with the mean, root mean square and largest distance (mm) between the joint positions of both
+    systems, per joint and for all joints together.
+    """
     rows, named = list[Agreement](), [(name, slice(k, k + 1)) for k, name in enumerate(JOINT_NAMES)]
     for offset, (name, column), state in product(
         (AS_MEASURED, OFFSET_REMOVED), (*named, ("all joints", slice(None))), STATES

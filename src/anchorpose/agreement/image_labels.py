@@ -25,12 +25,13 @@ REMEDY: Final = "give rows camera,frame,joint,u,v with the column u and the row 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageErrors:
-    """Distances in the plane of the image, for the joints of one name or for all joints; None if no distance is
-    known.
+    """Distances between labelled and tracked joints in the plane of the image, for one joint or a group of joints
+    (``name``); None if no distance is known.
 
-    labelled: number of labels in tracked frames; lost: number of these labels whose joint was lost in the results.
-    Millimetres are pixels converted at the distance of the tracked joint. within_50, within_100: share of ``labelled``
-    with a distance of at most 50 or 100 mm; a lost joint counts as farther away.
+    labelled: number of labels in tracked frames; lost: number of these labels for which no distance is known, mostly
+    since the joint was lost. Pixels are converted to millimetres at the depth of the tracked joint. within_50,
+    within_100: share of ``labelled`` with a distance of at most 50 or 100 mm; a label without a distance counts as
+    farther away.
     """
 
     name: str
@@ -52,7 +53,7 @@ class _Label:
 
 
 def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[ImageErrors, ...]:
-    """Evaluate all joints together, observed and inferred joints separately, and each labelled joint.
+    """Return the errors of all joints together, of observed and of inferred joints, and of each labelled joint.
 
     Raises InputError if a file cannot be used, or no labelled frame is among the results.
     """
@@ -76,8 +77,8 @@ def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[Image
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """A camera with its pose as used. time_s (n,): times of its images on the results' clock; frame (n,): numbers of
-    the images.
+    """A camera with the pose that tracking used. time_s (n,): times of its images on the results' clock; frame (n,):
+    numbers of the images.
     """
 
     camera: Camera
@@ -86,8 +87,8 @@ class _View:
 
 
 class _Distance(NamedTuple):
-    """The distance of one label; pixels and millimetres are NaN where the joint was lost or is not in the camera's
-    view.
+    """The distance between one label and its tracked joint; pixels and millimetres are NaN if the joint was lost or
+    cannot be projected to the image.
     """
 
     joint: str
@@ -97,7 +98,7 @@ class _Distance(NamedTuple):
 
 
 def _views(results: Path, recording: Recording) -> dict[str, _View]:
-    """Return the views by camera name; cameras without a pose in run.json are left out."""
+    """Return the views by the name of their camera; cameras without a pose in run.json are left out."""
     records = {str(each["name"]): each for each in read_run(results / RUN_FILE).get("cameras", [])}
     found = {}
     for camera, stream in zip(recording.cameras, recording.streams, strict=True):

@@ -32,7 +32,7 @@ from anchorpose.results.verify import require_own
 from anchorpose.rotations import fit_rigid_transform
 
 LARGEST_SCALE: Final = 1.3
-"""Maximum ratio of the body's sizes in the two systems; different definitions of joints change distances by less."""
+"""Maximum ratio of the body's sizes in the two systems; different definitions of joints change body sizes by less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,9 +40,9 @@ class Match:
     """A results folder and a reference at the same times: all arrays have a row per frame of ``joints``.
 
     theirs_m (n, 21, 3): the reference's joints in the world of the results, NaN where missing; axes (n, 21, 3, 3): axes
-    of the segments. theirs: angles of the reference's joints by this program's formulas, None if the reference has no
-    joints. given_names, given_deg (n, a): angles as the other system computes them. placement: None if the reference
-    has only angles.
+    of the body segment of each joint. theirs: angles of the reference's joints by this program's formulas, None if the
+    reference has no joints. given_names, given_deg (n, a): angles as the other system computes them. placement: None if
+    the reference has only angles.
     """
 
     results: Path
@@ -63,7 +63,7 @@ class Match:
 
 
 def match_results(results: Path, reference: Reference, given: np.ndarray | None = None) -> Match:
-    """Find clock and frame of the reference. given: T_world_reference (4, 4) if known.
+    """Match results with a reference: find its clock and pose. given: its pose T_world_reference (4, 4), if known.
 
     Raises InputError if lengths have another unit, an axis is mirrored, left and right are exchanged, or no common
     movement is found.
@@ -114,7 +114,7 @@ def _match(
 def _clock_of_positions(
     joints: JointTable, axes: np.ndarray, reference: Reference, placement: Placement, clock: Clock
 ) -> Clock:
-    """Refine the clock with the known frame: positions determine time better than distances between them."""
+    """Refine the clock by joint positions in the world: they determine time better than distances between joints."""
     nothing = np.zeros_like(joints.position_m)
     ours = position_signals(joints.time_s, residual(joints.position_m, nothing, axes, placement.offset_m))
     theirs_m = transform_points(placement.T_world_reference, reference.centres.position_m)
@@ -152,14 +152,15 @@ def _median_distance(position_m: np.ndarray, a: int, b: int) -> float:
 
 
 def require_sides(joints: JointTable, ours: AngleTable, reference: Reference) -> None:
-    """Raise InputError if the reference fits much better with a mirrored axis or exchanged labels."""
+    """Raise InputError if the reference fits much better with a mirrored axis, or with left and right exchanged."""
     misfit = _misfits(joints, ours, reference)
     require_as_is(reference.path, misfit, is_length=bool(reference.centres.joints))
 
 
 def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict[Sides, float]:
-    """Return the misfit for each possible reversal: the median distance of joints in metres after the best rigid motion
-    or, without joints, the share of unexplained movement. The result is empty if no common movement is found.
+    """Return the misfit for each combination of exchanged sides and mirrored axis. The misfit is the median distance in
+    metres between both systems' joints after the best rigid motion. If the reference has no joints, it is the share of
+    the movement that the best clock leaves unexplained. Combinations without a common movement are left out.
     """
     found = dict[Sides, float]()
     for is_exchanged, other in ((False, reference), (True, exchanged(reference))):
@@ -184,8 +185,8 @@ def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict
 
 
 def _distance_m(ours_m: np.ndarray, theirs_m: np.ndarray) -> float:
-    """Return the median distance of joints (n, 21, 3), NaN where missing, after the best rigid motion of the other
-    system's joints onto the results'.
+    """Return the median distance between both systems' joints (n, 21, 3), NaN where missing, after the best rigid
+    motion of the other system's joints onto the results'.
     """
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2)
     T = fit_rigid_transform(theirs_m[both], ours_m[both])

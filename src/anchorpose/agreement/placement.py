@@ -1,9 +1,10 @@
-"""Find the frame of another system in the world of the results, and the constant offsets between the joints of both.
+"""Find the frame of another system in the world of the results, and the constant offsets between both systems' joints.
 
-Even without errors, two systems differ in their definitions: for example, one places the knee's centre midway between
-two markers, the other computes it from the body's surface. Such an offset is constant in the segment's axes, so it can
-be separated from errors, which are not constant. An offset that all joints share looks like another position of the
-frame unless the person turns; it is attributed to the frame.
+Even without errors, the joints of two systems differ by their definitions: for example, one system places the knee's
+centre midway between two markers, the other computes it from the body's surface. Such an offset is constant in the axes
+of the body segment (of the thigh, for a knee), so it can be separated from errors, which are not constant. An offset
+that all joints share cannot be distinguished from another position of the frame unless the person turns, so it is
+attributed to the frame.
 """
 
 from __future__ import annotations
@@ -18,29 +19,31 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.angle_definition import Axes, pelvis_axes, trunk_axes
 from anchorpose.rotations import fit_rigid_transform, rotation_matrices, rotation_vectors, unit
 
-ROUNDS: Final = 15
+ROUNDS: Final = 15  # maximum number of Gauss-Newton steps
 LEAST_FRAMES: Final = 10
 """Minimum number of frames in which both systems have a joint, for finding the joint's offset."""
 
 FARTHEST: Final = 4.0
-"""Multiple of the typical distance above which a distance gets less weight, since one of the two systems has probably
-lost the joint.
+"""A joint gets less weight in a frame in which its distance between the systems is over ``FARTHEST`` times the median
+distance, since one of the systems has probably lost it.
 """
 
 TURN_PRIOR_FRAMES: Final = 15.0
 SHIFT_PRIOR_FRAMES: Final = 300.0
-"""Strength with which offsets are held to zero, in frames (of ``MOST_FRAMES``). The rotation of the frame comes from a
-fit with the first value, which suits offsets of some millimetres. Markers also slide with the posture, which looks like
-a shift of the frame; so its position comes from a fit with the second value. In 26 simulated laboratories (suite
-``laboratory`` of ``benchmarks/run.py``), a single value gave root-mean-square errors of 0.15 degrees and 2 mm, or of
-0.2 degrees and 1 mm; two values give 0.15 degrees and 1 mm.
+"""Weights of the prior that offsets are zero, in frames: a prior of 300 counts as much as 300 of the frames that are
+used (see ``MOST_FRAMES``). The rotation of the frame comes from a fit with ``TURN_PRIOR_FRAMES``, which suits offsets
+of some millimetres. Markers also slide on the skin with the posture, which looks like a shift of the frame; therefore
+the frame's position comes from a fit with ``SHIFT_PRIOR_FRAMES``. In 26 simulated laboratories (suite ``laboratory`` of
+``benchmarks/run.py``), one value for both fits gave root-mean-square errors of the frame of 0.15 degrees and 2 mm, or
+of 0.2 degrees and 1 mm; two values give 0.15 degrees and 1 mm.
 """
 
 ERROR_M: Final = 0.005
-"""Length in m that is added to a joint's sigma. It covers the error of the reference, and sigmas that are too small."""
+"""Length in m that is added to a joint's sigma in quadrature. It covers errors of the reference and too small sigmas.
+"""
 
 MOST_FRAMES: Final = 1000
-"""Number of frames to which a long recording is thinned, since neighbouring frames contain the same information."""
+"""A long recording is thinned to one to two times this number of frames, since neighbouring frames are nearly equal."""
 
 _LIMBS: Final = {
     "Knee": ("Hip", "Knee", "pelvis"),
@@ -50,8 +53,8 @@ _LIMBS: Final = {
     "Wrist": ("Elbow", "Wrist", "trunk"),
     "Hand": ("Elbow", "Wrist", "trunk"),
 }
-"""By joint: the upper and lower end of the limb in whose axes its offset is constant, and the segment from which the
-limb's axes are derived.
+"""By joint: the joints at the upper and the lower end of the limb in whose axes the joint's offset is constant, and the
+part of the body (pelvis or trunk) from whose axes the limb's axes are derived.
 """
 
 _ON_PELVIS: Final = ("SpineBase", "HipLeft", "HipRight")
@@ -59,12 +62,12 @@ _ON_PELVIS: Final = ("SpineBase", "HipLeft", "HipRight")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """T_world_reference (4, 4), and offset_m (21, 3): the results' joints relative to the reference's, in the segment's
-    axes.
+    """The frame T_world_reference (4, 4) of the reference, and offset_m (21, 3): the results' joints minus the
+    reference's, in the axes of each joint's segment.
 
-    x forward, y up, z to the right when the person stands with limbs hanging; NaN for joints that are not common.
-    translation_sigma_m, rotation_sigma_deg: standard deviations, from the changes of the frame if one joint is left
-    out; NaN where the frame was given.
+    The axes are x forward, y up, z to the right when the person stands with limbs hanging. offset_m is NaN for joints
+    that one of the systems lacks. translation_sigma_m, rotation_sigma_deg: standard deviations of the frame's position
+    and rotation, from their changes when each joint is left out in turn; NaN where the frame was given.
     """
 
     T_world_reference: np.ndarray
@@ -74,10 +77,10 @@ class Placement:
 
 
 def segment_axes(position_m: np.ndarray) -> np.ndarray:
-    """Return the axes (n, 21, 3, 3), columns x, y, z, of each joint's segment; position_m (n, 21, 3), NaN where
+    """Return the axes (n, 21, 3, 3) of each joint's segment, as columns x, y, z; position_m (n, 21, 3), NaN where
     unknown.
 
-    A limb's axes are those of pelvis or trunk, rotated the shortest way until they are in line with the limb.
+    A limb's axes are those of pelvis or trunk, turned by the smallest angle that brings -y (foot: x) along the limb.
     """
     points = {name: position_m[:, index].T for name, index in JOINT_INDEX.items()}
     base = {"pelvis": _columns(pelvis_axes(points)), "trunk": _columns(trunk_axes(points))}
@@ -97,7 +100,8 @@ def segment_axes(position_m: np.ndarray) -> np.ndarray:
 def place(
     ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, given: np.ndarray | None = None
 ) -> Placement:
-    """Find the reference's frame and the offsets of its definitions, from joints (n, 21, 3) at the same times.
+    """Find the reference's frame and the offsets between both definitions of joints, from joints (n, 21, 3) at the same
+    times.
 
     ours_m, sigma_m (n, 21), axes (n, 21, 3, 3): joints of the results, their sigma and ``segment_axes``; theirs_m:
     joints of the reference. given: T_world_reference, if known; then only the offsets are found. Raises
@@ -116,9 +120,7 @@ def place(
 
 
 def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> np.ndarray:
-    """Return weights (n, 21) with mean 1, which are 0 where one of the systems lacks the joint, and smaller for
-    inferred joints.
-    """
+    """Return weights (n, 21) with mean 1: 0 where one system lacks the joint, else the smaller, the larger sigma is."""
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2) & np.isfinite(sigma_m)
     both[:, both.sum(axis=0) < LEAST_FRAMES] = False
     weight = np.where(both, 1.0 / (np.where(both, sigma_m, 0.0) ** 2 + ERROR_M**2), 0.0)
@@ -151,7 +153,9 @@ def _fit(
     prior_frames: float,
     given: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fit frame and offsets together, by Gauss-Newton. They can be separated only if the person turns."""
+    """Return T_world_reference and offsets (21, 3), NaN for joints without data, fitted together by Gauss-Newton steps.
+    prior_frames: weight of the prior that offsets are zero, in frames; given: T_world_reference, if known.
+    """
     known = (joint_weight > 0) & np.isfinite(axes).all(axis=(2, 3))
     every = max(1, len(known) // MOST_FRAMES)
     known[np.arange(len(known)) % every != 0] = False
@@ -187,8 +191,9 @@ def _step(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the rotation vector and shift of the frame, and the change of the offsets (j, 3).
 
-    left (k, 3): unexplained differences; lever (k, 3): the reference's points relative to their centre; own (k, 3, 3):
-    segment axes; use: index of each point's offset, its weight, and the weight of each offset's prior.
+    left (k, 3): differences between both systems' points that are not explained yet; lever (k, 3): the reference's
+    points relative to their centre; own (k, 3, 3): segment axes; use: index (k,) of each point's offset, weight (k,) of
+    each point, and weight of the prior of each offset. If ``frame_too`` is False, only offsets change.
     """
     (column, weight, prior), count = use, len(offset)
     jacobian = np.zeros((len(left), 3, 6))
@@ -213,7 +218,7 @@ def _step(
 
 
 def _turned(T: np.ndarray, turn: np.ndarray, shift: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """Return T followed by a small rotation about a point and a shift."""
+    """Return T followed by a small rotation about the point ``centre_m`` and a shift."""
     step = np.eye(4)
     step[:3, :3] = rotation_matrices(turn[None])[0]
     step[:3, 3] = centre_m - step[:3, :3] @ centre_m + shift
@@ -221,8 +226,8 @@ def _turned(T: np.ndarray, turn: np.ndarray, shift: np.ndarray, centre_m: np.nda
 
 
 def _spread(T: np.ndarray, others: list[np.ndarray], centre_m: np.ndarray) -> tuple[float, float]:
-    """Return the jackknife standard deviations, over joints, of the position of the body's centre (m) and of the
-    rotation (degrees), per axis.
+    """Return the standard deviations per axis of the position of the body's centre (m) and of the frame's rotation
+    (degrees), by the jackknife: each of ``others`` is the frame as found without one joint.
     """
     source = np.linalg.inv(T) @ np.append(centre_m, 1.0)
     shift = np.array([(other @ source)[:3] - centre_m for other in others])
@@ -233,12 +238,12 @@ def _spread(T: np.ndarray, others: list[np.ndarray], centre_m: np.ndarray) -> tu
 
 
 def _columns(axes: Axes) -> np.ndarray:
-    """Return the matrices (n, 3, 3) with the given columns."""
+    """Return matrices (n, 3, 3) whose columns are the axes x, y, z."""
     return np.stack([axes.x, axes.y, axes.z], axis=-1).transpose(1, 0, 2)
 
 
 def _shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the rotations (n, 3, 3) of unit vectors (n, 3) onto others; NaN where they are opposite."""
+    """Return the smallest rotations (n, 3, 3) that turn unit vectors start to end (n, 3); NaN if these are opposite."""
     axis, cosine = np.cross(start, end), (start * end).sum(axis=1)
     zero = np.zeros(len(axis))
     x, y, z = axis.T

@@ -1,4 +1,5 @@
-"""State how well raters agree: trials are the subjects, raters the repeats, of the scores that blinded raters gave.
+"""Compute how well blinded raters agree on the scores of trials. The module ``reliability`` does so, with trials in
+place of subjects and raters in place of repeats.
 
 For two raters, quadratically weighted kappa equals ICC(2,1) except for terms of the order of 1 / number of trials:
 Fleiss and Cohen 1973 (doi:10.1177/001316447303300309).
@@ -22,8 +23,8 @@ REMEDY: Final = "give the scores of the same sessions from every rater, each fil
 
 @dataclass(frozen=True, slots=True)
 class RaterAgreement:
-    """The agreement of raters. reliability: reliability of a single score. raters: the raters' initials. left_out:
-    number of trials that lack a rater's score.
+    """The agreement of raters. reliability: reliability of one rater's score. raters: the raters' initials. left_out:
+    number of trials that are left out because a rater's score is missing.
     """
 
     reliability: Reliability

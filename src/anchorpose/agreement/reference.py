@@ -1,9 +1,11 @@
-"""Read another system's recording, and convert it to this program's joints and angles. Its clock and frame are kept.
+"""Read another system's recording, and convert it to this program's joints and angles. Times stay on its clock, and
+positions in its frame of reference.
 
-Labels determine the joint centres: a label is a centre, or a centre lies midway between markers; hip centres may be
-estimated. Regression: Harrington et al. 2007 (doi:10.1016/j.jbiomech.2006.02.003), their equations of one variable
-each, which Sangeux et al. 2014 (doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults.
-Functional method: the point of the pelvis about which the thigh's markers move on spheres, Gamage and Lasenby 2002
+A joint centre is a labelled point of the file, or the mean of several markers. A hip centre may also be estimated from
+markers of the pelvis, by a regression or by a functional method. The regression is that of Harrington et al. 2007
+(doi:10.1016/j.jbiomech.2006.02.003), in the equations with one variable each, which Sangeux et al. 2014
+(doi:10.1016/j.gaitpost.2014.01.024) found to be the most accurate regression in adults. The functional method finds the
+point of the pelvis about which the thigh's markers move on spheres: Gamage and Lasenby 2002
 (doi:10.1016/S0021-9290(01)00160-9).
 """
 
@@ -35,7 +37,7 @@ _CENTRES: Final = {
     "Elbow": ("{s}EJC", "{s}HUO"),
     "Wrist": ("{s}WJC", "{s}RAO"),
 }
-"""By joint, the names of its centre in Plug-in Gait, the Conventional Gait Model 2 and Visual3D."""
+"""By joint, labels that its centre has in Plug-in Gait, Conventional Gait Model 2 or Visual3D; ``{s}`` is L or R."""
 
 _PAIRS: Final = {
     "Knee": (
@@ -49,22 +51,22 @@ _PAIRS: Final = {
     "Elbow": (("{s}ELB", "{s}HLE", "{s}LELB", "{s}ELBOWLAT"), ("{s}ELM", "{s}HME", "{s}MELB", "{s}ELBOWMED")),
     "Wrist": (("{s}WRA", "{s}RSP", "{s}WRISTRAD"), ("{s}WRB", "{s}USP", "{s}WRISTULN")),
 }
-"""The lateral and the medial marker of each joint; the joint's centre is taken midway between the two."""
+"""By joint, labels of its lateral and of its medial marker; the joint's centre is taken midway between the two."""
 
 _PELVIS: Final = {"ASIS": ("{s}ASI", "{s}ASIS", "{s}IAS"), "PSIS": ("{s}PSI", "{s}PSIS", "{s}IPS")}
 
-_THIGH: Final = re.compile(r"^([LR])(THI|THAP|THAD|TH|THIGH)\d*$")
+_THIGH: Final = re.compile(r"^([LR])(THI|THAP|THAD|TH|THIGH)\d*$")  # labels of markers on the thigh
 
 _SPELT: Final = re.compile(r"^(L|R|LEFT|RIGHT)(HIP|KNEE|ANKLE|SHOULDER|ELBOW|WRIST)(JC|JOINT)?(CENTER|CENTRE)?$")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marking:
-    """The meaning of the file's labels.
+    """The joint or bone that each label of a file stands for.
 
     centres: by joint, the label of its centre. midpoints: by joint, the labels whose mean is its centre. pelvis: labels
-    of ASIS left and right, PSIS left and right; None if one is missing. thighs: the markers on the left and the
-    right thigh.
+    of the markers on the left ASIS, right ASIS, left PSIS and right PSIS (front and back spines of the pelvis); None if
+    one is missing. thighs: labels of the markers on the ``Left`` and the ``Right`` thigh.
     """
 
     centres: dict[str, str]
@@ -79,7 +81,9 @@ class Marking:
 
 
 def known_marking(labels: tuple[str, ...]) -> Marking:
-    """Return the meaning of labels in common use; case, dots, dashes and underscores are ignored."""
+    """Return the meaning of labels that are in common use; other labels are ignored. Case, dots, dashes and underscores
+    make no difference.
+    """
     own = {re.sub(r"[^A-Z0-9]", "", label.upper()): label for label in reversed(labels)}
     centres = {name: own[name.upper()] for name in JOINT_NAMES if name.upper() in own}
     midpoints = dict[str, tuple[str, ...]]()
@@ -109,7 +113,7 @@ def known_marking(labels: tuple[str, ...]) -> Marking:
 def given_marking(path: Path, labels: tuple[str, ...]) -> Marking:
     """Read the user's table: rows ``joint,label``; if a joint has several rows, its centre is the mean of their labels.
 
-    In place of a joint, a row may have ASISLeft, ASISRight, PSISLeft, PSISRight, ThighLeft or ThighRight. Raises
+    In place of a joint, a row may name ASISLeft, ASISRight, PSISLeft, PSISRight, ThighLeft or ThighRight. Raises
     InputError for an unknown joint or label.
     """
     remedy = "give rows joint,label with the name of a joint in the results and a label of the reference"
@@ -145,22 +149,22 @@ def _thigh(own: dict[str, str], midpoints: dict[str, tuple[str, ...]], side: str
 
 
 LEAST_SWING: Final = 0.02
-"""Minimum ratio of the smallest to the largest singular value of the equations of the spheres. Below it, the thigh
-moved in one plane or hardly at all, so the centre is undetermined along one direction.
+"""Minimum ratio of the smallest to the largest singular value in ``functional_centre``. Below it, the thigh moved in
+one plane or hardly at all, so the centre is undetermined along one direction.
 """
 
 
 FARTHEST_M: Final = 0.04
-"""Maximum distance in metres of the functional centre from the centre given by the regression, which is accurate to 15
-mm. At a larger distance, markers moved with the skin over the bone: in a recording of walking (ezc3d's example of
-Qualisys), both hips were 67 mm away.
+"""Maximum distance in metres of the functional hip centre from the centre given by the regression, which is accurate to
+15 mm. If the distance is larger, the markers moved with the skin over the bone: in a recording of walking (ezc3d's
+example of Qualisys), the functional centres of both hips were 67 mm away.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CentreTrack:
     """Joint centres over time: position_m (t, 21, 3) in the other system's frame, NaN where missing; origin: by joint,
-    the method by which it was found.
+    a text on how its centre was found, None for a joint that was not found.
     """
 
     position_m: np.ndarray
@@ -168,12 +172,14 @@ class CentreTrack:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Return the names of the joints that exist."""
+        """Return the names of the joints that were found."""
         return tuple(name for name, how in zip(JOINT_NAMES, self.origin, strict=True) if how is not None)
 
 
 def joint_centres(captured: Captured, marking: Marking, hip: HipCentre) -> CentreTrack:
-    """Compute all joints that the labels determine; raises InputError if ``hip`` cannot be used."""
+    """Compute all joint centres that the labels determine. hip: method for hip centres without a label; raises
+    InputError if it cannot be used.
+    """
     position = np.full((len(captured.time_s), JOINT_COUNT, 3), np.nan)
     origin: list[str | None] = [None] * JOINT_COUNT
 
@@ -210,8 +216,8 @@ _HOW: Final = {
 def pelvis_frame(
     left_asis: np.ndarray, right_asis: np.ndarray, left_psis: np.ndarray, right_psis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Return the axes (t, 3, 3), columns x forward, y up, z right; origin (t, 3) midway between the ASIS; width and
-    depth in m.
+    """Return the axes (t, 3, 3), columns x forward, y up, z right; the origin (t, 3) midway between the two ASIS; and
+    the width and depth of the pelvis in m.
 
     All inputs (t, 3). Width and depth are medians over the recording, since a bone does not change.
     """
@@ -234,8 +240,8 @@ def harrington_hip(width_m: float, depth_m: float) -> np.ndarray:
 def functional_centre(markers_m: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
     """Return the common centre (3,) of spheres on which each marker (t, 3) moves, and how well it is determined.
 
-    The second is the ratio of the smallest to the largest singular value of the equations. Raises ValueError for no
-    marker with four known positions.
+    The second value is the ratio of the smallest to the largest singular value of the equations: 0 if the centre is
+    undetermined. Raises ValueError if no marker with four known positions moves.
     """
     matrix, right = np.zeros((3, 3)), np.zeros(3)
     for marker in markers_m:
@@ -259,8 +265,9 @@ def _functional_centre(
     pelvis: tuple[np.ndarray, np.ndarray],
     regression_m: np.ndarray,
 ) -> np.ndarray:
-    """Return the functional centre in the pelvis; raises InputError if the thigh has no markers or its movement does
-    not determine it.
+    """Return the functional hip centre (3,) in ``pelvis_frame``. pelvis: axes and origin of that frame; regression_m:
+    the centre by the regression. Raises InputError if the thigh has no markers, or their movement does not determine
+    the centre.
     """
     axes, origin_m = pelvis
     if not markers:
@@ -274,7 +281,7 @@ def _functional_centre(
 
 
 def with_sides_exchanged(track: CentreTrack) -> CentreTrack:
-    """Exchange left and right joints."""
+    """Return the track with left and right joints exchanged."""
     other = [JOINT_INDEX[other_side(name)] for name in JOINT_NAMES]
     return CentreTrack(track.position_m[:, other], tuple(track.origin[index] for index in other))
 
@@ -302,13 +309,16 @@ _PLUG_IN: Final = {
     "AnkleAngles": "ankle_dorsiflexion",
     "ElbowAngles": "elbow_flexion",
 }
-"""By angle of Plug-in Gait: the angle of this program that equals its first component (flexion) up to a constant."""
+"""``_OPENSIM``, ``_PLUG_IN``: by the other system's name of an angle, the angle of this program that equals it up to a
+constant. Angles of Plug-in Gait have three components, of which the first (flexion) is compared.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The other system's recording. time_s (t,): times on its clock; centres: joint centres in its frame; degrees (t,
-    a): the angles ``angles``, with the names of this program. notes: sentences on how the file was understood.
+    """The other system's recording in this program's terms. time_s (t,): times on its clock; centres: joint centres in
+    its frame; degrees (t, a): the angles ``angles``, with the names of this program. notes: sentences on how the file
+    was understood.
     """
 
     path: Path
@@ -322,9 +332,9 @@ class Reference:
 def read_reference(
     path: Path, unit: str | None = None, names: Path | None = None, hip: HipCentre = HipCentre.HARRINGTON
 ) -> Reference:
-    """Read the joints and angles of a file; names: a table ``joint,label`` in place of the names in common use.
+    """Read the joints and angles of a file. names: a table (see ``given_marking``) used in place of ``known_marking``.
 
-    Raises InputError if the file gives none of this program's joints and angles.
+    Raises InputError if the file has none of this program's joints and angles.
     """
     captured = read_captured(path, unit)
     marking = known_marking(captured.points) if names is None else given_marking(names, captured.points)
@@ -339,13 +349,13 @@ def read_reference(
 
 
 def exchanged(reference: Reference) -> Reference:
-    """Return the same recording with left and right exchanged."""
+    """Return the same recording with the names of left and right joints and angles exchanged."""
     angles = tuple(other_side(name) for name in reference.angles)
     return replace(reference, centres=with_sides_exchanged(reference.centres), angles=angles)
 
 
 def _angles(captured: Captured) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
-    """Return the names in this program, the angles (t, a) in degrees, and notes on changed signs."""
+    """Return this program's names of the file's angles, the angles (t, a) in degrees, and notes on labels and signs."""
     found, notes = dict[str, np.ndarray](), list[str]()
     for column, label in enumerate(captured.angles):
         name = _our_angle(label)

@@ -30,7 +30,9 @@ from anchorpose.settings import LARGEST
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reliability:
-    """The reliability of one measure; values are None if ``why`` states a reason. sem and mdc95 are in ``unit``."""
+    """The reliability of one measure; values are None if ``why`` states why they are missing. sem (standard error of
+    measurement) and mdc95 (minimal detectable change) are in ``unit``.
+    """
 
     measure: str
     side: str | None
@@ -49,7 +51,7 @@ class Reliability:
     why: str | None = None
 
     def without(self, why: str) -> Reliability:
-        """Return the same measure without values, and why."""
+        """Return the row of the same measure without values; why: the reason."""
         about = (self.measure, self.side, self.unit, self.subjects, self.repeats)
         return Reliability(**dict(zip(COLUMNS, about, strict=False)), why=why)  # type: ignore[arg-type]
 
@@ -70,11 +72,11 @@ class MeanSquares:
 def mean_squares(values: np.ndarray) -> MeanSquares:
     """Return the mean squares of values (subjects, repeats), all finite.
 
-    Every subject has every repeat, so the sums are those of Shrout and Fleiss; statsmodels would solve for one unknown
-    per subject, which takes gigabytes for some thousand subjects.
+    Every subject has every repeat, so the simple sums of Shrout and Fleiss suffice. A fit by statsmodels would solve
+    for one unknown per subject, which takes gigabytes for some thousand subjects.
     """
     subjects, repeats = values.shape
-    centred = values - values.mean()  # centred, so that a large mean costs no digits
+    centred = values - values.mean()  # the squares of values with a large mean would lose digits
     by_subject, by_repeat = centred.mean(axis=1), centred.mean(axis=0)
     rest = centred - by_subject[:, None] - by_repeat
     return MeanSquares(
@@ -85,7 +87,7 @@ def mean_squares(values: np.ndarray) -> MeanSquares:
 
 
 def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Estimate:
-    """Compute ICC(2,1): repeats are a random sample, and their differences count as error."""
+    """Compute ICC(2,1) with its 95 % interval: repeats are a random sample; differences between them count as error."""
     n, k = subjects, repeats
     value = (ms.subjects - ms.rest) / (ms.subjects + (k - 1) * ms.rest + k * (ms.repeats - ms.rest) / n)
     a = k * value / (n * (1.0 - value))
@@ -102,7 +104,7 @@ def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Estimate
 
 
 def consistency(ms: MeanSquares, subjects: int, repeats: int) -> Estimate:
-    """Compute ICC(3,1): a constant difference between repeats does not count as error."""
+    """Compute ICC(3,1) with its 95 % interval: a constant difference between repeats does not count as error."""
     n, k = subjects, repeats
     tail = 0.5 + CONFIDENCE / 2.0
     ratio, freedom = ms.subjects / ms.rest, (n - 1) * (k - 1)
@@ -133,7 +135,7 @@ def reliability_of(measure: str, side: str | None, unit: str, values: np.ndarray
         icc_3_1_low=same.low,
         icc_3_1_high=same.high,
         sem=sem,
-        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # errors alone exceed it only 5 times in 100
+        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # two measurements of one value differ by more in 5 % of cases
     )
 
 
@@ -152,18 +154,18 @@ REMEDY: Final = (
 )
 
 OTHER_UNIT: Final = 100.0
-"""Minimum ratio between values of two sessions that are taken to be in different units, such as metres and centimetres,
-since no person changes by this ratio.
+"""Minimum ratio between the values of two sessions at which they are taken to be in different units, such as metres and
+centimetres, since no person changes by this ratio.
 """
 
 Key = tuple[str, str | None, str]  # measure, side, unit
-Values = dict[tuple[str, str], dict[Key, float]]  # by subject and repeat
+Values = dict[tuple[str, str], dict[Key, float]]  # by subject and repeat, then by measure
 
 
 def session_reliability(path: Path) -> tuple[Reliability, ...]:
-    """Return every measure in a table of sessions, in the order in which measures first occur.
+    """Return the reliability of every measure in a CSV table of sessions, in the order in which measures first occur.
 
-    Raises InputError if the table or a results folder cannot be used, or measures are defined differently.
+    Raises InputError if the table or a results folder cannot be used, or measures have different definitions.
     """
     rows = _read(path)
     repeated = next(name for name in REPEATED if name in rows[0])
@@ -180,10 +182,11 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
 
 
 def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
-    """Return a clause on the session, or on the session of one subject, whose values differ by orders of magnitude;
-    None if all are alike. grid (subjects, repeats): the values.
+    """Return the beginning of a sentence on the session, or on the session of one subject, whose values differ from the
+    others by a factor of ``OTHER_UNIT`` or more; None if there is none. grid (subjects, repeats): the values.
 
-    A single value may be near zero without an error, so only a whole session counts as too small.
+    A single value may be near zero without an error. Values that are too small are therefore searched for in whole
+    sessions only.
     """
     size = np.abs(grid[np.isfinite(grid).all(axis=1)])
     names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]
@@ -201,18 +204,18 @@ def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str
 
 
 def _times(some: np.ndarray, others: np.ndarray) -> float:
-    """Return the ratio of two medians; 1 if either is 0."""
+    """Return the median of ``some`` divided by that of ``others``; 1 if either median is 0."""
     own, rest = float(np.median(some)), float(np.median(others))
     return own / rest if own > 0.0 and rest > 0.0 else 1.0
 
 
 def reliability_text(rows: Sequence[Reliability]) -> str:
-    """Return the rows as CSV; empty cells where there is no value."""
+    """Return the rows as CSV text, with empty cells where there is no value."""
     return csv_text(COLUMNS, (astuple(row) for row in rows))
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
-    """Return a table as CSV."""
+    """Return a table with a line of column names (``head``) as CSV text."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([head, *([cell_text(cell) for cell in row] for row in rows)])
     return text.getvalue()

@@ -1,9 +1,10 @@
-"""Compute bias and limits of agreement of repeated measurements, with intervals.
+"""Compute bias and limits of agreement of repeated measurements, with confidence intervals.
 
-The method is Bland and Altman 2007 (doi:10.1080/10543400701329422), for pairs of values whose true value changes
-between pairs: the variance of a difference is the variance within a unit plus that between units, both from a one-way
-analysis of variance. A unit is a subject or, with few subjects, a stretch of a recording. Intervals are by the method
-of variance estimates recovery: Zou 2013 (doi:10.1177/0962280211402548).
+The method is Bland and Altman 2007 (doi:10.1080/10543400701329422), for pairs of simultaneous values (one per system)
+of a quantity that changes from pair to pair: the variance of a difference between the systems is the variance within a
+unit plus that between units, both from a one-way analysis of variance. A unit is a subject or, with few subjects, a
+stretch of a recording. Confidence intervals are computed by the method of variance estimates recovery: Zou 2013
+(doi:10.1177/0962280211402548).
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from scipy import stats
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_UNITS: Final = 3
-"""Minimum number of subjects for which each subject is a unit; with fewer subjects, the interval would be too wide to
-be of use.
+"""Minimum number of subjects at which each subject is a unit, and of units at which confidence intervals are given:
+with fewer units, an interval would be too wide to be of use.
 """
 
 CONFIDENCE: Final = 0.95
@@ -35,10 +36,10 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Bias (mean difference) and limits of agreement, between which 95 of 100 differences lie, in the data's unit."""
+    """Bias (mean difference) and limits of agreement, between which 95 % of differences lie, in the values' unit."""
 
     count: int  # number of differences
-    units: int
+    units: int  # number of units (subjects or stretches of a recording)
     bias: Estimate
     lower: Estimate
     upper: Estimate
@@ -50,8 +51,7 @@ class Limits:
 
 
 def limits_of_agreement(difference: np.ndarray, unit: np.ndarray) -> Limits:
-    """Compute the limits of agreement. difference (n,): finite; unit (n,): integers or texts, equal for differences of
-    one unit.
+    """Compute the limits of agreement. difference (n,): finite; unit (n,): number or name of each difference's unit.
 
     Raises ValueError for fewer than two differences.
     """
@@ -106,7 +106,9 @@ def _within_variance(difference: np.ndarray, own_mean: np.ndarray, freedom: int)
 def _intervals(
     bias: float, sd: float, mean: np.ndarray, size: np.ndarray, within: tuple[float, int]
 ) -> tuple[Estimate, Estimate, Estimate]:
-    """Return the intervals of bias, lower and upper limit. within: variance within a unit, and degrees of freedom."""
+    """Return bias, lower and upper limit with their intervals. mean, size (units,): mean and number of differences per
+    unit. within: variance within a unit, and its degrees of freedom.
+    """
     units, (variance, freedom) = len(mean), within
     bias_half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, units - 1) * _sigma_of_bias(mean, size, bias))
     harmonic = units / (1.0 / size).sum()
@@ -123,17 +125,15 @@ def _intervals(
 
 
 def _sigma_of_bias(mean: np.ndarray, size: np.ndarray, bias: float) -> float:
-    """Return the standard error of the mean of all differences. Units are independent, but differences within a unit
-    are not.
-    """
+    """Return the standard error of the bias. Units are independent, but differences within one unit are not."""
     share = size / size.sum()
     units = len(mean)
     return float(np.sqrt(units / (units - 1.0) * (share**2 * (mean - bias) ** 2).sum()))
 
 
 def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple[float, float]:
-    """Return the interval of a sum of independent variances (variance, degrees of freedom), recovered from the
-    intervals of the parts.
+    """Return the 95 % interval of ``variance``, a sum of independent variances, computed from the intervals of these.
+    parts: each of them with its degrees of freedom.
     """
     below, above = 0.0, 0.0
     for part, freedom in parts:
@@ -145,18 +145,18 @@ def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple
 
 
 LEAST_SAMPLES: Final = 10
-"""Minimum number of samples; with fewer samples, neither agreement nor the shape of a curve is defined."""
+"""Minimum number of samples (pairs of both systems' values) for computing agreement, or the CMC of two curves."""
 
 LEVELS: Final = np.linspace(0.05, 0.95, 19)
-"""Nominal shares, from 0.05 to 0.95, at which coverage is tested."""
+"""Nominal shares of errors inside a central interval, each to be compared with the observed share."""
 
 
 def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | None:
     """Return the coefficient of multiple correlation (CMC) of two systems' curves (n,) of the same movement.
 
-    It is 1 where both curves coincide; offsets and gains lower it. It is None for fewer than ``LEAST_SAMPLES`` samples,
-    and where the curves differ by more than they vary: the CMC would be the root of a negative number. Source: Ferrari
-    et al. 2010 (doi:10.1016/j.gaitpost.2009.09.009), one cycle, two protocols.
+    It is 1 where both curves coincide; offsets and gains between them lower it. It is None for fewer than
+    ``LEAST_SAMPLES`` samples, and where the curves differ by more than they vary: the CMC would be the root of a
+    negative number. Source: Ferrari et al. 2010 (doi:10.1016/j.gaitpost.2009.09.009), for one cycle and two protocols.
     """
     if len(values) < LEAST_SAMPLES:
         return None
@@ -172,8 +172,8 @@ def coverage_95(error: np.ndarray, sigma: np.ndarray) -> float:
 
 
 def calibration_error(error: np.ndarray, sigma: np.ndarray) -> float:
-    """Return the expected calibration error: the mean difference between observed and nominal shares of errors in
-    intervals.
+    """Return the expected calibration error: the mean absolute difference between observed and nominal shares of errors
+    that lie in central intervals.
 
     error, sigma (n,). It is 0 where sigma is right at all of ``LEVELS``, and 0.5 where it is always far too small or
     far too large. Source: Kuleshov et al. 2018 (arXiv:1807.00263), for normal errors and central intervals.

@@ -1,4 +1,4 @@
-"""Write the results of a comparison: tables as CSV, sentences for a methods section, and the page."""
+"""Write the results of a comparison: tables as CSV, sentences for a methods section, and an HTML page."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ DISTANCE_HEAD: Final = ("", "mean, mm", "RMSE, mm", "largest, mm", "samples")
 
 
 def page_text(comparison: Comparison, alignments: Sequence[Sequence[str]], methods: Sequence[str]) -> str:
-    """Return the page; alignments: sentences per recording."""
+    """Return the HTML page. alignments: ``alignment_sentences`` per recording; methods: ``methods_sentences``."""
     named = [f"{match.results.name} against {match.reference.path.name}" for match in comparison.matches]
     return render_page(
         "anchorpose.agreement",
@@ -78,7 +78,7 @@ def distance_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
 
 
 def angle_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
-    """Return (title, cells of ``DIFFERENCE_HEAD``) of angles."""
+    """Return rows (title, cells of ``DIFFERENCE_HEAD``) for each angle."""
     return [_difference_cells(row) for row in comparison.rows if row.kind != "joint" and row.state in SHOWN_STATES]
 
 
@@ -91,7 +91,7 @@ def _title(row: Agreement) -> str:
 
 def _difference_cells(row: Agreement) -> tuple[str, list[str]]:
     bias, limits = _number(row.bias), _span(row.lower, row.upper)
-    if row.bias_low is not None:  # the limits have intervals as well
+    if row.bias_low is not None:  # then the limits of agreement have intervals as well
         bias += f" ({_span(row.bias_low, row.bias_high)})"
         limits += f" ({_span(row.lower_low, row.lower_high)}; {_span(row.upper_low, row.upper_high)})"
     return _title(row), [
@@ -115,7 +115,7 @@ def _span(low: float | None, high: float | None) -> str:
 
 
 def _plots(comparison: Comparison) -> list[tuple[str, list[Markup]]]:
-    """Plot, per angle, the differences against the means of all recordings, and the first recording over time."""
+    """Return a title and two plots per angle: differences against means, and the first recording's values over time."""
     chosen = {
         (row.kind, row.name): row
         for row in comparison.rows
@@ -132,19 +132,19 @@ def _plots(comparison: Comparison) -> list[tuple[str, list[Markup]]]:
 
 
 class Plot:
-    """The place of a plot in its picture, in units of the picture."""
+    """The size of a picture (WIDTH, HEIGHT) and the edges of the plot in it, in units of the SVG."""
 
     WIDTH, HEIGHT = 420, 240
     LEFT, END, TOP, BASE = 52, 408, 10, 206
 
 
 MOST_POINTS: Final = 400
-"""Maximum number of points of a recording in a plot; more points would only darken the same cloud."""
+"""For a plot, a long recording is thinned to one to two times this number of points; more would hide each other."""
 
 
 def difference_plot(series: Sequence[Compared], row: Agreement) -> Markup:
-    """Plot the difference of both systems against their mean, with bias and limits of agreement (Bland and Altman),
-    with one point per frame of the thinned recording.
+    """Plot the difference of both systems' values against their mean (Bland and Altman), with one point per frame of
+    the thinned recording and lines at the bias and the limits of agreement.
     """
     means, differences, inferred = (np.concatenate(each) for each in zip(*map(_cloud, series), strict=True))
     lines = [value for value in (row.bias, row.lower, row.upper) if value is not None]
@@ -164,7 +164,7 @@ def difference_plot(series: Sequence[Compared], row: Agreement) -> Markup:
 
 
 def time_plot(each: Compared, name: str, unit: str) -> Markup:
-    """Plot the results, with a band of 1.96 sigma, and the reference's values over time."""
+    """Plot this program's values, with a band of ±1.96 sigma, and the other system's values over time."""
     every = max(1, len(each.time_s) // MOST_POINTS)
     time_s, ours, theirs, sigma = (a[::every] for a in (each.time_s, each.ours, each.theirs, each.sigma))
     across = make_axis([(time_s, time_s)], [], 1.0)
@@ -194,7 +194,7 @@ def _down(axis: Axis, value: np.ndarray) -> np.ndarray:
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> str:
-    """Return a path that is broken where a value is missing."""
+    """Return an SVG path through the points (x, y), with a gap where y is missing."""
     return "".join("M" + "L".join(_places(x[run], y[run])) for run in runs_of(np.isfinite(y)))
 
 
@@ -259,7 +259,9 @@ SOURCES: Final = (
 
 
 def write_comparison(folder: Path, comparison: Comparison, overwrite: bool = False) -> None:
-    """Write all files into a new folder, or over those of an earlier comparison; raises as ``check_results_path``."""
+    """Write all files of a comparison into a new folder, or over those of an earlier comparison; raises as
+    ``check_results_path``.
+    """
     check_results_path(folder, None, overwrite, COMPARISON)
     methods = methods_sentences(comparison)
     with whole_or_nothing(folder, COMPARISON.own) as work:
@@ -323,9 +325,7 @@ def alignment_sentences(match: Match) -> list[str]:
 
 
 def methods_sentences(comparison: Comparison) -> list[str]:
-    """Return sentences for a paper's methods section: the steps of the comparison in the order in which they were
-    done.
-    """
+    """Return sentences for a paper's methods section: the steps of the comparison in their order."""
     people = len(set(comparison.subjects))
     unit = "subjects" if people >= LEAST_UNITS else "stretches of time longer than twice the errors' correlation time"
     frames = sum(len(match.joints.frame) for match in comparison.matches)

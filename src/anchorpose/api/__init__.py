@@ -1,1 +1,1 @@
-"""Provide the functions that programs call: arrays in, joints out (docs/python.md)."""
+"""Provide the functions that other programs call to get joints from depth images (docs/python.md)."""

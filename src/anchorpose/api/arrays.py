@@ -1,4 +1,4 @@
-"""Hold a recording in memory, cameras and their depth images in metres, and write it as a recording folder."""
+"""Hold a recording in memory, as cameras with depth images in metres, and write it as a recording folder."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from anchorpose.recording.recording import UNKNOWN, Subject
 from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
 from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
 
-LARGEST_GREY: Final = 65535
+LARGEST_GREY: Final = 65535  # the largest 16-bit grey value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setup:
     """The cameras of a recording, and optional prior knowledge about the patient and the room.
 
-    subject: the patient. equipment: path of an equipment.json. empty_room_m: by camera name, a depth image (height,
-    width) of the room without people, metres.
+    subject: statements about the patient. equipment: path of an equipment.json. empty_room_m: by camera name, a depth
+    image (height, width) of the room without people, metres.
     """
 
     cameras: Sequence[Camera]

@@ -1,7 +1,7 @@
-"""Track frame by frame: depth images in, joints out, while they arrive.
+"""Track frame by frame: take depth images while they arrive, and return the joints in each frame.
 
 The first seconds are analysed before tracking starts, as in ``anchorpose live``: they determine clocks and camera
-poses, the room, the patient and the patient's body. They are kept in a temporary folder meanwhile.
+poses, the room, the patient and the patient's body. Until tracking starts, their images are kept in a temporary folder.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Pose:
 
     joints_m (21, 3): in the order of ``JOINT_NAMES``, metres in the world (X forward, Y up, Z to the patient's right),
     NaN where a joint is lost. sigma_m (21,): one standard deviation along each axis. states: how each joint was
-    determined (``JointState`` names).
+    determined.
     """
 
     frame: int
@@ -56,19 +56,19 @@ class Pose:
     states: tuple[JointState, ...]
 
     def __getitem__(self, joint: str) -> np.ndarray:
-        """Return a joint (3,) by its name; raises KeyError for an unknown name."""
+        """Return a joint's position (3,) by its name; raises KeyError for an unknown name."""
         if joint not in JOINT_NAMES:
             raise KeyError(joint)
         return np.asarray(self.joints_m[JOINT_NAMES.index(joint)])
 
     @property
     def angles_deg(self) -> dict[str, float]:
-        """Return each angle of docs/angles.md by its name, degrees; NaN where the pose leaves it undetermined."""
+        """Return each angle of docs/angles.md by its name, degrees; NaN if the pose does not determine the angle."""
         return dict(zip(self._angles.names, self._angles.degrees[0].tolist(), strict=True))
 
     @property
     def angles_sigma_deg(self) -> dict[str, float]:
-        """Return the standard deviation of each angle, degrees."""
+        """Return the standard deviation of each angle by the angle's name, degrees."""
         return dict(zip(self._angles.names, self._angles.sigma_deg[0].tolist(), strict=True))
 
     @cached_property
@@ -81,10 +81,10 @@ class Pose:
 
 
 class Tracker:
-    """A tracker that finds the patient in successive depth images, and then gives the pose in each.
+    """A tracker that finds the patient in successive depth images, and then gives the pose in each frame.
 
-    why: a sentence on the reason why ``step`` last returned None; empty if it returned a pose. Use it in a ``with``
-    block, or call ``close``: the first seconds are kept in a temporary folder until the patient is found.
+    why: the reason why the last ``step`` returned None, in words; empty if it returned a pose. Use a tracker in a
+    ``with`` block, or call ``close``: the first seconds are kept in a temporary folder until the patient is found.
     """
 
     why: str
@@ -102,9 +102,8 @@ class Tracker:
         """Make a tracker. cameras: the cameras whose images will be given, or a recording folder whose cameras, patient
         and equipment are used.
 
-        subject, equipment (an equipment.json) and empty_room_m (by camera name, (height, width) metres): prior
-        knowledge. start_s: duration of the first seconds, from which the body is learnt. Raises InputError if an
-        argument cannot be used.
+        subject, equipment (an equipment.json) and empty_room_m: what is known before tracking, as in ``Setup``.
+        start_s: length of the first part, from which the body is learnt. Raises InputError if an argument is wrong.
         """
         known = _setup_of(Path(cameras)) if isinstance(cameras, Path | str) else Setup(cameras=tuple(cameras))
         self._setup = replace(
@@ -134,7 +133,7 @@ class Tracker:
 
     @property
     def height_m(self) -> float | None:
-        """Return the patient's learnt standing height; None until it is learnt."""
+        """Return the patient's standing height by the learnt body; None until the body is learnt."""
         if self._prepared is None:
             return None
         from anchorpose.body.shape_prior import standing_height
@@ -175,7 +174,9 @@ class Tracker:
         self._writers: list[CameraWriter] = self._stack.enter_context(self._setup.writers(self._folder))
 
     def _look(self, greys: Sequence[np.ndarray | None], time_s: float) -> Estimate | None:
-        """Add a frame of the first seconds; at their end return the newest estimate, if the patient is found."""
+        """Store a frame of the first seconds, and return None. At their end, learn from them and return the newest
+        estimate, or None if the patient is not found.
+        """
         self._began_s = time_s if np.isnan(self._began_s) else self._began_s
         for writer, grey in zip(self._writers, greys, strict=True):
             if grey is not None:
@@ -203,7 +204,7 @@ class Tracker:
         return self._catch_up(self._prepared)
 
     def _catch_up(self, prepared: Prepared) -> Estimate | None:
-        """Track the kept first seconds, starting at a good frame; return the newest estimate."""
+        """Track stored frames from the latest one that shows the patient well; return the newest estimate."""
         run = replace(prepared.run, config=self._options.live(prepared.run.config))
         initial, recording = latest_good(run.room.initial_frames), run.room.recording
         self._follower, newest = Follower(run, initial.choice, prepared.learnt.shape), list[Estimate]()

@@ -15,7 +15,7 @@ class Watcher:
     """A listener to progress and notes that ignores both. The command line has a subclass that draws bars and prints
     notes.
 
-    how_to_resume: advice in the message of a stopped run. If None, the message advises repeating the command with
+    how_to_resume: advice in the message of a stopped run. If it is None, the message advises repeating the command with
     --resume.
     """
 
@@ -23,10 +23,10 @@ class Watcher:
         self.how_to_resume = how_to_resume
 
     def working(self, on: str, at_once: bool = True) -> AbstractContextManager[Progress]:
-        """Return a context manager for one piece of work. It yields a function that the work calls with (done, total);
-        total is None while unknown.
+        """Return a context manager for one piece of work, named by ``on``. It yields a function that the work calls
+        with (done, total); total is None while unknown.
 
-        at_once: show the work before the first call; if False, only from the first call on.
+        at_once: whether the work is shown at once; if False, it is shown from the first call on.
         """
         return nullcontext(lambda done, total: None)
 
@@ -53,7 +53,7 @@ def as_recording(path: Path, watcher: Watcher) -> Path:
 
 @contextmanager
 def noting_how_to_go_on(out: Path) -> Iterator[None]:
-    """Note how to resume if a conversion into ``out`` is stopped."""
+    """Add a note on how to resume to the KeyboardInterrupt by which a conversion into ``out`` is stopped."""
     from anchorpose.results.folder import naming_place
 
     try:

@@ -1,4 +1,4 @@
-"""Open a results folder as tables: data frames, and an xarray dataset for other programs."""
+"""Open a results folder as pandas data frames, as arrays, or as an xarray dataset for other programs."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATIENT: Final = "patient"
-WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of an error below this. Larger errors affect measures
-EVEN: Final = 0.01  # share of an interval; frames count as evenly spaced if their intervals differ by less
+WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of a smaller error; larger errors affect measures
+EVEN: Final = 0.01  # frames count as evenly spaced if their intervals differ by less than this share of an interval
 
 
 class Results:
-    """A results folder. Every table is read when it is used; missing values are NaN or None, never a number.
+    """A results folder. Every table is read when it is used; missing values are NaN or None, and are never filled in.
 
     folder: its path. If ``track`` was called without a folder, the folder exists as long as this object lives.
     """
@@ -86,11 +86,11 @@ class Results:
         return read_joints(self.folder / "joints.parquet")
 
     def to_xarray(self) -> xr.Dataset:
-        """Return the joints in the convention of the package ``movement`` for poses.
+        """Return the joints as a dataset in the convention of the package ``movement`` for poses.
 
         position (time, space, keypoints, individuals) metres, world; confidence (time, keypoints, individuals): the
         probability, computed from sigma, that the error is below 10 cm. sigma (metres, along each axis) and state have
-        the same shape. NaN where a joint is lost. Raises MissingPackage without xarray.
+        the shape of confidence. Numbers are NaN where a joint is lost. Raises MissingPackage if xarray is missing.
         """
         try:
             import xarray as xr

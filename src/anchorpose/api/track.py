@@ -1,4 +1,4 @@
-"""Track a whole recording, a folder or arrays, with one call. The command ``anchorpose track`` calls it."""
+"""Track a whole recording, given as a folder or as arrays, with one call, as ``anchorpose track`` does."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def track(
 
     recording: a recording folder, a recorder's file, or depth images in memory. results: the folder to write, which
     appears when tracking is complete; without it, the results are kept as long as the returned object lives. config:
-    settings that differ from the defaults. Other arguments are as the options of ``anchorpose track``. Raises
+    settings that differ from the defaults. Other arguments are those of the command ``anchorpose track``. Raises
     InputError if the recording cannot be used, or the folder exists and may not be overwritten.
     """
     options = Options(config, calibration, corrections, events, overwrite, threads=threads)
@@ -50,7 +50,7 @@ def track(
 def track_watched(
     recording: Path | str | DepthImages, results: Path | str | None, options: Options, watcher: Watcher
 ) -> Results:
-    """Track as ``track`` does, and report progress and notes to a watcher."""
+    """Track a recording as ``track`` does, and report progress and notes to ``watcher``."""
     from anchorpose.pipeline import track_recording
     from anchorpose.results.folder import RESUME, check_results_path, unfinished_results
 

@@ -1,6 +1,6 @@
-"""Run many independent jobs: on workers of this machine, on a running scheduler, or in jobs of SLURM.
+"""Run many independent jobs on worker processes of this machine, of a running dask scheduler, or of SLURM.
 
-A job that fails, or kills its worker, does not affect others.
+A job that fails, or kills its worker, does not affect other jobs.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ if find_spec("distributed") is None:
 
 SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
-CONNECT_S: Final = 20.0
-# number of times that a job's worker may die before the job is given up; further deaths are the fault of the job, which
-# may need too much memory
+CONNECT_S: Final = 20.0  # s, maximum time to connect to a scheduler
+# maximum number of times that a job is repeated after its worker died. After one more death the job is given up, since
+# it is probably the cause: it may need too much memory
 DEATHS: Final = 3
 
 SCHEDULING: Final = {
@@ -39,14 +39,16 @@ SCHEDULING: Final = {
 }
 
 IGNORE_CTRL_C: Final = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-"""Setting of this machine's workers: they ignore Ctrl+C, since the first process stops them after their children."""
+"""Code that workers of this machine run at their start: they ignore Ctrl+C, so that the main process can stop the
+workers' child processes first, and then the workers.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The machine or scheduler on which the workers run. workers: number of workers; None: one per core of this
-    machine, or all workers of a running scheduler. scheduler: None for this machine, an address, or ``slurm``; slurm:
-    keyword arguments of dask_jobqueue.SLURMCluster.
+    """The machine or scheduler that runs the workers. workers: number of workers to start; None means one per core of
+    this machine, or one per job with SLURM. A running scheduler uses the workers that it has. scheduler: None for this
+    machine, an address, or ``slurm``; slurm: keyword arguments of dask_jobqueue.SLURMCluster.
     """
 
     workers: int | None = None
@@ -68,15 +70,15 @@ def cores() -> int:
 
 @contextmanager
 def connected(place: Place, jobs: int) -> Iterator[Client]:
-    """Yield a client of the scheduler; processes that were started for it end with the block.
+    """Yield a client of the scheduler; schedulers and workers that this call starts end with the ``with`` block.
 
     jobs: maximum number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
     """
     import dask
-    import distributed  # noqa: F401  defaults that are loaded while other values are set are lost with these values
+    import distributed  # noqa: F401  before ``dask.config.set``, at whose end defaults loaded inside it would be lost
 
     with dask.config.set(SCHEDULING):
-        logging.getLogger("distributed").setLevel(logging.ERROR)  # important errors also come with the outcomes
+        logging.getLogger("distributed").setLevel(logging.ERROR)  # no warnings; why a job failed is part of its outcome
         if place.scheduler is None:
             with _client_of(_local(min(place.workers or cores(), jobs))) as client:
                 yield client
@@ -90,7 +92,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
 
 @contextmanager
 def _client_of(cluster: Any) -> Iterator[Client]:
-    """Yield a client of a cluster that was started here, and close it at the end.
+    """Yield a client of a cluster that this process started, and close both at the end.
 
     A worker that is being restarted may keep the cluster from closing in time. This is ignored: all outcomes are known
     by then, and the workers end with this process.
@@ -127,7 +129,7 @@ def _local(workers: int) -> Any:
         processes=True,
         host="127.0.0.1",
         dashboard_address="127.0.0.1:0",  # any free port, so that several batches can run at once
-        memory_limit=0,  # no limit: the worker itself holds no data
+        memory_limit=0,  # no limit: a worker holds no data, its child processes do
         silence_logs=logging.CRITICAL,
         preload=[IGNORE_CTRL_C],
     )
@@ -149,7 +151,7 @@ def _slurm(place: Place, jobs: int) -> Any:
     return cluster
 
 
-POLL_S: Final = 0.5  # s between two searches for new workers
+POLL_S: Final = 0.5  # s, maximum time between two calls of ``tick``, and between two checks for new workers
 
 KILLED: Final = (
     f"its worker died {DEATHS + 1} times while it ran; give it more memory or time, or run it alone to see why."
@@ -159,7 +161,7 @@ KILLED: Final = (
 @dataclass(frozen=True, slots=True)
 class Job:
     """A call to be made in a child process. call: a function that can be pickled by its name; its return value is
-    dropped, since its results are files. log: file for its output.
+    ignored, since its results are files. log: file for what it prints.
     """
 
     name: str
@@ -168,11 +170,11 @@ class Job:
 
 
 def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambda: None) -> Iterator[Outcome]:
-    """Run all jobs, beginning with the first listed, and yield the outcome of each as it ends.
+    """Run all jobs, beginning with the first listed, and yield the outcome of each job when it ends.
 
-    tick: called about twice a second while jobs run, to show progress. An exception in the caller's loop, such as a
-    signal, stops the running jobs; their processes have ended when it is raised. Raises AnchorposeError if the
-    scheduler cannot be used.
+    tick: called about twice a second while jobs run, to show progress. An exception in the caller's loop, such as one
+    from Ctrl+C, stops the running jobs; it is raised again after their processes have ended. Raises AnchorposeError if
+    the scheduler cannot be used.
     """
     if not jobs:
         return
@@ -181,17 +183,17 @@ def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambd
         try:
             yield from _run(client, jobs, group, tick)
         except BaseException:
-            with suppress(Exception):  # report the first error
+            with suppress(Exception):  # an error while stopping them would hide the first one
                 client.run(stop_children, group)
             raise
 
 
 def _run(client: Client, jobs: Sequence[Job], group: str, tick: Callable[[], None]) -> Iterator[Outcome]:
-    """Run at most as many jobs at once as there are threads: if a worker dies, the death would also count against jobs
-    that wait on this worker.
+    """Run the jobs and yield their outcomes. At most as many jobs are submitted at once as workers have threads, since
+    the death of a worker also counts as a failure of jobs that wait on it.
 
-    A future is released with its outcome. The scheduler then forgets the job, so that a worker's death does not repeat
-    it.
+    A future is released once its outcome is known. The scheduler then forgets the job, and does not repeat it if its
+    worker dies later.
     """
     from distributed import wait
 

@@ -1,4 +1,4 @@
-"""Find the sessions of a batch, and name each one's results folder.
+"""Find the sessions of a batch (the recordings to track), and name the results folder of each.
 
 The user lists recordings one by one, by folder, by pattern, or in a table with one row per recording. ``batch.json`` in
 the folder of a batch keeps the session name of each recording over all calls, so that a name is never reused for
@@ -42,8 +42,8 @@ COLUMNS: Final = ("recording", "session", "subject", *SETTINGS)
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """A recording to track, given by a path or an address. name: name of its results folder; subject: the patient, from
-    the table; options: options of its run.
+    """A recording to track, given by a path or an address. name: name of its results folder; subject: the patient's
+    name in the user's table; options: options of ``track`` for this recording.
     """
 
     recording: Path | str
@@ -53,12 +53,12 @@ class Session:
 
     @property
     def place(self) -> Path | None:
-        """Return the whole path of the recording; None if it is at an address."""
+        """Return the absolute path of the recording; None if it is at an address."""
         return None if isinstance(self.recording, str) else self.recording.resolve()
 
     @property
     def shown(self) -> str:
-        """Return the whole path of the recording, or its address without its password."""
+        """Return the absolute path of the recording, or its address without the password."""
         return without_password(self.recording) if isinstance(self.recording, str) else str(self.place)
 
     @property
@@ -78,11 +78,11 @@ class Session:
 
 
 def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
-    """Find the sessions that a user lists, in the order given; only sessions from a table have a name yet.
+    """Find the sessions that a user lists, in the order given; only those from a table can have a name so far.
 
     given: recordings (folders, or files of a recorder), folders that contain recordings, addresses, patterns such as
-    ``clinic/*/recording``, and tables (``.csv``). options: for all of them; a row of a table overrides them. Raises
-    InputError if a name leads to no recording, or a table cannot be used.
+    ``clinic/*/recording``, and tables (``.csv``). options: options of all sessions; a row of a table overrides them.
+    Raises InputError if nothing exists at a given path or pattern, or a table cannot be used.
     """
     found = [session for text in given for session in _sessions_of(text, options)]
     for session in found:
@@ -109,8 +109,8 @@ def _sessions_of(text: str, options: TrackOptions) -> Iterator[Session]:
 
 
 def _recordings_in(path: Path) -> list[Path]:
-    """Return the recording itself, or all recordings below a folder; a file is left to the readers of recorders'
-    files.
+    """Return all recordings below a folder; the path itself if it is a recording, a file, or a folder without
+    recordings. Whether a file or such a folder can be read is found out later, by the readers of recorders' files.
     """
     if not path.is_dir() or (path / RECORDING_FILE).is_file():
         return [path]
@@ -167,20 +167,20 @@ def _value(name: str, text: str, path: Path, number: int) -> object:
 BATCH_FILE: Final = "batch.json"
 LOCK_FILE: Final = ".batch.lock"
 LONGEST_NAME: Final = 100
-"""Maximum length of a name in bytes. Encrypted folders allow 143 bytes, and a run adds up to 30, for example
-.NAME.json.partial-01234567.
+"""Maximum length of a session's name in bytes. Encrypted folders allow 143 bytes, and file names of a run are up to 30
+longer, as in .NAME.json.partial-01234567.
 """
 
 # names that Windows does not allow for files
 DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-BEGINNING: Final = 2**20  # number of first bytes (header and first images) that identify a recorder's file
+BEGINNING: Final = 2**20  # bytes at the start of a recorder's file (header, first images) that identify it
 DAMAGED: Final = "choose another folder for the batch; the results in this one stay as they are"
 
 
 @dataclass(frozen=True, slots=True)
 class NamedRecording:
-    """An entry of batch.json. recording: its whole path or its address; mark: hash of some of its images, None if
-    there are no readable images.
+    """An entry of batch.json. session: name of the results folder; recording: absolute path or address; mark: hash that
+    identifies the recording by some of its images (``_mark_of``), None if they cannot be read.
     """
 
     session: str
@@ -189,8 +189,8 @@ class NamedRecording:
     mark: str | None = None
 
     def is_of(self, other: NamedRecording) -> bool:
-        """Return whether both entries are the same recording: they have the same images, and the same path or one path
-        that no longer exists, since the recording was moved.
+        """Return whether both entries are the same recording. Either the paths are equal, and so are the marks if both
+        are known; or the marks are equal and this entry's path no longer exists, since the recording was moved.
         """
         same_images = self.mark == other.mark or None in (self.mark, other.mark)
         if self.recording == other.recording:
@@ -199,10 +199,10 @@ class NamedRecording:
 
 
 def open_folder(out: Path, sessions: Sequence[Session]) -> tuple[Session, ...]:
-    """Make the folder of a batch, or check that it is one; return the sessions with their names in it.
+    """Make the folder of a batch, or check that ``out`` is such a folder; return the sessions with their names in it.
 
-    Raises InputError if it is another kind of folder, a session's name cannot name a folder, or a given name belongs
-    to another recording.
+    Raises InputError if ``out`` is another kind of folder, a session's name cannot name a folder, or a given name
+    belongs to another recording.
     """
     mark = out / BATCH_FILE
     if out.exists() and not out.is_dir():
@@ -245,14 +245,14 @@ def _write(path: Path, named: Sequence[NamedRecording]) -> None:
 
 
 def _named(sessions: Sequence[Session], before: Sequence[NamedRecording], out: Path) -> tuple[NamedRecording, ...]:
-    """Return an entry per session, with the name that the user gave, else the name from an earlier call, else the
-    shortest possible name.
+    """Return an entry of batch.json per session. A session's name is the one in the user's table, else the name from an
+    earlier call, else the shortest name that is free.
     """
     own = [NamedRecording("", each.shown, each.subject, _mark_of(each.place)) for each in sessions]
     names = [_given(each) or _earlier(one, before) for each, one in zip(sessions, own, strict=True)]
     taken = {_key(one.session): one for one in before}
     found = dict[int, NamedRecording]()
-    for index in sorted(range(len(own)), key=lambda k: names[k] is None):  # given or known names come first
+    for index in sorted(range(len(own)), key=lambda k: names[k] is None):  # sessions with a name come first
         name = names[index] or _free(sessions[index], sessions, taken)
         own[index] = one = replace(own[index], session=name)
         _require_own(one, names[index] is None, tuple(found.values()), taken.get(_key(name)), out)
@@ -263,8 +263,8 @@ def _named(sessions: Sequence[Session], before: Sequence[NamedRecording], out: P
 def _require_own(
     one: NamedRecording, unnamed: bool, others: Sequence[NamedRecording], holder: NamedRecording | None, out: Path
 ) -> None:
-    """Raise InputError if another session of this call has the same name, where two unnamed sessions are of one
-    recording, or if the name belongs to another recording.
+    """Raise InputError if another session of this call (``others``) has the same name, if an unnamed session has the
+    same recording as another session, or if the name belongs to another recording (``holder``).
     """
     remedy = "name them in a table with a column 'session'"
     if not unnamed:
@@ -305,7 +305,7 @@ def _free(session: Session, sessions: Sequence[Session], taken: dict[str, NamedR
 
 
 def _clean(name: str) -> str:
-    """Reduce a name to letters, digits and . + - _."""
+    """Replace all characters of a name except letters, digits and . + - by underscores."""
     cleaned = re.sub(r"[^\w.+-]+", "_", unicodedata.normalize("NFC", name)).strip(".")
     return f"_{cleaned}" if DEVICES.fullmatch(cleaned) else cleaned
 
@@ -319,7 +319,7 @@ def _short(name: str) -> str:
 
 
 def _key(name: str) -> str:
-    """Return a key that is equal for names that some file systems do not distinguish."""
+    """Return a key that is equal for names that are the same file on some systems (capitals, forms of accents)."""
     return unicodedata.normalize("NFC", name.casefold())
 
 

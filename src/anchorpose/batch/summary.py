@@ -1,5 +1,5 @@
-"""Write sessions.parquet and measures.parquet (and CSV) with the outcome and measures of every session; and
-index.html.
+"""Write the tables of a batch (sessions and measures, as parquet and CSV), with the outcome and the measures of every
+session, and the page index.html.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ AGAIN: Final = "write it again with 'anchorpose batch --summary'"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionRow:
-    """One session. state: one of ``STATES``; why: the sentence on the failure, if it failed. Other fields are None
-    unless the session is done.
+    """The row of a session in the table. state: one of ``STATES``; why: a sentence on why it failed, if it failed. The
+    fields from ``frames`` on are None unless the session is done.
 
-    length_s: time from the first frame to the last. The shares refer to all joints in all frames. work_s: duration of
-    tracking according to run.json.
+    length_s: time from the first frame to the last. The shares (observed, inferred, lost) refer to all joints in all
+    frames. work_s: computing time of tracking, by run.json.
     """
 
     session: str
@@ -66,7 +66,7 @@ class SessionRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasureRow:
-    """One measure of one session; see ``Measure``."""
+    """The row of one measure of one session in the table; see ``Measure``."""
 
     session: str
     subject: str
@@ -84,7 +84,7 @@ _TYPES: Final = {"str": _TEXT, "int": pa.int64(), "float": pa.float64()}
 
 
 def _table(file: str, record: type, **known: tuple[str, ...]) -> RecordTable[Any]:
-    """Return a table with a column for each field of a record, with the type of its annotation."""
+    """Return a table with a column for each field of the dataclass ``record``. known: by column, the allowed texts."""
     columns = [(field.name, _TYPES[str(field.type).partition(" ")[0]]) for field in fields(record)]
     return RecordTable(file=file, record=record, schema=pa.schema(columns), known=known, remedy=AGAIN)
 
@@ -97,14 +97,14 @@ MOVE_AWAY: Final = "move it away, or choose another folder for the batch"
 
 
 def note_outcome(out: Path, outcome: Outcome) -> None:
-    """Store why a session failed beside its log, for a summary that is written later."""
+    """Store the outcome of a session in a file beside its log. A later summary reads from it why the session failed."""
     path = _outcome_file(out, outcome.name)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text_whole(path, json.dumps({"why": outcome.why, "seconds": round(outcome.seconds, 1)}) + "\n")
 
 
 def require_places(out: Path, sessions: Sequence[Session]) -> None:
-    """Raise InputError if a path to be written is a link or something else than expected."""
+    """Raise InputError if a path that the batch will write is a link, a file in place of a folder, or the reverse."""
     for name in (RESULTS_FOLDER, LOGS_FOLDER):
         if (out / name).is_symlink() or (is_there(out / name) and not (out / name).is_dir()):
             raise InputError(out / name, "is a link, or no folder", MOVE_AWAY)
@@ -122,10 +122,10 @@ def _outcome_file(out: Path, name: str) -> Path:
 def row_of(
     out: Path, session: Session, outcomes: Mapping[str, str | None] = MappingProxyType({})
 ) -> tuple[SessionRow, tuple[Measure, ...]]:
-    """Return a batch folder's row on a session, and its measures if it is done.
+    """Return the row of a session from the files in the batch's folder, and the session's measures if it is done.
 
-    A session that failed in its last run counts as failed, whatever results exist. outcomes: by name, why a session
-    that has just run failed, None if it did not fail.
+    A session that failed in its last run counts as failed, whatever results exist. outcomes: by name of each session
+    that has just run, why it failed, None if it did not.
     """
     results = out / RESULTS_FOLDER / session.name
     who: dict[str, Any] = {"session": session.name, "recording": session.shown, "subject": session.subject}
@@ -153,7 +153,9 @@ def _noted(out: Path, name: str) -> str | None:
 
 
 def _figures(results: Path) -> dict[str, Any]:
-    """Compute the figures of a session in row groups: the joints of many hours do not fit in memory together."""
+    """Return the fields of ``SessionRow`` from ``frames`` on, for a finished session. The joints are read in batches of
+    rows, since the joints of many hours do not fit in memory.
+    """
     path, counts, first_s, last_s, frames = results / JOINTS_FILE, dict[str, int](), None, None, 0
     with refuse_unreadable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
         for batch in file.iter_batches(columns=["frame", "time_s", "state"]):
@@ -184,7 +186,7 @@ def _measures(results: Path) -> tuple[Measure, ...]:
 
 
 def write_tables(out: Path, rows: Sequence[SessionRow], measures: Iterable[tuple[SessionRow, Measure]]) -> None:
-    """Write both tables, each completely or not at all."""
+    """Write the tables of sessions and of measures, each completely or not at all."""
     _write(out, SESSIONS, rows)
     names = ("measure", "side", "part", "value", "unit", "sigma", "why")
     _write(
@@ -219,7 +221,7 @@ UNKNOWN: Final = Markup('<span title="{}">–</span>')
 
 
 def write_page(out: Path, rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]) -> Path:
-    """Write index.html. measures: measures of each finished session, by name."""
+    """Write index.html. measures: by session name, the measures of the session."""
     counts = Counter(row.state for row in rows)
     compared = [row for row in rows if row.state == DONE][:MOST_COMPARED]
     page = render_page(
@@ -276,7 +278,7 @@ def _titles(rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]
 def _measure_rows(
     rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]
 ) -> list[tuple[Markup, list[Markup]]]:
-    """Return the rows of the table: the session, and a cell per measure."""
+    """Return the rows of the page's table of measures: the session's name, and a cell per measure."""
     keys = list(_titles(rows, measures))
     found = [{_key(one): one for one in measures[row.session]} for row in rows]
     return [(_name(row), [_value(own.get(key)) for key in keys]) for row, own in zip(rows, found, strict=True)]

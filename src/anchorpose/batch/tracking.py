@@ -32,21 +32,22 @@ Progress = Callable[[int, int], None]
 def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Progress) -> tuple[SessionRow, ...]:
     """Track all sessions that are not done and write the tables and index.html; return a row per session.
 
-    A failure does not affect other sessions. progress is called with sessions finished and in total. Raises
-    InputError if ``out`` is not the folder of a batch, AnchorposeError if the scheduler cannot be used.
+    A failure does not affect other sessions. progress is called with the numbers of finished sessions and of all
+    sessions. Raises InputError if ``out`` is not the folder of a batch, AnchorposeError if the scheduler cannot be
+    used.
     """
     sessions, outcomes = _opened(out, sessions), dict[str, str | None]()
     progress(0, len(sessions))
     for done, outcome in enumerate(run_jobs([_job(session, out) for session in sessions], place), 1):
         outcomes[outcome.name] = outcome.why
-        with suppress(OSError):  # the tables also state the failure
+        with suppress(OSError):  # tables, written later, state the failure too
             note_outcome(out, outcome)
         progress(done, len(sessions))
     return _summarise(sessions, out, outcomes)
 
 
 def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
-    """Track only the session with this number, counted from 0, on a worker of a job array."""
+    """Track only session number ``index``, counted from 0, and return its row: the task of one job of a job array."""
     if not 0 <= index < len(sessions):
         raise AnchorposeError(f"--index is {index}; there are {len(sessions)} sessions, numbered from 0.")
     session = _opened(out, sessions)[index]
@@ -56,7 +57,7 @@ def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
 
 
 def summarise(sessions: Sequence[Session], out: Path) -> tuple[SessionRow, ...]:
-    """Write the tables and index.html from the folder's content; return a row per session."""
+    """Write the tables and index.html from the files in the batch's folder; track nothing. Return a row per session."""
     return _summarise(_opened(out, sessions), out, {})
 
 
@@ -80,15 +81,15 @@ def _job(session: Session, out: Path) -> Job:
     return Job(session.name, call, out / LOGS_FOLDER / f"{session.name}.log")
 
 
-ENDING_S: Final = 30.0  # s allowed for the child of a killed worker to end
+ENDING_S: Final = 30.0  # s, maximum wait for the child process of a killed worker to end
 
 
 def track_session(session: Session, results: Path) -> bool:
-    """Track a session into a folder that appears when it is complete; return whether there was anything to do.
+    """Track a session; the folder ``results`` appears when it is complete. Return False if it was complete before.
 
-    A session is done if ``run.json`` has the identity of its inputs, settings, code and libraries. Results of another
-    identity are replaced; an unfinished run is resumed if it has the same identity, else begun again. Raises what
-    ``anchorpose track`` raises.
+    A session is done if its ``run.json`` has the identity (hash) of its present inputs, settings, code and libraries.
+    Results of another identity are replaced; an unfinished run is resumed if it has the same identity, else begun
+    again. Raises what ``anchorpose track`` raises.
     """
     from anchorpose.api.recording_input import as_recording
     from anchorpose.cli.console import OnConsole

@@ -1,12 +1,13 @@
-"""Run a job of the scheduler in a child process, and wait for it.
+"""Run a job in a child process of the scheduler's worker, and wait for it.
 
-The worker itself does none of the work, so a crash, a leak or a killed child does not affect it. If the worker is
-killed, its child ends too. The worker returns only a sentence, so no result is lost if the worker is killed.
+The worker itself does none of the work, so a crash, a memory leak or a killed child does not affect it. If the worker
+is killed, its child ends too. The worker returns only an ``Outcome``; results are files, so none is lost if the worker
+is killed.
 
-The work, a pickled call, comes on the child's standard input. (Anyone who may submit a job to dask can run anything on
-its workers anyway.) Nothing is unpickled from a disk. The results of a job are the files that it writes. The input
-stays open as long as the requesting process lives. When that is killed, the input ends, and the work is stopped as by a
-signal, so that its stored state is kept and can be resumed elsewhere.
+The child reads the work, a pickled call, from its standard input. Unpickling it adds no risk: anyone who may submit a
+job to dask can run anything on its workers. Nothing is unpickled from a disk. The input stays open as long as the
+worker lives. If the worker is killed, the input ends, and the child stops itself as by SIGTERM. It thereby keeps its
+stored state, from which the work can be resumed elsewhere.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ KERNELS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
 """Settings that make a child process use one core only, since several children run at once, one per worker."""
 
-STOP_S: Final = 15.0  # s allowed for a child to end by itself; longer than ``ABANDONED_STOP_S``
-ABANDONED_STOP_S: Final = 10.0  # s allowed for a kernel to return, and for removing half-written files
-ABANDONED: Final = 143  # exit code of an abandoned child, the same as after SIGTERM
-TAIL_BYTES: Final = 4096
+STOP_S: Final = 15.0  # s, maximum wait for a child to end after SIGTERM; longer than ``ABANDONED_STOP_S``
+ABANDONED_STOP_S: Final = 10.0  # s from SIGTERM to a forced end: time to leave compiled code and delete partial files
+ABANDONED: Final = 143  # exit code of a child whose worker was killed, the same as after SIGTERM
+TAIL_BYTES: Final = 4096  # bytes at the end of a log in which its last line is searched for
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +45,15 @@ class Outcome:
     seconds: float = 0.0
 
 
-_running: dict[str, list[subprocess.Popen[bytes]]] = {}
-_stopped: set[str] = set()
+_running: dict[str, list[subprocess.Popen[bytes]]] = {}  # by group of jobs, the children that run on this worker
+_stopped: set[str] = set()  # groups of jobs of which no more children may start
 
 
 def run_apart(name: str, work: bytes, log: str | None, group: str) -> Outcome:
     """Run a pickled call in a child process with one thread.
 
-    log: the file to which its output is appended, None to discard it. group: jobs that are stopped together.
+    log: the file to which its output is appended, None to discard it. group: a text that is equal for jobs that are
+    stopped together.
     """
     begin = time.monotonic()
     with TemporaryDirectory(prefix="anchorpose-") as folder:
@@ -70,7 +72,9 @@ def run_apart(name: str, work: bytes, log: str | None, group: str) -> Outcome:
 
 @contextmanager
 def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
-    """Yield the started process. It is in another session, so Ctrl+C in a terminal does not reach it."""
+    """Yield a started child, or None if its group was stopped. A child runs in another session of the operating system,
+    so Ctrl+C in a terminal does not reach it.
+    """
     if group in _stopped:
         yield None
         return
@@ -93,9 +97,7 @@ def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
 
 
 def stop_children(group: str) -> None:
-    """Stop the children of a group on this worker and wait for them; no further child of the group is started on this
-    worker.
-    """
+    """Stop the children of a group on this worker and wait for them. No further child of the group is started here."""
     _stopped.add(group)
     children = tuple(_running.get(group, ()))
     for process in children:
@@ -114,7 +116,7 @@ def _why(code: int, output: Path) -> str:
 
 
 def _last_line(output: Path) -> str:
-    """Return the last line with text, which for a refused job is the reason."""
+    """Return the last non-empty line of a log. If a job was refused, this line states why."""
     with output.open("rb") as stream:
         stream.seek(max(output.stat().st_size - TAIL_BYTES, 0))
         lines = stream.read().decode("utf-8", errors="replace").splitlines()
@@ -122,7 +124,7 @@ def _last_line(output: Path) -> str:
 
 
 def do_work() -> int:
-    """Run the call from standard input, in the child, and return the exit code."""
+    """In the child: run the call that standard input holds, and return the exit code of the child."""
     from anchorpose.cli import exit_code_of
 
     call = pickle.load(sys.stdin.buffer)
@@ -135,7 +137,8 @@ def do_work() -> int:
 
 
 def _stop_when_abandoned() -> None:
-    # os.read takes no lock of the stream: such a lock would still be held when the process ends
+    # Wait for the end of the input. A read of sys.stdin would lock the stream, and hold the lock while the process
+    # ends, so os.read is used.
     while os.read(sys.stdin.fileno(), 1):
         pass
     os.kill(os.getpid(), signal.SIGTERM)

@@ -1,5 +1,5 @@
-"""Define the body asset: mean adult, shape basis, skeleton and skinning weights, built by
-``tools/build_body_asset.py``.
+"""Define the body asset, the stored model of human bodies: mean adult, shape basis, skeleton and skinning weights. It
+is built by ``tools/build_body_asset.py``.
 """
 
 from __future__ import annotations
@@ -35,31 +35,31 @@ JOINT_BONES = {
     "AnkleRight": "RightFoot",
     "FootRight": "RightToeBase",
 }
-"""The bone whose head is the joint; the joint ``Head`` is the middle of its bone."""
+"""The bone of each joint. The joint is at the bone's first end (its head); only ``Head`` is at the bone's middle."""
 
 ADULT_COMPONENTS = 16
-"""Number of the statistical components that describe adults; they come first."""
+"""Number of shape coefficients that describe how adults differ; they come before all other coefficients."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyAsset:
-    """A linear shape space over a skinned mesh at rest. Axes X forward, Y up, Z to the body's right; metres."""
+    """A skinned mesh at rest; k shape coefficients change it linearly. Axes: X forward, Y up, Z right; metres."""
 
     vertices: np.ndarray  # (v, 3) skin of the mean adult
     vertex_basis: np.ndarray  # (k, v, 3) change of the skin by one unit of each shape coefficient
-    bone_heads: np.ndarray  # (b, 3) skeleton of the mean adult
+    bone_heads: np.ndarray  # (b, 3) first ends of the mean adult's bones
     bone_head_basis: np.ndarray  # (k, b, 3) change of the heads by one unit of each coefficient
-    bone_tails: np.ndarray  # (b, 3)
-    bone_tail_basis: np.ndarray  # (k, b, 3)
+    bone_tails: np.ndarray  # (b, 3) second ends of the mean adult's bones
+    bone_tail_basis: np.ndarray  # (k, b, 3) change of the tails by one unit of each coefficient
     bone_names: tuple[str, ...]
     bone_parents: np.ndarray  # (b,) int, -1 for the root; parents come before children
     skin_bones: np.ndarray  # (v, w) bones that move each vertex by linear blend skinning
     skin_weights: np.ndarray  # (v, w) weights of these bones, each row sums to 1
     faces: np.ndarray  # (f, 3) int32, counter-clockwise seen from outside
-    adult_sigma: np.ndarray  # (c,) standard deviations of adults' statistical coefficients; their mean is 0
+    adult_sigma: np.ndarray  # (c,) standard deviation of each whole-body coefficient among adults; the mean is 0
     child_mean: np.ndarray  # (c,) mean of these coefficients in children of 0.95 to 1.60 m
-    child_covariance: np.ndarray  # (c, c) their covariance in these children
-    own_names: tuple[str, ...] = ()  # names of the last coefficients, each for a single segment (``segments``)
+    child_covariance: np.ndarray  # (c, c) covariance of these coefficients in the same children
+    own_names: tuple[str, ...] = ()  # names of the last coefficients; each changes one body segment (``segments.py``)
 
     @property
     def shape_count(self) -> int:
@@ -68,25 +68,25 @@ class BodyAsset:
 
     @property
     def common_count(self) -> int:
-        """Return the number of statistical components: they come first, and change the whole body symmetrically."""
+        """Return the number of coefficients that change the whole body, left and right equally; they come first."""
         return len(self.vertex_basis) - len(self.own_names)
 
     def bone(self, name: str) -> int:
-        """Return the index of a bone."""
+        """Return the index of the bone with this name."""
         return self.bone_names.index(name)
 
     def own_row(self, name: str) -> int:
-        """Return the index, among all shape coefficients, of a name in ``own_names``."""
+        """Return the index, among all shape coefficients, of the one with this name in ``own_names``."""
         return self.common_count + self.own_names.index(name)
 
     def main_bone(self) -> np.ndarray:
-        """Return (v,) int: the bone that moves each vertex most; it is the vertex's body part."""
+        """Return (v,) int: the bone that moves each vertex most. The vertex belongs to this bone's body part."""
         return self.skin_bones[np.arange(len(self.skin_bones)), self.skin_weights.argmax(axis=1)]
 
 
 @cache
 def stored_asset() -> BodyAsset:
-    """Return the asset that ships with the package; it has only the statistical components."""
+    """Return the asset that ships with the package. All its coefficients change the whole body."""
     with resources.files("anchorpose.body").joinpath("data/body.npz").open("rb") as stream, np.load(stream) as stored:
         weights = stored["skin_weights"].astype(np.float64)
         return BodyAsset(
@@ -109,7 +109,7 @@ def stored_asset() -> BodyAsset:
 
 @cache
 def joint_bones(asset: BodyAsset) -> np.ndarray:
-    """Return (21,) int, read only: the bone that carries each joint, in the order of ``JOINT_NAMES``."""
+    """Return (21,) int, read only: index of the bone that carries each joint, in the order of ``JOINT_NAMES``."""
     bones = np.array([asset.bone(JOINT_BONES[name]) for name in JOINT_NAMES])
     bones.setflags(write=False)
     return bones

@@ -1,4 +1,4 @@
-"""Describe the belief in a pose: the pose, its covariance, and how it becomes uncertain with time."""
+"""Describe the belief in a pose: the most probable pose, its covariance, and how the covariance grows with time."""
 
 from __future__ import annotations
 
@@ -11,46 +11,47 @@ from anchorpose.body.joint_ranges import turns_together
 from anchorpose.body.pose import DEGREE, LIMB_OF_BONES, POSE_SIZE, SEGMENT_OF_BONES, TRUNK, Pose
 from anchorpose.body.segments import load_body_asset
 
-UNSEEN_S: Final = 4.0  # s; a limb that was not at its expected place is as uncertain as a limb unseen for this time
+# s; a predicted pose that proves wrong gets the uncertainty that it would have after this time without observations
+UNSEEN_S: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """The rate at which a prediction becomes uncertain: people deviate from it by a random walk."""
+    """The rate at which a predicted pose becomes uncertain: the true pose is assumed to drift away by a random walk."""
 
-    turn_sigma: float  # rad, standard deviation of each bone's rotation after one second
-    root_sigma_m: float  # m, standard deviation of the root's place after one second
+    turn_sigma: float  # rad, standard deviation of each bone's turn from the predicted pose after one second, per axis
+    root_sigma_m: float  # m, standard deviation of the pelvis's place from the predicted one after one second, per axis
 
     def variance(self, elapsed_s: float) -> np.ndarray:
-        """Return the variance (POSE_SIZE,) that a prediction gains in ``elapsed_s``."""
+        """Return the variance (POSE_SIZE,) that each parameter of a predicted pose gains in ``elapsed_s`` seconds."""
         variance = np.full(POSE_SIZE, self.turn_sigma**2 * elapsed_s)
         variance[-3:] = self.root_sigma_m**2 * elapsed_s
         return variance
 
 
 PATIENT_PACE: Final = Pace(turn_sigma=15.0 * DEGREE, root_sigma_m=0.08)
-"""Pace of the patient: in 1/15 s a predicted limb strays by 4 degrees and a predicted trunk by 2 cm."""
+"""Pace of the patient. After 1/15 s, the standard deviations are 4 degrees (bones) and 2 cm (pelvis) per axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseBelief:
-    """A pose and its uncertainty, in the parameters of ``Pose.moved``."""
+    """A pose and its uncertainty. Rows and columns of both matrices: parameters of a pose change (``Pose.moved``)."""
 
     pose: Pose
-    covariance: np.ndarray  # (POSE_SIZE, POSE_SIZE) covariance of the pose, from all knowledge
-    # (POSE_SIZE, POSE_SIZE) information from all observations so far. The joint range is not included, since every
-    # frame adds it again and it must not count twice.
+    covariance: np.ndarray  # (POSE_SIZE, POSE_SIZE) from all observations and from prior knowledge of joint angles
+    # (POSE_SIZE, POSE_SIZE) inverse covariance from all observations so far. Prior knowledge of joint angles is not
+    # included: every frame adds it again, and it must not count twice.
     information: np.ndarray
 
     def later(self, pose: Pose, elapsed_s: float, pace: Pace = PATIENT_PACE) -> PoseBelief:
-        """Return the belief in a predicted pose ``elapsed_s`` later, with the uncertainty gained since then."""
+        """Return the belief in a pose predicted for ``elapsed_s`` seconds later; ``pace`` gives the added variance."""
         return self.grown(pose, pace.variance(elapsed_s))
 
     def grown(self, pose: Pose, variance: np.ndarray) -> PoseBelief:
         """Return the belief in another pose, with the given variance (POSE_SIZE,) added to each parameter.
 
-        The added variance is correlated between joints that bend together, so that a hidden knee bends with a visible
-        hip.
+        The added variance is correlated between joints that people bend together. So if a visible hip bends, the
+        estimate of the hidden knee below it bends, too.
         """
         sigma = np.sqrt(variance)
         growth = sigma[:, None] * turns_together(load_body_asset()) * sigma
@@ -58,19 +59,20 @@ class PoseBelief:
 
 
 TRUNK_TURN, LIMB_TURN, ROOT_M_S = 15.0 * DEGREE, 37.0 * DEGREE, 0.18
-"""How fast people leave the pose in which they were last seen. These are standard deviations, each about or along one
-axis: turn of a trunk and of a limb, radians per second; movement of the root, metres per second. In half a second,
-trunks turn by 11 degrees and thighs by 26 (root mean square), and roots move 0.09 m along each axis (measured in
-UI-PRMD, ten exercises by seven people)."""
+"""Standard deviations, per second, of how far people move from the pose in which they were last seen. In this order:
+turn of a bone of the trunk about each axis (rad/s), the same for a bone of a limb, and movement of the pelvis along
+each axis (m/s). Measured in UI-PRMD (ten exercises by seven people): in half a second, trunks turn by 11 degrees and
+thighs by 26 (root mean square), and the pelvis moves 0.09 m along each axis."""
 
 
 def vague_belief(pose: Pose, unseen_s: np.ndarray | None = None) -> PoseBelief:
-    """Return the belief in a pose before its frame is used, with standard deviations of half a radian and a quarter of
-    a metre.
+    """Return the belief in a frame's pose before the frame's images are used. Standard deviations are half a radian per
+    bone and a quarter of a metre for the pelvis, or less for parts that earlier frames showed.
 
-    unseen_s (PARTS, 2): seconds since each part of a limb (as in ``Likelihood``) was last seen; the shorter this time,
-    the better earlier frames determine a hidden part. inf: the part was never seen. 0: this frame shows the part, and
-    earlier frames are not used. None: 0 for all parts.
+    unseen_s (PARTS, 2): seconds since each part was last seen. Row 0 is the trunk, each other row a limb; the columns
+    are its part up to elbow or knee, and its part beyond. The shorter this time, the smaller the part's standard
+    deviation. inf: the part was never seen. 0: this frame shows the part, and earlier frames are not used. None: 0 for
+    all parts.
     """
     sigma = np.full(POSE_SIZE, 0.5)
     sigma[-3:] = 0.25

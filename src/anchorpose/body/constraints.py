@@ -1,4 +1,4 @@
-"""Build constraints that pull skin points to places and surfaces, such as the body's tips to the anchors."""
+"""Build constraints that pull points of the posed skin to places or surfaces, such as hands and feet to the anchors."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors
 from anchorpose.surface.surface import Nodes
 
-NORMAL_WEIGHT_M: Final = 0.10  # m, distance that counts as much as an angle of 60 degrees between normals
-UNCOVERED_M: Final = 0.03  # m, spacing of the skin points; a node farther from all of them lies off the body
+NORMAL_WEIGHT_M: Final = 0.10  # m; an angle of 60 degrees between two normals counts as much as this distance
+UNCOVERED_M: Final = 0.03  # m, spacing of skin points; a node farther than this from all of them is not covered by skin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constraints:
-    """Rows ``direction . (skin point - target) = 0``."""
+    """Rows of equations on the posed skin. Each demands ``direction . (skin point - target) = 0``, with some error."""
 
     point: np.ndarray  # (n,) index into the skin points
-    target_m: np.ndarray  # (n, 3)
+    target_m: np.ndarray  # (n, 3) world
     direction: np.ndarray  # (n, 3) unit vectors
     sigma_m: np.ndarray  # (n,) standard deviation
     scale_m: np.ndarray  # (n,) residual at which the robust kernel reduces a row's weight to a quarter
@@ -46,7 +46,7 @@ class Constraints:
         return len(self.point)
 
     def residuals(self, posed: PosedPoints) -> np.ndarray:
-        """Return the residuals (n,), metres."""
+        """Return the residual (n,) of each row in a pose, metres."""
         return np.einsum("ij,ij->i", posed.points_m[self.point] - self.target_m, self.direction)
 
     def weights(self, residual_m: np.ndarray) -> np.ndarray:
@@ -60,18 +60,18 @@ def no_constraints() -> Constraints:
 
 
 def join(parts: Sequence[Constraints]) -> Constraints:
-    """Join the rows of several sets."""
+    """Join several sets of constraints into one."""
     return Constraints(*(np.concatenate([getattr(p, name) for p in parts]) for name in Constraints.__slots__))
 
 
 def surface_constraints(
     posed: PosedPoints, surface: Nodes, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Return rows from data to model: each node of the surface pulls the nearest skin point that faces its camera.
+    """Return rows by which each node of the surface pulls the nearest skin point that faces the node's camera.
 
-    The skin point is pulled onto a plane through the node. The plane's normal is the mean of both normals, so that the
-    curvature cancels (Rusinkiewicz 2019, doi:10.1145/3306346.3323037). A node that no skin covers pulls the point to
-    itself instead: with planes alone, limbs could slide along their axis.
+    The skin point is pulled onto a plane through the node. The plane's normal is the mean of the normals of node and
+    skin point, so that errors due to curvature cancel (Rusinkiewicz 2019, doi:10.1145/3306346.3323037). A node farther
+    than ``UNCOVERED_M`` pulls the skin point straight to itself: by planes alone, limbs could slide along their axis.
     """
     return rows_of_nodes(posed, surface, cameras, reach_m, config)[0]
 
@@ -79,7 +79,7 @@ def surface_constraints(
 def rows_of_nodes(
     posed: PosedPoints, surface: Nodes, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
 ) -> tuple[Constraints, np.ndarray]:
-    """Return the rows of ``surface_constraints``, and the node (n,) of the surface for each row."""
+    """Return the rows of ``surface_constraints``, and for each row the index (n,) of the node that pulls."""
     chosen, nodes, seen_from = _nodes_for_kernels(surface, config.node_count)
     point, node, direction = facing_rows(
         Oriented(posed.points_m, posed.normals),
@@ -96,14 +96,14 @@ def rows_of_nodes(
 
 @lru_cache(maxsize=8)  # all steps of a registration use the same nodes
 def _nodes_for_kernels(surface: Nodes, count: int) -> tuple[np.ndarray, Oriented, np.ndarray]:
-    """Return the indices of ``count`` nodes, their places and normals, and the camera that sees each."""
+    """Return the indices of up to ``count`` nodes, their places and normals, and the camera (index) that saw each."""
     chosen = thin(len(surface), count)
     nodes = Oriented(surface.points_m[chosen].astype(np.float64), surface.normals[chosen].astype(np.float64))
     return chosen, nodes, surface.camera[chosen].astype(np.int64)
 
 
 def place_constraints(point: np.ndarray, target_m: np.ndarray, sigma_m: float, scale_m: float) -> Constraints:
-    """Return constraints that put skin points (n,) at known places (n, 3), three rows each."""
+    """Return constraints that put skin points (n,) at known places (n, 3), with a row per point and axis."""
     count = len(point)
     return Constraints.alike(
         np.repeat(point, 3), np.repeat(target_m, 3, axis=0), np.tile(np.eye(3), (count, 1)), sigma_m, scale_m
@@ -111,18 +111,18 @@ def place_constraints(point: np.ndarray, target_m: np.ndarray, sigma_m: float, s
 
 
 def thin(count: int, wanted: int) -> np.ndarray:
-    """Return up to ``wanted`` indices spread evenly over ``count``; the result depends only on the arguments."""
+    """Return up to ``wanted`` evenly spaced indices from 0 to ``count`` - 1; the choice is never random."""
     if count <= wanted:
         return np.arange(count)
     return np.linspace(0, count - 1, wanted).astype(np.int64)
 
 
-_ANCHOR_SIGMA_M: Final = 0.05  # m, the paper's bound on the localisation error of anchors (Section V)
+_ANCHOR_SIGMA_M: Final = 0.05  # m, upper bound on the error of an anchor's place (paper, Section V)
 
 
 @cache
 def anchor_points(points: SkinPoints) -> np.ndarray:
-    """Return the skin points (5,) at the body's tips (head, hands, feet), in the order of ``ANCHOR_NAMES``."""
+    """Return the skin points (5,) at the top of the head and the tips of hands and feet, as in ``ANCHOR_NAMES``."""
     place = points.asset.vertices[points.vertex]
     names = np.array(points.asset.bone_names)[points.part]
     tips = []
@@ -141,6 +141,6 @@ def anchor_points(points: SkinPoints) -> np.ndarray:
 
 
 def anchor_constraints(points: SkinPoints, anchors: Anchors, sigma_m: float = _ANCHOR_SIGMA_M) -> Constraints:
-    """Return constraints that pull the body's tips to the anchors that were found."""
+    """Return constraints that pull ``anchor_points`` to the anchors (head, hands, feet) that were found in a frame."""
     found = anchors.found
     return place_constraints(anchor_points(points)[found], anchors.position_m[found], sigma_m, 5.0 * sigma_m)

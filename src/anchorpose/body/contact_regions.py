@@ -1,7 +1,7 @@
 """Divide the skin into clinical regions, find other people near them, and hold standing feet in place.
 
-A leg that a therapist hides is constrained only by the hip, so it would swing. Since patients in stand training stand,
-the foot's place on the floor is the best evidence of the leg.
+A leg that a therapist hides from all cameras is constrained only by the hip, so its estimate would swing. Patients in
+stand training stand, so the place where the foot stood last is the best evidence of this leg's pose.
 """
 
 from __future__ import annotations
@@ -54,27 +54,27 @@ def _all_regions() -> dict[str, tuple[str, ...]]:
 
 
 REGION_BONES: Final = _all_regions()
-"""The bones that move each region's skin; chest, belly and pelvis go all around the trunk."""
+"""The bones that move the skin of each clinical region; chest, belly and pelvis include the back."""
 
 REGIONS: Final = tuple(REGION_BONES)
 
 
-# m, distance from the joint's centre to the border of the knee's skin: the kneecap plus a hand's breadth
+# m, radius around the knee joint within which skin belongs to the knee's region: the kneecap plus a hand's breadth
 KNEE_RADIUS_M: Final = 0.10
 
 
 @cache
 def region_of_points(points: SkinPoints) -> np.ndarray:
-    """Return (p,) index into ``REGIONS`` of every skin point."""
+    """Return the clinical region (p,) of every skin point, as an index into ``REGIONS``."""
     asset = points.asset
     return region_of_skin(asset, points.part, asset.vertices[points.vertex], asset.bone_heads)
 
 
 def region_of_skin(asset: BodyAsset, part: np.ndarray, place_m: np.ndarray, heads_m: np.ndarray) -> np.ndarray:
-    """Return (p,) index into ``REGIONS``; the knee is the skin of thigh and shank around its joint.
+    """Return the region (p,) of skin points, an index into ``REGIONS``; a knee is the skin around the knee joint.
 
-    part (p,): bone that moves each point most; place_m (p, 3): place of each point at rest; heads_m (b, 3): heads of
-    the bones at rest.
+    part (p,): bone that moves each point most; place_m (p, 3): each point in the rest pose; heads_m (b, 3): the first
+    end of each bone in the rest pose.
     """
     whole = {bone: k for k, (name, bones) in enumerate(REGION_BONES.items()) if not _is_knee(name) for bone in bones}
     region = np.array([whole[name] for name in asset.bone_names])[part]
@@ -91,7 +91,7 @@ def _is_knee(region: str) -> bool:
 
 @cache
 def area_of_point(points: SkinPoints) -> float:
-    """Return the area (m2) of skin that each of the evenly spread points represents, on the mean adult."""
+    """Return the area (m2) of skin that each of the evenly spread skin points represents on the mean adult."""
     asset = points.asset
     a, b, c = (asset.vertices[asset.faces[:, corner]] for corner in range(3))
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0 / len(points.vertex))
@@ -104,7 +104,7 @@ class Nearness:
     person: np.ndarray  # (n,) uint8, pixel label of the other person
     point: np.ndarray  # (n,) int32, skin point of the patient
     distance_m: np.ndarray  # (n,) float32, from the point to the other person's nearest skin
-    remembered: np.ndarray  # (n,) bool, whether that skin was seen shortly before but is hidden now
+    remembered: np.ndarray  # (n,) bool, whether the other person's skin was seen shortly before but is hidden now
     shown: np.ndarray  # (p,) bool, whether some camera sees the skin point of the patient
 
 
@@ -115,7 +115,10 @@ def find_nearness(
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> Nearness:
-    """Return the distances from the posed skin to the seen skin of all other people, and to their remembered skin."""
+    """Return the pairs of a skin point of the patient and another person near it. Skin of other people counts where
+    cameras see it now or saw it shortly before. memory: the skin of all people as last seen. Hands of other people that
+    wrongly have the patient's label (``find_hands``) are included.
+    """
     others, shown = memory.without_patient, seen_skin(posed, views, cameras, config)
     hands_m, whose = find_hands(posed, views, cameras)
     points_m, owner = np.concatenate([others.points_m, hands_m]), np.concatenate([others.owner, whose])
@@ -140,7 +143,7 @@ def find_nearness(
 
 
 def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: points at most ``HAND_M`` from the box around the other people's points ``box_m``."""
+    """Return (n,) bool: points (n, 3) at most ``HAND_M`` outside the bounding box of the points ``box_m`` (k, 3)."""
     if not len(box_m):
         return np.zeros(len(points_m), dtype=bool)
     low, high = box_m.min(axis=0) - HAND_M, box_m.max(axis=0) + HAND_M
@@ -148,29 +151,29 @@ def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
 
 
 SIDES = ("Left", "Right")
-PLACES: Final = 6  # number of skin points that hold a foot's place and rotation
-STILL_S: Final = 0.4  # s, minimum time for which a standing foot was seen at rest; in a step, the sole rests for less
-STILL_M: Final = 0.03  # m, maximum movement of a standing foot, due to the noise of a visible ankle
-SIGMA_M: Final = 0.02  # m, uncertainty of the foot's place when the foot becomes hidden
-# m/s, growth of SIGMA_M while the foot is hidden; in two seconds it corresponds to a small step
+PLACES: Final = 6  # number of skin points that hold a standing foot, enough for its place and rotation
+STILL_S: Final = 0.4  # s; a foot stands if it was seen at rest for about this time; in a step, the sole rests for less
+STILL_M: Final = 0.03  # m, maximum movement of the ankle of a foot at rest: the error of a visible ankle's place
+SIGMA_M: Final = 0.02  # m, standard deviation of a standing foot's place when the foot becomes hidden
+# m/s, growth of this standard deviation while the foot is hidden; in two seconds it grows by the length of a small step
 DRIFT_M_S: Final = 0.05
-# m, maximum height of a standing foot's sole above the floor, as large as the uncertainty of a hidden foot's place
+# m, maximum estimated height above the floor at which a hidden foot is assumed to stand, since this height is uncertain
 ON_FLOOR_M: Final = 0.10
-DOUBT_M: Final = 0.10  # m; if the visible knee moves farther, the foot follows it (scale of the robust kernel)
+DOUBT_M: Final = 0.10  # m, scale of the robust kernel: if the visible knee moves farther than this, the foot follows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stand:
     """The place where a foot stands, in the world."""
 
-    places_m: np.ndarray  # (k, 3) places of its skin points
-    ankle_m: np.ndarray  # (3,) place of its ankle
+    places_m: np.ndarray  # (PLACES, 3) places of the skin points that hold the foot
+    ankle_m: np.ndarray  # (3,) place of the foot's ankle
     since_s: float  # s, time of the last frame that confirmed this place
     seen: bool  # True: the foot was seen there; False: the foot is assumed to be there
 
 
 class StandingFeet:
-    """The place where each foot stands, as last seen or as assumed; time may run backwards."""
+    """The place where each foot stands, as last seen or as assumed. Frames may come in reverse order of time."""
 
     _skin: dict[str, np.ndarray]
     _recent: dict[str, deque[tuple[float, np.ndarray]]]
@@ -190,12 +193,12 @@ class StandingFeet:
         time_s: float,
         floor_m: float | None = None,
     ) -> None:
-        """Add one more frame, which decides for a visible foot whether it stands: posed skin points (p, 3), joints (21,
-        3) and their visibility.
+        """Update where the feet stand by one more registered frame: posed skin points (p, 3), joints (21, 3) and their
+        states. A visible foot stands if its ankle was at rest.
 
-        floor_m: height of the floor, None if unknown. A hidden foot stays where it stood; a foot whose place cameras
-        see past no longer stands there. A hidden foot that was never seen standing, but is on the floor by the pose, is
-        held there until the next frame, so that it does not swing when the visible hip and knee bend.
+        floor_m: height of the floor, None if unknown. A hidden foot stays where it stood, unless cameras see past this
+        place. A hidden foot that was never seen standing, but is on the floor in the registered pose, is held there
+        until the next frame, so that it does not swing if the visible hip and knee bend.
         """
         for side in SIDES:
             ankle = JOINT_INDEX[f"Ankle{side}"]
@@ -224,7 +227,7 @@ class StandingFeet:
     def _believe(
         self, side: str, skin_m: np.ndarray, ankle_m: np.ndarray, time_s: float, floor_m: float | None
     ) -> None:
-        """Assume that an unseen foot stands where the body's pose puts it, if this is on the floor."""
+        """Assume that a hidden foot stands where the registered pose puts it, if this place is on the floor."""
         places_m = skin_m[self._skin[side]]
         if floor_m is not None and places_m[:, 1].min() < floor_m + ON_FLOOR_M:
             self._stand[side] = _Stand(places_m, ankle_m, time_s, seen=False)
@@ -232,14 +235,14 @@ class StandingFeet:
             self._stand.pop(side, None)
 
     def forget(self, joints: Sequence[int]) -> None:
-        """Forget where feet stand if their joints are among ``joints`` (indices), which a reviewer corrected."""
+        """Forget where a foot stands if its ankle or foot joint is in ``joints``, indices that a reviewer corrected."""
         for side in SIDES:
             if {JOINT_INDEX[f"Ankle{side}"], JOINT_INDEX[f"Foot{side}"]} & set(joints):
                 self._stand.pop(side, None)
                 self._recent[side].clear()
 
     def rows(self, time_s: float) -> Constraints:
-        """Return constraints that hold the standing feet in a frame; a foot that does not stand gets no rows."""
+        """Return constraints that hold the standing feet in place in the frame at time_s; other feet get no rows."""
         held = []
         for side, stand in self._stand.items():
             sigma_m = SIGMA_M + DRIFT_M_S * abs(time_s - stand.since_s)

@@ -14,12 +14,12 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 
 NEAR_M: Final = 0.12  # m, maximum gap that is stored; all gaps that decide about a contact are far smaller
-# m, error of the equipment's surface, since docs/guide/equipment.md asks for measurements to one centimetre
+# m, standard deviation of the equipment model's surface; docs/guide/equipment.md asks users to measure to a centimetre
 MODEL_SIGMA_M: Final = 0.005
 SAMPLING_M: Final = 0.005
-"""Metres by which the nearest skin point is farther from a part than the continuous skin between the points: the mean
-over hands, arms, thighs and pelvis in two simulated clinics (seeds 52001 and 52002); single regions had -2 to 9 mm.
-"""
+"""Metres that are subtracted from each gap: the nearest skin point is farther from the equipment than the continuous
+skin between the points. The value is the mean difference over hands, arms, thighs and pelvis in two simulated clinics
+(seeds 52001 and 52002); the means of single regions were -2 to 9 mm."""
 
 # regions that are left out, since feet always touch the floor and objects on it
 FEET: Final = ("foot_left", "foot_right")
@@ -37,7 +37,7 @@ _ENDS: Final = {
     "knee": ("Knee",),
     "shank": ("Knee", "Ankle"),
 }
-"""The joints that determine where a region's skin is; the skin has the sigma of the less certain joint."""
+"""The joints that determine where a region's skin is. The skin has the sigma of the least certain of these joints."""
 
 
 def _joints_of(region: str) -> list[int]:
@@ -58,13 +58,14 @@ class EquipmentGaps:
     region: np.ndarray  # (n,) uint8, index into ``REGIONS``
     gap_m: np.ndarray  # (n,) float32, minimum distance from the region's skin to the part's surface, negative inside it
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
-    area_m2: np.ndarray  # (n,) float32, area of the region's skin within reach of the part
-    shown: np.ndarray  # (n,) float32, seen share of the camera-facing points of that skin; 0 if none faces a camera
+    area_m2: np.ndarray  # (n,) float32, area of the region's skin within ``reach_m`` of the part
+    # (n,) float32, share of this skin's camera-facing points that are seen; 0 if no point faces a camera
+    shown: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownSkin:
-    """Visibility of the skin points."""
+    """The visibility of each skin point of the patient."""
 
     faces: np.ndarray  # (p,) bool, whether the point faces some camera
     seen: np.ndarray  # (p,) bool, whether some camera sees the point
@@ -78,10 +79,10 @@ def find_equipment_gaps(
     equipment: EquipmentModel,
     reach_m: float,
 ) -> EquipmentGaps:
-    """Return the gaps of one frame.
+    """Return the gaps between the patient's skin and the equipment in one frame.
 
     skin_m (p, 3): the posed skin points in the world. joint_sigma_m (21,): NaN for a lost joint; its regions then have
-    no gaps. reach_m: greatest distance from a part of the skin that counts in ``area_m2`` and ``shown``.
+    no gaps. reach_m: maximum distance between equipment and the skin that counts in ``area_m2`` and ``shown``.
     """
     region, sigma_m = region_of_points(points), region_sigma(joint_sigma_m)
     known = np.flatnonzero(np.isfinite(sigma_m)[region])
@@ -101,10 +102,11 @@ def find_equipment_gaps(
 
 
 def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return part, region and gap (k,) of each region near a part, and (3, k) how many of the region's points are True
-    in each row of ``counted``.
+    """Return part, region and gap (k,) for the k regions near one part of the equipment; and (3, k): for each row of
+    ``counted``, how many skin points of each region are True.
 
-    distance_m, region (n,): the skin points around the part; counted: (3, n) bool.
+    distance_m, region (n,): for each skin point around the part, its distance from the part and its body region.
+    counted: (3, n) bool.
     """
     least = np.full(len(REGIONS), np.inf)
     np.minimum.at(least, region, distance_m)
@@ -114,7 +116,7 @@ def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.
 
 
 def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-    """Return (p,) bool: points in a box. One axis is tested after another, which takes half of the time."""
+    """Return (p,) bool: points in a box. Testing one axis after another takes half the time of testing all at once."""
     inside = (skin_m[:, 0] > low_m[0]) & (skin_m[:, 0] < high_m[0])
     for axis in (1, 2):
         inside &= (skin_m[:, axis] > low_m[axis]) & (skin_m[:, axis] < high_m[axis])
@@ -122,9 +124,8 @@ def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.nda
 
 
 def region_sigma(joint_sigma_m: np.ndarray) -> np.ndarray:
-    """Return the standard deviation (regions,) of each region's skin relative to the equipment; NaN if unknown.
-
-    joint_sigma_m (21,): NaN for lost joints. Feet are left out, see ``FEET``.
+    """Return the standard deviation (regions,) of each region's skin relative to the equipment, metres. It is NaN for
+    feet (``FEET``), and if a joint of the region is lost: joint_sigma_m (21,) is NaN for lost joints.
     """
     variance = joint_sigma_m**2
     sigma = [variance[REGION_JOINTS[name]].max() if name in REGION_JOINTS else np.nan for name in REGIONS]
@@ -133,7 +134,7 @@ def region_sigma(joint_sigma_m: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=2)  # a run has a single model of the equipment
 def part_boxes(equipment: EquipmentModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return low and high (parts, 3): the box around each part, ``NEAR_M`` wider on every side."""
+    """Return low and high corners (parts, 3) of a box around each equipment part, ``NEAR_M`` wider on every side."""
     corners = [part.triangles()[0] for part in equipment.parts]
     low = np.stack([each.min(axis=0) for each in corners]) - NEAR_M
     return low, np.stack([each.max(axis=0) for each in corners]) + NEAR_M

@@ -21,7 +21,7 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
 
-OUTLINE_SIGMA_M: Final = 0.020  # m, error of an outline; edges flicker by one to two pixels, at 2.5 m
+OUTLINE_SIGMA_M: Final = 0.020  # m, sigma of the patient's outline, which flickers by one to two pixels at 2.5 m
 # pixels, minimum width of an object that may hide a limb; the rim of lost readings around a silhouette is thinner
 THICK_PX: Final = 5
 
@@ -29,27 +29,27 @@ _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
 _FOOT: Final = ("Foot", "ToeBase")
 _SHANK: Final = ("Leg", *_FOOT)
-# m, depth below a shank's skin at which it must stay outside the other shank; half of a shank's thickness
+# m below the skin of one shank, half of a shank's thickness: points at this depth must stay outside the other shank
 _FLESH_M: Final = 0.03
-# m, half a trunk's thickness; deeper points are not pushed, since their nearest skin may be on the wrong side
+# m, half a trunk's thickness; deeper points are not pushed out, since the skin nearest to them may be on the wrong side
 _DEEPEST_M: Final = 0.15
 _ALLOWED_M: Final = 0.01  # m, allowed depth inside another body part, since soft tissue gives way
-# m, allowed depth of feet under the floor, for errors of the floor's height and of the soles of rough bodies
+# m, allowed depth of skin below the floor, for errors of the floor's height and of the soles of approximate body shapes
 _ALLOWED_FLOOR_M: Final = 0.03
-_SIGMA_M: Final = 0.01
-_STANDING_M: Final = (
-    0.14  # m, sigma of a foot's height: a raised foot costs 6 nats, since 95 of 100 feet in rehabilitation stand
-)
-_IN_THE_AIR_M: Final = 0.5  # m, height above the floor from which the cost of a raised foot hardly grows
+_SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and out of the floor
+# m, sigma of a foot's height above the floor: a foot at ``_IN_THE_AIR_M`` costs 3 nats (6 if far higher), since in
+# rehabilitation 95 of 100 feet stand on the floor, and ln(95 / 5) is 3
+_STANDING_M: Final = 0.14
+_IN_THE_AIR_M: Final = 0.5  # m above the floor; the cost of a raised foot hardly grows beyond this height
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
     """The data of one frame to which a person's body is registered."""
 
-    surface: Nodes | Surface  # the person's seen nodes; their edges are not needed
-    views: tuple[View | None, ...]  # each camera's depth image with labels; None without a frame
-    outlines: tuple[np.ndarray | None, ...]  # as in ``find_outline``; None without a frame, or without the person in it
+    surface: Nodes | Surface  # nodes of the person's seen surface; edges are not needed
+    views: tuple[View | None, ...]  # each camera's depth image with labels; None without a depth image
+    outlines: tuple[np.ndarray | None, ...]  # from ``find_outline``; None without a depth image that shows the person
     cameras: tuple[Camera, ...]
     floor_m: float | None = None  # height of the floor; None if unknown
     label: int = PixelLabel.PATIENT  # the person's pixel label
@@ -58,7 +58,7 @@ class Evidence:
 def gather_evidence(
     surface: Nodes, views: Sequence[View | None], cameras: Sequence[Camera], floor_m: float | None = None
 ) -> Evidence:
-    """Return the evidence of one frame, with its outlines computed once."""
+    """Return the evidence of one frame for the patient. The outlines are computed here, once for all registrations."""
     outlines = tuple(each(lambda view: None if view is None else find_outline(view), views))
     return Evidence(surface, tuple(views), outlines, tuple(cameras), floor_m)
 
@@ -66,8 +66,8 @@ def gather_evidence(
 def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Return all constraint rows: nodes pull the skin; skin that should be seen, but is not, is pulled to the outline;
-    limbs stay out of the trunk; feet stand on the floor.
+    """Return all constraint rows for a pose: nodes within reach_m pull the skin; skin that should be seen, but is not,
+    is pulled to the outline; limbs stay out of the trunk; no skin is below the floor, and feet stand on it.
     """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
@@ -105,11 +105,11 @@ def find_outline(view: View) -> np.ndarray | None:
 def outline_constraints(
     posed: PosedPoints, view: View, outline: np.ndarray, camera: Camera, reach_m: float
 ) -> Constraints:
-    """Return rows from model to data, which pull skin that should be seen, but is not, to the patient's outline.
+    """Return rows that pull skin points that should be seen, but are not, to the patient's outline.
 
-    A skin point in front of background or in front of another person cannot be there, or it would be seen. It is pulled
-    across the ray to the nearest pixel where the patient is or may be. Pixels without a reading and pixels of equipment
-    give no row.
+    If a pixel shows the background or another person, no skin of the patient can be in front of it: the camera would
+    see it. A skin point there is pulled sideways, at its own depth, to the nearest pixel of ``outline``, where the
+    patient is seen or may be hidden. Skin points at pixels of equipment or without a reading get no row.
     """
     point, target, direction = _stray_rows(
         posed.points_m, projection_of(camera), view.labels, view.depth_m, outline, camera.pixel_rays(), reach_m
@@ -127,8 +127,8 @@ def _stray_rows(
     rays: np.ndarray,
     reach: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return point, target and unit direction for each stray point at most three times ``reach`` from a possible
-    place.
+    """Return the rows of ``outline_constraints``: index of the skin point (n,), target and unit direction (n, 3). Skin
+    points more than three times ``reach`` from every pixel that is True in ``possible`` are left out.
     """
     column, row, distance = pixels_of(points, projection, labels.shape[0], labels.shape[1])
     T_world_camera, focal_px = projection.T_world_camera, max(projection.lens[0], projection.lens[1])
@@ -160,7 +160,9 @@ def _stray_rows(
 
 @njit(cache=True, nogil=True)
 def _stray(label: int, depth: float, farthest: float) -> bool:
-    """Return whether a pixel shows the room or another person behind ``farthest``, the greatest depth of the skin."""
+    """Return whether a pixel shows the background or another person farther away than ``farthest``, the maximum depth
+    of the patient's skin there. Background without a reading counts, too.
+    """
     if label != PixelLabel.BACKGROUND and label < PixelLabel.OTHER_PERSON:
         return False
     return depth <= 0.0 or depth > farthest
@@ -177,7 +179,7 @@ def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int)
         if ring * ring >= best:
             break
         for r in range(max(0, row - ring), min(height - 1, row + ring) + 1):
-            # each row between the ring's top and bottom has two pixels
+            # rows between the top and the bottom row of the ring have only two pixels on it
             step = 1 if abs(r - row) == ring else max(1, 2 * ring)
             for c in range(column - ring, column + ring + 1, step):
                 if c < 0 or c >= width or not possible[r, c]:
@@ -208,17 +210,17 @@ def shanks(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
     """Return rows that push body parts out of each other, towards the nearest skin of the other part.
 
-    There is a row for each point of a forearm or hand inside the trunk. Shanks may touch, so there is a row for each
-    point of the left shank and foot only if a place ``_FLESH_M`` below it lies inside the right shank. Without these
-    rows, two shanks could explain the same surface in the same place.
+    There is a row for each skin point of a forearm or hand inside the trunk. Shanks may touch. So a skin point of the
+    left shank or foot gets a row only if the place ``_FLESH_M`` below this skin lies inside the right shank or foot.
+    Without these rows, both shanks could lie in the same place and explain the same surface.
     """
     (trunk, arms), (left, right) = trunk_and_arms(body.points), shanks(body.points)
     return join([_pushed_out(body, posed, arms, trunk, 0.0), _pushed_out(body, posed, left, right, _FLESH_M)])
 
 
 def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarray, below_m: float) -> Constraints:
-    """Return rows for the points of a limb that lie inside a part of the body. below_m: depth below the limb's skin
-    that is tested.
+    """Return rows that push the skin points ``limb`` out of the body part with the skin points ``part``. A point gets a
+    row if the place below_m metres below its skin is inside the part.
     """
     if body.shape.missing:
         limb = limb[~missing_points(body.points.asset, body.points.part[limb], body.shape.missing)]
@@ -232,7 +234,7 @@ def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarr
 
 
 def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
-    """Return a row that pulls upwards for each skin point below the floor, with a small allowed depth."""
+    """Return a row that pulls upwards for each skin point more than ``_ALLOWED_FLOOR_M`` below the floor."""
     below = np.flatnonzero(posed.points_m[:, 1] < floor_m - _ALLOWED_FLOOR_M)
     target = posed.points_m[below].copy()
     target[:, 1] = floor_m - _ALLOWED_FLOOR_M
@@ -241,8 +243,8 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
 
 
 def standing_rows(body: Body, posed: PosedPoints, floor_m: float, rows_per_observation: float) -> Constraints:
-    """Return a row for each foot that pulls its lowest skin to the floor. The row counts as one observation, or as less
-    for a raised foot. So an unseen leg stands or sits as usual.
+    """Return a row for each foot that pulls its lowest skin point to the floor. The row counts as one observation, or
+    as less if the foot is far above the floor. A leg that no camera sees then keeps its foot on the floor.
     """
     feet = [_lowest(posed, foot) for foot in _feet(body.points, body.shape.missing) if len(foot)]
     target = posed.points_m[feet].copy()
@@ -259,7 +261,7 @@ def _lowest(posed: PosedPoints, of: np.ndarray) -> int:
 
 @cache
 def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of the skin points on the left and the right foot; none for a missing foot."""
+    """Return the indices of the skin points on the left and on the right foot; empty for a foot that the body lacks."""
     names = np.array(points.asset.bone_names)[points.part]
     there = ~missing_points(points.asset, points.part, missing)
     left, right = (
@@ -272,8 +274,8 @@ def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.
 def _nearest(
     asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each ``asked`` point with trunk skin nearer than ``_DEEPEST_M``, its row and the row of the nearest
-    trunk skin.
+    """Return, for each tested place ``asked[arms]`` with a point of ``trunk`` nearer than ``_DEEPEST_M``, its row in
+    ``arms`` and the nearest point's row in ``trunk``. ``arms`` and ``trunk`` may also be two shanks.
     """
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

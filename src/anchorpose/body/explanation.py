@@ -1,7 +1,7 @@
 """Measure how well a pose explains a frame, from the frame's depth images alone, without predictions.
 
-Two quantities show that a limb is elsewhere: the area of seen skin of the patient that no part of the posed body
-covers, and the share of each limb's skin that a camera sees past.
+Two quantities show that a limb is not where the pose has it: the area of seen skin of the patient that no part of the
+posed body covers, and the share of each limb's skin that a camera sees past, because it sees something farther away.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import View
 
-# m, maximum distance from a covered node to the skin, due to clothes, point spacing and half a forearm
+# m, maximum distance from a node to a skin point that covers it: clothes, spacing of skin points, half a forearm
 COVERED_M: Final = 0.06
-NODES: Final = 2500  # number of nodes that are compared; registration uses as many
-# minimum number of skin points from which a share is computed; a share of fewer points would not be reliable
+NODES: Final = 2500  # maximum number of nodes that are examined; registration uses as many
+# minimum number of a limb's camera-facing skin points; with fewer, the share that the camera sees past is unreliable
 LEAST_FACING: Final = 8
 
 
@@ -34,19 +34,19 @@ LEAST_FACING: Final = 8
 class Explanation:
     """How well one pose explains one frame."""
 
-    covered: np.ndarray  # (c,) int, covered nodes among the examined nodes
-    node: np.ndarray  # (u,) int, uncovered nodes among the examined nodes
+    covered: np.ndarray  # (c,) int, index of each examined node that posed skin covers
+    node: np.ndarray  # (u,) int, index of each examined node that no posed skin covers
     thinned: float  # number of surface nodes per examined node
-    uncovered_m2: float  # area of the uncovered nodes, in the camera that sees most of it
-    # (PARTS,) share of each limb's camera-facing skin that a camera sees past, in the camera with the largest share;
-    # NaN if too little of the limb is in view
+    uncovered_m2: float  # area of skin that one camera's uncovered nodes represent; the largest value of all cameras
+    # (PARTS,) share of each limb's camera-facing skin that a camera sees past; the largest value of all cameras; NaN if
+    # too little of the limb is in view
     seen_past: np.ndarray
     covering: np.ndarray  # (p,) bool, whether the skin point covers a node
 
 
 @lru_cache(maxsize=2)  # registration and the frame's estimate need the same explanation
 def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Explanation:
-    """Compare a posed body with the depth images."""
+    """Measure how well a posed body explains one frame."""
     chosen = thin(len(evidence.surface), NODES)
     nearest = nearest_point(posed.points_m, evidence.surface.points_m[chosen].astype(np.float64), COVERED_M)
     bare = chosen[nearest < 0]
@@ -60,7 +60,7 @@ def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Expla
 
 
 def node_area_m2(evidence: Evidence) -> np.ndarray:
-    """Return (c,) m2: for each camera, the area of camera-facing skin that one node represents; 0 without nodes."""
+    """Return (c,) m2: per camera, the area perpendicular to its rays that one node represents; 0 without nodes."""
     area = np.zeros(len(evidence.cameras))
     count = np.bincount(evidence.surface.camera, minlength=len(area))
     for number, (view, camera) in enumerate(zip(evidence.views, evidence.cameras, strict=True)):
@@ -74,8 +74,8 @@ def node_area_m2(evidence: Evidence) -> np.ndarray:
 def seen_past(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Return the shares (PARTS,) seen past, as in ``Explanation``. Skin counts as seen past if the reading at its pixel
-    is farther away; hidden skin does not count.
+    """Return ``Explanation.seen_past`` (PARTS,). A camera sees past a skin point if the reading at its pixel is farther
+    away; hidden skin counts as not seen past.
     """
     most = np.full(PARTS, np.nan)
     for past, counted in _seen_past_counts(points, posed, views, cameras):
@@ -86,8 +86,9 @@ def seen_past(
 def seen_past_by_all(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Return the shares (PARTS,) seen past in all cameras together. This suits a body with a rough facing: the camera
-    that shows its profile sees past more of it than the other cameras.
+    """Return (PARTS,) the share of each limb's skin that cameras see past, counted over all cameras together. If the
+    body's facing is uncertain, this is better than the largest share of one camera: a camera that sees the body from
+    the side sees past more of it than the others.
     """
     counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
     past, counted = np.sum(counts, axis=0)
@@ -108,7 +109,7 @@ def _seen_past_counts(
 
 @njit(cache=True, nogil=True)
 def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many points of each limb (PARTS,) the camera sees past, and how many it could see past."""
+    """Return, per limb (PARTS,), how many points the camera sees past, and how many face it where it has a reading."""
     past, counted = np.zeros(PARTS, np.int64), np.zeros(PARTS, np.int64)
     for p in range(len(limb)):
         if facing[p] and reason[p] != SkinReason.OUTSIDE and reason[p] != SkinReason.HOLE:
@@ -125,12 +126,12 @@ def limb_of_points(points: SkinPoints) -> np.ndarray:
 
 @cache
 def segment_of_points(points: SkinPoints) -> np.ndarray:
-    """Return the segment (p,) of each skin point, as in ``SEGMENT_OF_BONES``."""
+    """Return the body segment (p,) of each skin point: half of a limb or of the trunk, as in ``SEGMENT_OF_BONES``."""
     return np.asarray(SEGMENT_OF_BONES[_bone_of_points(points)])
 
 
 def _bone_of_points(points: SkinPoints) -> np.ndarray:
-    """Return (p,) the row in ``MOVING_BONES`` of the bone that moves each skin point."""
+    """Return (p,) the row in ``MOVING_BONES`` of each skin point's bone, or of the nearest ancestor of this bone."""
     found, parents = np.zeros(len(points.part), np.int64), points.asset.bone_parents
     row = {int(bone): number for number, bone in enumerate(points.moving)}
     for bone in np.unique(points.part):

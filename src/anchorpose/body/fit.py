@@ -1,5 +1,5 @@
-"""Register the articulated body: Gauss-Newton on pose (and shape) against the constraints, with joint ranges as
-priors.
+"""Fit the pose (and shape) of the articulated body to constraint rows by Gauss-Newton steps. Priors are the ranges in
+which people's joints bend.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_poin
 from anchorpose.rotations import inverse_left_jacobian
 
 HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # rad, standard deviation of a bend beyond the limit of a knee, elbow or hip
-# minimum number of observations for a part to count as seen; a single observation may be an outlier
+# minimum number of observations of a part of a limb that counts as seen; a single observation may be an outlier
 LEAST_OBSERVED: Final = 2.0
 MAX_TURN: Final = 30.0 * DEGREE  # rad, maximum turn of a bone in one step of the solver
 
 Predicted = tuple[Pose, np.ndarray]
-"""A predicted pose and its information (POSE_SIZE, POSE_SIZE)."""
+"""A predicted pose and its inverse covariance (POSE_SIZE, POSE_SIZE)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """The system ``hessian @ change = -gradient`` for the parameters of the pose, followed by those of the shape."""
+    """The system ``hessian @ change = -gradient`` for a change of the pose's parameters, then of those of the shape."""
 
     hessian: np.ndarray
     gradient: np.ndarray
-    cost: float  # sum of squared deviations; 1 = one observation that is off by one standard deviation
+    cost: float  # sum of squared deviations of observations and priors, in their standard deviations
 
 
 def pose_equations(
@@ -48,9 +48,9 @@ def pose_equations(
     rows_per_observation: float,
     free: FreeShape | None = None,
 ) -> NormalEquations:
-    """Return the normal equations of one frame from its data and the prior; ``free`` adds columns for the shape.
+    """Return the normal equations of one frame from its constraint rows and the prior.
 
-    prior: the prior on the pose, from ``prior_equations``.
+    prior: the prior on the pose, from ``prior_equations``. free: the shape parameters that are fitted, too, if any.
     """
     size = POSE_SIZE + (0 if free is None else sum(free))
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
@@ -70,8 +70,8 @@ def pose_equations(
 
 
 def hidden_bones(points: SkinPoints, rows: Constraints, rows_per_observation: float) -> tuple[int, ...]:
-    """Return the rows of ``MOVING_BONES`` for the parts of limbs (up to elbow or knee, and beyond) that have too few
-    constraint rows.
+    """Return the bones, as rows of ``MOVING_BONES``, of all parts of limbs (up to elbow or knee, and beyond) that count
+    as hidden, since they have fewer than ``LEAST_OBSERVED`` observations.
     """
     observed = np.bincount(segment_of_points(points)[rows.point], minlength=2 * PARTS) / rows_per_observation
     return _bones_of_segments(tuple((observed < LEAST_OBSERVED).tolist()))
@@ -85,7 +85,9 @@ def _bones_of_segments(hidden: tuple[bool, ...]) -> tuple[int, ...]:
 def prior_equations(
     points: SkinPoints, pose: Pose, predicted: Predicted | None, hidden: tuple[int, ...] | None = None
 ) -> NormalEquations:
-    """Return the equations of the joint range, the hinge limits and any prediction; hidden: as in ``joint_range``."""
+    """Return the equations of the prior on a pose: joint range, hinge limits and, if given, a predicted pose. hidden:
+    the hidden bones, as in ``joint_range``.
+    """
     ranges = joint_range_at(points.asset, pose, hidden)
     hessian, gradient, cost = _range_equations(pose.rotation_vectors(points.moving), ranges, HINGE_LIMIT_SIGMA)
     if predicted is not None:
@@ -99,13 +101,13 @@ def prior_equations(
 
 
 def range_information(points: SkinPoints, pose: Pose, hidden: tuple[int, ...]) -> np.ndarray:
-    """Return the information (POSE_SIZE, POSE_SIZE) of joint range and hinge limits at a pose."""
+    """Return the inverse covariance (POSE_SIZE, POSE_SIZE) by joint range and hinge limits alone, at a pose."""
     return prior_equations(points, pose, None, hidden).hessian
 
 
 @njit(cache=True, nogil=True)
 def _coupled(information: np.ndarray, m: int, n: int) -> bool:
-    """Return whether the information couples two bones."""
+    """Return whether an inverse covariance (m, 3, m, 3) has an entry other than 0 for the bones m and n."""
     for i in range(3):
         for j in range(3):
             if information[m, i, n, j] != 0.0:
@@ -118,7 +120,7 @@ def _range_equations(
     vectors: np.ndarray, ranges: JointRange, hinge_limit_sigma: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return hessian, gradient and cost of the joint range: squared deviations of the moving bones from their mean, and
-    squared excess beyond limits.
+    squared bends beyond hinge limits.
 
     vectors (m, 3): the bones' rotation vectors, radians.
     """
@@ -186,8 +188,8 @@ def damped_step(
 ) -> Pose:
     """Return the pose after one Gauss-Newton step.
 
-    Without a prediction, rows may pull a limb to another limb's surface. So no limb then counts as seen in
-    ``joint_range``.
+    Without a prediction (None), rows may pull a limb to another limb's surface, so rows do not prove that a limb is
+    seen. All limbs then have the joint ranges of hidden limbs (``joint_range``).
     """
     hidden = None if predicted is None else hidden_bones(body.points, rows, rows_per_observation)
     prior = prior_equations(body.points, pose, predicted, hidden)

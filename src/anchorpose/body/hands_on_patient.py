@@ -1,8 +1,8 @@
-"""Find skin of other people that was labelled as the patient's: readings that lie off the posed skin and are connected
-to a person.
+"""Find hands of other people that have the patient's label: readings that lie away from the patient's posed skin and
+are connected to another person.
 
-A hand that holds the patient shows no step in depth, so segmentation often continues the patient over it. The posed
-skin distinguishes them, since it lies a hand's thickness below such readings.
+There is no step in depth around a hand that holds the patient, so segmentation often gives the hand the patient's
+label. The patient's posed skin reveals the error, since it lies a hand's thickness below the readings of the hand.
 """
 
 from __future__ import annotations
@@ -20,20 +20,22 @@ from anchorpose.isolation.components import JumpLimit, label_components
 from anchorpose.isolation.view import PixelLabel, View
 
 HAND_M: Final = 0.2  # m, length of a hand from the finger tips to the wrist
-# m, minimum height of fingers above the patient's skin; most errors of the learnt skin are smaller
+# m; a reading farther than this above the patient's posed skin may show another person's fingers; most errors of the
+# learnt skin are smaller
 STANDS_OFF_M: Final = 0.015
 SKIN_REACH_M: Final = 0.10  # m, half a thigh's thickness; a reading farther from all skin is not on the patient
-STEP_PX: Final = 2  # pixels, step between the rows and columns that are used; at 2.5 m it is 14 mm, a finger's width
+STEP_PX: Final = 2  # only every second row and column of an image is used: at 2.5 m they are a finger's width apart
 STEEPEST: Final = 8.0
-"""Maximum depth difference per width between neighbouring pixels of one arm: 83 degrees, as on a forearm that points at
-the camera. With a value of 2, a tenth of the contacts that are found with 8 was missed in four clinics for tuning."""
+"""Maximum ratio of depth difference to sideways distance between neighbouring pixels of one arm: a slant of 83 degrees,
+as on a forearm that points at the camera. With a ratio of 2, a tenth of the contacts was missed in the four simulated
+clinics used for tuning."""
 
 
 def find_hands(
     posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (n, 3) float32 in the world on hands that hold the patient, and the label (n,) uint8 of the person
-    to whom each point belongs.
+    """Return world points (n, 3) float32 on hands that hold the patient and have the patient's label, and the label
+    (n,) uint8 of the person whose hand it is.
     """
     points, owners = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
     for view, camera in zip(views, cameras, strict=True):
@@ -56,7 +58,7 @@ def _beside_people(
     depth_m: np.ndarray, labels: np.ndarray, camera: Camera
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the readings with the patient's label within a hand's length of another person's readings: world points
-    (n, 3) float32, rows and columns.
+    (n, 3) float32, and rows and columns (n,) in the image reduced by ``STEP_PX``.
     """
     person = (labels >= PixelLabel.OTHER_PERSON).astype(np.uint8)
     if not person.any():
@@ -72,7 +74,7 @@ def _beside_people(
 
 
 def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: places (n, 3) that are more than ``STANDS_OFF_M`` outside the nearest skin, or far from it."""
+    """Return (n,) bool: places (n, 3) over ``STANDS_OFF_M`` outside the nearest skin or over ``SKIN_REACH_M`` away."""
     nearest = nearest_point(posed.points_m, place_m.astype(np.float64), SKIN_REACH_M)
     outwards = np.einsum("ni,ni->n", place_m - posed.points_m[nearest], posed.normals[nearest])
     return np.asarray((nearest < 0) | (outwards > STANDS_OFF_M))
@@ -81,8 +83,8 @@ def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
 def _owners(
     depth_m: np.ndarray, labels: np.ndarray, row: np.ndarray, column: np.ndarray, focal_px: float
 ) -> np.ndarray:
-    """Return (n,) uint8: label of the person to whom each pixel connects without a step in depth; 0 without such a
-    person.
+    """Return (n,) uint8: label of the other person to whom each pixel (row, column) is connected without a step in
+    depth; 0 if there is none.
     """
     person = labels >= PixelLabel.OTHER_PERSON
     mask = person.copy()

@@ -1,7 +1,8 @@
-"""Find the first pose and a first estimate of the shape from the learnt descriptor's matches and the surface.
+"""Find a person's first pose, and a first estimate of the patient's shape, without a predicted pose.
 
-``find_first_pose`` is for the patient and also estimates the shape. ``find_rough_pose`` is for other people, with a
-body of given shape. The matches propose poses, and the surface decides between them.
+The learnt descriptor matches pixels to places on the body. Poses are fitted to these matches and then registered to the
+surface, and the most probable pose is kept. ``find_first_pose`` also fits the patient's shape; ``find_rough_pose`` is
+for other people, with a body of given shape.
 """
 
 from __future__ import annotations
@@ -23,22 +24,24 @@ from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
 
 _REACHES_M: Final = (0.20, 0.20, 0.15, 0.15, 0.15, 0.12, 0.12, 0.12)
-"""Reach, in metres, of each registration step after matching; matches of hands have errors of up to 0.2 m."""
+"""Maximum distance (m) at which a node pulls the skin, one value per registration step. The steps begin at the pose
+fitted to the descriptor's matches, which have errors of up to 0.2 m on hands."""
 
-# number of first steps that do not change the shape; while the pose is rough, they would fit a wrong shape
+# number of steps before the shape is fitted, too; while the pose is still inaccurate, a wrong shape would be fitted
 _RIGID_STEPS: Final = 2
-_ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
+_ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)  # m, the same for ``find_rough_pose``, which takes fewer steps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstPose:
-    """A first pose and the body that it was found with."""
+    """A first pose and the belief in the shape of the body that was fitted."""
 
     pose: Pose
     belief: ShapeBelief
     log: float  # nats, log probability of pose and shape, given the images and the prior
-    facing: float  # nats, prior log probability of the facing (``facing_nats``)
-    # two first poses with the opposite facing: one with the same body, one with a body fitted for that facing
+    facing: float  # nats, prior log probability that the patient faces this way (``facing_nats``)
+    # poses with the opposite facing. If the shape was known before: a pose with this shape, then a pose with a newly
+    # fitted shape. Otherwise: a single pose, with a shape fitted to it
     others: tuple[FirstPose, ...] = ()
 
     @property
@@ -47,11 +50,13 @@ class FirstPose:
         return self.belief.shape
 
     def ahead_of(self, turned: FirstPose) -> float:
-        """Return by how many nats this pose is likelier than a pose with the opposite facing (as in ``believed``)."""
+        """Return by how many nats this pose is likelier than a pose with the opposite facing. The difference of their
+        ``log`` counts less than in full, since it has an error (``believed``).
+        """
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 
     def facing_as(self, pose: Pose) -> FirstPose:
-        """Return the first pose, with the same body, that has the facing of another pose; ``self`` if there is none."""
+        """Return the first pose with the same body that faces the same way as another pose; ``self`` if none does."""
         alike = (one for one in self.others if one.shape is self.shape and not pose.faces_away(one.pose))
         other = next(alike, None) if pose.faces_away(self.pose) else None
         return self if other is None else replace(other, others=(self,))
@@ -61,18 +66,18 @@ class FirstPose:
 class FirstShape:
     """The knowledge of the shape before the first pose."""
 
-    # shapes to try, each with its prior belief (adult or child): the patient's learnt shape or first estimates
+    # shapes to try: the patient's learnt shape, or an adult's and a child's shape of the stated or visible stature
     tried: Sequence[ShapeBelief]
-    may_change: bool  # whether the fit changes these shapes
+    may_change: bool  # whether the fit of the first pose may change these shapes
 
 
 def find_first_pose(
     evidence: Evidence, person: MatchedPerson, shape: FirstShape, config: RegistrationConfig
 ) -> FirstPose:
-    """Fit each body to the matches and the surface, and keep the most probable one; then fit it with the opposite
-    facing, too.
+    """Fit each body of ``shape.tried`` to matches and surface, and keep the most probable; then fit it with the
+    opposite facing, too. Return the likelier facing, with the alternatives in ``others``.
 
-    A learnt body is valid only for the facing with which it was learnt; for the other facing, a new body is fitted.
+    A learnt body is valid only for the facing with which it was learnt, so a new body is fitted for the other facing.
     """
     found = [_fitted(evidence, person.matches, tried, person.pose, shape, config) for tried in shape.tried]
     number = max(range(len(found)), key=lambda k: found[k].log)
@@ -101,7 +106,7 @@ def _fitted(
 def _settle(
     pose: Pose, belief: ShapeBelief, evidence: Evidence, may_change: bool, config: RegistrationConfig
 ) -> FirstPose:
-    """Register the body to the surface with decreasing reach."""
+    """Register the body to the surface, from a pose fitted to matches. may_change: whether its shape is fitted, too."""
     shape, rows_per_observation = belief.shape, config.rows_per_observation
     body = build_body(body_points(), shape)
     for number, reach_m in enumerate(_REACHES_M):
@@ -118,7 +123,7 @@ def _settle(
 
 
 def find_rough_pose(body: Body, evidence: Evidence, person: MatchedPerson, config: RegistrationConfig) -> Pose:
-    """Return the matched pose after a few registration steps onto the surface."""
+    """Return the pose of a person's given body: it is fitted to the matches, then registered to the surface."""
     pose = fit_matches(body, person.matches, person.pose)
     for reach_m in _ROUGH_REACHES_M:
         rows = surface_constraints(pose_points(body, pose), evidence.surface, evidence.cameras, reach_m, config)

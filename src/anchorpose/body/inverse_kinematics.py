@@ -1,4 +1,4 @@
-"""Find poses from joint positions: from predicted joints (paper, Section IV), exchanged legs or corrected joints."""
+"""Find poses whose joints are at places predicted (paper, Section IV), proposed by a search or set by a reviewer."""
 
 from __future__ import annotations
 
@@ -13,15 +13,17 @@ from anchorpose.body.fit import limited, prior_equations
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 
-JOINT_SIGMA_M: Final = 0.01  # m; the fit need not be closer, since predicted joints are means over whole body parts
-# combined sigmas; if a corrected joint is farther away (1 in 500), it belongs to a misplaced limb
+# m, sigma of given joints; predicted joints are means over whole body parts, so a closer fit would have no meaning
+JOINT_SIGMA_M: Final = 0.01
+# maximum distance of a joint from its corrected place, in combined sigmas of both. Random errors exceed it in 1 of 500
+# cases, so if a joint is farther away, its limb is taken as misplaced
 CONTRADICTED: Final = 3.8
-_STEPS: Final = 3  # number of solver steps
+_STEPS: Final = 3  # number of solver steps from a pose nearby
 _CORRECTION_STEPS: Final = 8  # number of solver steps for a correction, since a limb may have to move across the body
 
 
 def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
-    """Return the pose near ``start`` whose joints come closest to joints_m (21, 3); rows of NaN are ignored."""
+    """Return the pose near ``start`` whose joints come closest to joints_m (21, 3); NaN: the joint may be anywhere."""
     bones = joint_bones(body.points.asset)
     known = np.isfinite(joints_m).all(axis=1)
     nearby = np.diag(1.0 / PATIENT_PACE.variance(1.0))  # parameters that the joints do not determine keep their values
@@ -48,7 +50,9 @@ class CorrectedJoints:
 
 
 def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> bool:
-    """Return whether a joint is farther from its corrected place than the uncertainties of both allow."""
+    """Return whether any joint of the pose is too far from its corrected place for the uncertainty of pose and
+    correction.
+    """
     at, jacobian = _joints(body, belief.pose, corrected)
     variance = place_variance(jacobian, belief.covariance) + corrected.sigma_m**2
     away_m = np.linalg.norm(at - corrected.position_m, axis=1)
@@ -56,7 +60,7 @@ def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> 
 
 
 def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
-    """Return the belief with the limbs of corrected joints as uncertain as limbs that are unseen for ``UNSEEN_S``."""
+    """Return the belief with the limbs of corrected joints as uncertain as if nobody had seen them for ``UNSEEN_S``."""
     growth = PATIENT_PACE.variance(UNSEEN_S)
     limbs = np.unique(LIMB_OF_JOINTS[corrected.joint])
     growth[:-3] *= np.repeat(np.isin(LIMB_OF_BONES, limbs), 3)
@@ -67,8 +71,8 @@ def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
 def apply_corrections(body: Body, belief: PoseBelief, corrected: CorrectedJoints, inflation: float = 1.0) -> PoseBelief:
     """Combine a belief with the corrected joints into the most probable pose, with the same bone lengths.
 
-    inflation: factor from the posterior to sigma (``UncertaintyConfig``); with it, the reported sigma of a corrected
-    joint is the reviewer's.
+    inflation: factor that later converts the posterior's sigma to the reported sigma (``UncertaintyConfig``). The
+    corrections are weighted so that the reported sigma of a corrected joint is the reviewer's.
     """
     worth = np.repeat((corrected.sigma_m / inflation) ** -2, 3)
     expected, pose = (belief.pose, belief.information), belief.pose

@@ -1,9 +1,9 @@
 """Describe how joints bend in people: the range of each joint, and how the joints of arms and legs bend together.
 
-With ranges alone, a hidden leg of a seated person would hang straight. But joints of one limb bend together, and so do
-both sides. These correlations were measured in motion capture of rehabilitation exercises
-(``tools/measure_limb_turns.py``). They predict hidden parts of limbs and decide which of two poses is likelier; visible
-parts follow their readings.
+With a range for each joint alone, a hidden leg of a seated person would hang straight. But joints of one limb bend
+together, and so do left and right. These correlations were measured in motion capture of rehabilitation exercises
+(``tools/measure_limb_turns.py``). They predict hidden parts of limbs and decide which of two poses is likelier. They do
+not affect visible parts.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class JointRange(NamedTuple):
 
     mean: np.ndarray  # (m, 3) rad, rotation vectors
     information: np.ndarray  # (m, 3, m, 3) inverse of the covariance, 0 for the root
-    hinge: np.ndarray  # (m, 3) unit axis of a hinge or of a hip's flexion; 0 for other bones
-    hinge_limit: np.ndarray  # (m,) rad, minimum rotation about that axis
+    hinge: np.ndarray  # (m, 3) unit axis about which an elbow, knee or hip bends; 0 for other bones
+    hinge_limit: np.ndarray  # (m,) rad, minimum rotation about this axis
 
 
 # Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose, about half of the
@@ -46,24 +46,25 @@ _SPREAD_DEG: Final = {
     "Foot": (9, 9, 14),
 }
 _SPINE: Final = ("LowerBack", "Spine", "Spine1")
-# standard deviations in degrees about the hinge, about the axis across it, and along the bone
+# standard deviations in degrees about three axes: the hinge, the axis across it, and the bone
 _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 
-# rad, maximum extension: mean of 9.4 degrees plus 3 deviations (Roaas and Andersson 1982)
+# rad, maximum extension of a hip: mean of 9.4 degrees plus 3 standard deviations (Roaas and Andersson 1982)
 HIP_EXTENSION: Final = 25.0 * DEGREE
-OWN_VARIANCE: Final = 0.5  # minimum independent share of a joint's variance, so that one raised leg stays probable
-KNEE_EXTENSION: Final = 3.0 * DEGREE  # rad, maximum extension; 0 is the straight leg of the rest pose
+# minimum share of a joint's variance that is independent of other joints, so that raising one leg alone stays probable
+OWN_VARIANCE: Final = 0.5
+KNEE_EXTENSION: Final = 3.0 * DEGREE  # rad, maximum extension of a knee; 0 is the straight leg of the rest pose
 SEEN_SPREAD: Final = 35.0 * DEGREE
-"""The standard deviations of a visible bone's rotation are doubled, but only up to this value: a person may hold a limb
-to one side for minutes.
+"""Upper limit (rad) of a visible bone's range: the textbooks' standard deviations are doubled, but not beyond this
+limit, since a person may hold a limb to one side for minutes.
 
-So turns about a limb's own axis, abduction and feet get wider ranges; the narrow ranges displaced hips and toes in
-every frame. Flexions have wide ranges already; still wider ranges increased the error of seated people's thighs on real
-depth by 2 degrees (UTD-MHAD)."""
+Turns about a limb's own axis, abduction and turns of the feet therefore get wider ranges: with the textbooks' ranges,
+hips and toes were displaced in every frame. Flexions have wide ranges already; still wider ranges increased the error
+of seated people's thighs on real depth by 2 degrees (UTD-MHAD)."""
 
 
 class LimbTurns(NamedTuple):
-    """Statistics of arm and leg poses in motion capture, of the turns ``captured_turns``."""
+    """Statistics, in motion capture, of the k turns of arms and legs that ``captured_turns`` selects."""
 
     mean: np.ndarray  # (k,) rad
     covariance: np.ndarray  # (k, k)
@@ -71,7 +72,7 @@ class LimbTurns(NamedTuple):
 
 @cache
 def limb_turns() -> LimbTurns:
-    """Return the statistics that ship with the package."""
+    """Return the statistics of motion capture that ship with the package."""
     with (
         resources.files("anchorpose.body").joinpath("data/limb_turns.npz").open("rb") as stream,
         np.load(stream) as stored,
@@ -80,12 +81,12 @@ def limb_turns() -> LimbTurns:
 
 
 def captured_turns() -> np.ndarray:
-    """Return the rows (k, 3 m) that select, from the bones' rotation vectors, the turns that motion capture measured;
-    left side first.
+    """Return the matrix (k, 3 m) that computes the k turns that motion capture measured, left side first, from the
+    rotation vectors of the m moving bones.
 
     These are all turns of the arms, and the flexions of hips and knees. Captured joints do not show how a thigh turns
-    about its long axis or in which direction a foot points. Without a lower back in the data, thighs bend relative to
-    the trunk.
+    about its long axis or in which direction a foot points. They include no joint of the lower back, so the flexion of
+    a hip is measured from the whole trunk to the thigh.
     """
     shown = []
     for side in ("Left", "Right"):
@@ -121,7 +122,7 @@ def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
 
 @lru_cache(maxsize=512)
 def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> JointRange:
-    """Return the joint range of the asset's skeleton; the root is free.
+    """Return the joint range of the asset's skeleton; the root (pelvis) may turn freely.
 
     hidden: rows of ``MOVING_BONES`` for hidden bones. Their turns are predicted from the turns of visible bones, by the
     statistics of motion capture. Visible bones have the widened ranges of the textbooks (``SEEN_SPREAD``) about the
@@ -151,7 +152,7 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
 
 
 class _Textbook(NamedTuple):
-    """The ranges of the textbooks; fields without a comment are described in ``JointRange``."""
+    """Joint ranges by textbooks alone; fields without a comment are described in ``JointRange``."""
 
     covariance: np.ndarray  # (3 m, 3 m) covariance of the bones' turns, with independent bones; 0 for the root
     hinge: np.ndarray
@@ -168,7 +169,7 @@ def _textbook(asset: BodyAsset) -> _Textbook:
             axes, bend = hinge_axes(asset, name)
             covariance[own, own] = axes.T @ np.diag((np.array(_HINGE_SPREAD_DEG[limb]) * DEGREE) ** 2) @ axes
             hinge[row] = axes[0]
-            limit[row] = -bend if limb == "ForeArm" else -KNEE_EXTENSION  # an elbow is already bent at rest
+            limit[row] = -bend if limb == "ForeArm" else -KNEE_EXTENSION  # an elbow is already bent in the rest pose
         elif limb in _SPREAD_DEG:
             covariance[own, own] = np.diag((np.array(_SPREAD_DEG[limb]) * DEGREE) ** 2)
             if limb == "UpLeg":
@@ -192,16 +193,16 @@ def _where_seen(asset: BodyAsset) -> np.ndarray:
 def _as_captured(asset: BodyAsset) -> JointRange:
     """Return the joint range: ``captured_turns`` by motion capture, all other turns by the textbooks.
 
-    Motion capture does not show how hips and spine share the flexion between trunk and thighs. By their ranges, the
-    spine takes a quarter of it, and this share varies within the spine's range. (In people who sit down, it takes a
-    third, Schoberth 1962.)
+    Motion capture does not show how hips and spine share the flexion between trunk and thighs. By the textbooks'
+    ranges, the spine takes a quarter of this flexion, with the variance of the spine's own range. (When people sit
+    down, the spine takes a third of it, Schoberth 1962.)
     """
     count, shown, turns = len(MOVING_BONES), captured_turns(), limb_turns()
     ranges, hinge, limit = _textbook(asset)
     expected = shown @ ranges @ shown.T
     gain = np.linalg.solve(expected, shown @ ranges).T
     covariance = ranges + gain @ (_of_people(expected, turns) - expected) @ gain.T
-    for spine in _SPINE:  # the spine takes more of the flexion and both hips less, or vice versa
+    for spine in _SPINE:  # the spine bends more and both hips less, or vice versa
         slump = np.zeros((count, 3))
         slump[[MOVING_BONES.index(bone) for bone in (spine, "LeftUpLeg", "RightUpLeg")], 2] = 1.0
         flexion = 3 * MOVING_BONES.index(spine) + 2
@@ -212,10 +213,10 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
-    """Return the covariance (k, k) of ``captured_turns`` in people: by motion capture, plus an independent part for
-    each turn. The sum is not below the ranges of the textbooks.
+    """Return the covariance (k, k) of ``captured_turns`` in people: by motion capture, plus an independent variance of
+    each turn, since other people move differently. The sum is at least the variance by the textbooks.
 
-    expected (k, k): covariance by the ranges of the textbooks.
+    expected (k, k): covariance of the same turns by the textbooks.
     """
     factor = np.linalg.cholesky(expected)
     captured = np.linalg.solve(factor, np.linalg.solve(factor, turns.covariance).T)
@@ -225,8 +226,8 @@ def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
 
 @cache
 def turns_together(asset: BodyAsset) -> np.ndarray:
-    """Return the correlation (POSE_SIZE, POSE_SIZE) of the bones' turns, in the parameters of ``Pose.moved``; the root
-    is independent.
+    """Return the correlation (POSE_SIZE, POSE_SIZE) of the bones' turns in people, in the parameters of ``Pose.moved``;
+    the root is independent of all bones.
     """
     free = slice(3, POSE_SIZE - 3)
     covariance = np.linalg.inv(joint_range(asset).information.reshape(POSE_SIZE - 3, POSE_SIZE - 3)[3:, 3:])
@@ -237,15 +238,17 @@ def turns_together(asset: BodyAsset) -> np.ndarray:
 
 
 RAISED: Final = 30.0 * DEGREE  # rad, elevation of an arm above which the shoulder girdle moves, too
-# turn of the girdle, as a share of the arm's elevation above RAISED; 30 degrees for an arm that points up (Inman et al.
-# 1944)
+# turn of the girdle, divided by the arm's elevation above RAISED; the girdle of an arm that points up turns by
+# 30 degrees (Inman et al. 1944)
 RHYTHM: Final = 0.2
 
 
 def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None = None) -> JointRange:
-    """Return ``joint_range`` with the shoulder girdle's mean raised according to the arms in the pose.
+    """Return ``joint_range``, but the mean turn of each shoulder girdle grows with the elevation of its arm in the
+    pose.
 
-    The raised mean does not pull the arm. Source: Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
+    A step of the fit takes this mean as constant, so the mean pulls the girdle but not the arm. Source: Inman, Saunders
+    and Abbott 1944 (J Bone Joint Surg 26:1).
     """
     ranges = joint_range(asset, hidden)
     mean = ranges.mean.copy()

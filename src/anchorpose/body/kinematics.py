@@ -1,4 +1,4 @@
-"""Pose a body by forward kinematics and linear blend skinning, in compiled code; bodies may lack some limbs."""
+"""Pose a body by forward kinematics and linear blend skinning, in compiled code; a body may lack parts of limbs."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyMesh:
-    """One person's rest skin and skeleton. Axes and units as in ``BodyAsset``."""
+    """One person's skin and skeleton in the rest pose. Axes and units are those of ``BodyAsset``."""
 
     asset: BodyAsset
-    vertices: np.ndarray  # (v, 3) rest skin
-    bone_heads: np.ndarray  # (b, 3)
-    bone_tails: np.ndarray  # (b, 3)
+    vertices: np.ndarray  # (v, 3) skin
+    bone_heads: np.ndarray  # (b, 3) first ends of the bones
+    bone_tails: np.ndarray  # (b, 3) second ends of the bones
 
     def bone_transforms(self, rotations: np.ndarray, root_m: np.ndarray) -> np.ndarray:
         """Compute the rigid motion of each bone from rest to posed body (forward kinematics).
@@ -32,7 +32,7 @@ class BodyMesh:
         return forward(self.asset.bone_parents, self.bone_heads, rotations, root_m)
 
     def skin(self, transforms: np.ndarray) -> np.ndarray:
-        """Return the posed skin (v, 3) for ``transforms`` of ``bone_transforms``."""
+        """Return the posed skin (v, 3), world. transforms: from ``bone_transforms``."""
         weights, bones = self.asset.skin_weights, self.asset.skin_bones
         posed = np.zeros_like(self.vertices)
         for influence in range(weights.shape[1]):
@@ -50,7 +50,7 @@ class BodyMesh:
         return joints
 
     def joints(self, transforms: np.ndarray) -> np.ndarray:
-        """Return the joints (21, 3) in a pose, in the order of ``JOINT_NAMES``: rule J of the paper, Section III."""
+        """Return the posed joints (21, 3), in the order of ``JOINT_NAMES``, by rule J of the paper (Section III)."""
         moved = transforms[joint_bones(self.asset)]
         return np.einsum("jab,jb->ja", moved[:, :3, :3], self.rest_joints()) + moved[:, :3, 3]
 
@@ -99,8 +99,8 @@ def forward(parents: np.ndarray, heads: np.ndarray, rotations: np.ndarray, root:
 def skin(
     bones: np.ndarray, weights: np.ndarray, transforms: np.ndarray, rest_m: np.ndarray, rest_normals: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return points and unit normals (p, 3) by linear blend skinning. bones, weights (p, w): largest weight first; a
-    weight of 0 ends the row.
+    """Return posed points and unit normals (p, 3) by linear blend skinning. bones, weights (p, w): the bones that move
+    each point and their weights, the largest weight first; a weight of 0 ends the row.
     """
     points, normals = np.empty_like(rest_m), np.empty_like(rest_normals)
     blend = np.empty((3, 4))
@@ -152,8 +152,8 @@ def joint_frames(
 def joint_derivative(
     pivot: np.ndarray, frame: np.ndarray, below: np.ndarray, bones: np.ndarray, joints_m: np.ndarray
 ) -> np.ndarray:
-    """Return the derivative (n, 3, 3 m + 3) of ``joint_jacobian``: for axis k of a bone's frame, the cross product of
-    the axis with the vector from the bone's pivot to the joint.
+    """Compute ``joint_jacobian`` (n, 3, 3 m + 3). The derivative by a turn about an axis of a bone's frame is the cross
+    product of this axis with the vector from the bone's pivot to the joint.
     """
     moving = len(pivot)
     jacobian = np.zeros((len(bones), 3, 3 * moving + 3))
@@ -192,8 +192,8 @@ def below(asset: BodyAsset, bone: int) -> np.ndarray:
 
 
 def without_parts(mesh: BodyMesh, parts: Sequence[str]) -> BodyMesh:
-    """Return the body without some parts: each part collapses into the joint where it would begin. So no rotation of
-    its bones moves anything.
+    """Return the body without some parts, such as ``shank_left``. The skin and bones of each part shrink to the joint
+    where it would begin, so that rotations of these bones move nothing.
     """
     vertices, heads, tails = mesh.vertices.copy(), mesh.bone_heads.copy(), mesh.bone_tails.copy()
     for part in parts:
@@ -210,7 +210,7 @@ def missing_points(asset: BodyAsset, part_of_points: np.ndarray, parts: Sequence
 
 
 def missing_joints(asset: BodyAsset, parts: Sequence[str]) -> np.ndarray:
-    """Return (21,) bool: the missing joints. The joint where a missing part would begin is not missing."""
+    """Return (21,) bool: the joints on missing parts. The joint where a missing part would begin is not missing."""
     bones = joint_bones(asset)
     stumps = [stump_of(asset, part) for part in parts]
     outermost = [stump for stump in stumps if not any(below(asset, other)[stump] for other in stumps if other != stump)]
@@ -218,7 +218,7 @@ def missing_joints(asset: BodyAsset, parts: Sequence[str]) -> np.ndarray:
 
 
 def missing_anchors(parts: Sequence[str]) -> np.ndarray:
-    """Return (5,) bool, by ``ANCHOR_NAMES``: hands and feet that are missing."""
+    """Return (5,) bool, in the order of ``ANCHOR_NAMES``: hands and feet that a body without these parts lacks."""
     ends = {"arm": "Hand", "forearm": "Hand", "hand": "Hand", "leg": "Foot", "shank": "Foot", "foot": "Foot"}
     gone = {f"{ends[name]}{side.capitalize()}" for name, side in (part.rsplit("_", 1) for part in parts)}
     return np.isin(ANCHOR_NAMES, list(gone))

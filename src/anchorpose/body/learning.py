@@ -1,4 +1,4 @@
-"""Learn the patient's shape, and so the bone lengths, from frames."""
+"""Learn the patient's shape, and with it the bone lengths, from several frames together."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body, pos
 from anchorpose.body.standing_off import BONE_SHARE, standing_off
 from anchorpose.joints import JOINT_INDEX
 
-# m, reach of each step; with three more steps, bones stayed unchanged
+# m, maximum distance at which a node pulls the skin, per solver step; three more steps did not change bone lengths
 REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)
-REFINING_M: Final = (0.07, 0.06)  # m, reach of each step if the shape is known from earlier frames
-LARGEST_STEP: Final = 1.0  # maximum change of a coefficient in one step of the solver, in standard deviations
+REFINING_M: Final = (0.07, 0.06)  # m, the same if the shape is already known from earlier frames
+LARGEST_STEP: Final = 1.0  # maximum change of a shape coefficient in one step of the solver, in standard deviations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearnedBody:
-    """The belief in the shape, and the pose of each frame that it was learnt from."""
+    """The belief in the learnt shape, and the pose in each frame from which the shape was learnt."""
 
     belief: ShapeBelief
     poses: tuple[Pose, ...]
@@ -45,7 +45,7 @@ def learn_body(
     config: RegistrationConfig,
     reaches_m: Sequence[float] = REACHES_M,
 ) -> LearnedBody:
-    """Fit one shape to all frames, and a pose to each frame: alternate between finding correspondences and a
+    """Fit one shape to all frames, and a pose to each frame: alternate between matching nodes to skin and a
     Gauss-Newton step on the shape and all poses.
 
     shape: the initial shape. known: the belief without these frames, from a prior or from earlier frames. The more
@@ -98,8 +98,8 @@ def learn_shape_step(
 ) -> tuple[ShapeBelief, list[Pose]]:
     """Take one Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
 
-    known: the belief without these frames. Return the belief that includes them, linearised at ``shape``, and the
-    poses.
+    known: the belief without these frames. Return the belief that includes them, linearised at ``shape``, and the new
+    pose of each frame.
     """
     body, count = build_body(points, shape), known.free.coefficients
     seen, slope = np.zeros_like(known.seen), np.zeros_like(known.pull)
@@ -136,16 +136,14 @@ BONES: Final = tuple(
     )
     for side in ("Left", "Right")
 )
-"""Each bone's name and the joints at both ends. These joints are heads of successive bones of the skeleton, so that the
-length is the same in all poses.
-"""
+"""Each reported bone's name and the joints at both ends. These joints are the first ends of successive bones of the
+skeleton, so their distance is the same in all poses."""
 
 
 LEAST_BONE_M: Final = 1e-6  # m; a shorter bone counts as missing
 SYSTEMATIC_M: Final = {"upper_arm": 0.004, "forearm": 0.008, "thigh": 0.009, "shank": 0.008}
-"""Systematic error (m) of a bone's length, due to clothes, folds and bodies that differ from the model. More frames do
-not reduce it. Set on suite ``bodies`` of ``benchmarks/run.py``.
-"""
+"""Systematic error (m) of a learnt bone length, due to clothes, folds and bodies that differ from the model. More
+frames do not reduce it. The values were set on suite ``bodies`` of ``benchmarks/run.py``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +156,9 @@ class BoneLength:
 
 
 def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...]:
-    """Return the lengths of all bones of ``BONES`` that the body has; sigma follows from the belief in the shape."""
+    """Return the lengths of all bones of ``BONES`` that the body has; sigma includes the shape's uncertainty and
+    systematic errors.
+    """
     span = _spans(asset, belief.shape)
     length_m = np.linalg.norm(span, axis=1)
     start, end = _ends(asset)
@@ -178,7 +178,7 @@ def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...
 
 
 def _spans(asset: BodyAsset, shape: FittedShape) -> np.ndarray:
-    """Return the vector (n, 3) from the first to the second joint of each bone at rest."""
+    """Return the vector (n, 3) from the first to the second joint of each of ``BONES`` in the rest pose."""
     start, end = _ends(asset)
     heads = shape.mesh(asset).bone_heads
     return np.asarray(heads[end] - heads[start])

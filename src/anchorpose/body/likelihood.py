@@ -23,25 +23,26 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import pixel_of_ray
 
-FOOTPRINT_M: Final = 0.02  # m, width of a pixel at reduced resolution, half of a wrist's width
-# m, error between rendered skin and reading, due to clothes and the coarse sampling of the skin
+FOOTPRINT_M: Final = 0.02  # m on the body, width of a rendered pixel at the reduced resolution: half of a wrist's width
+# m, typical depth difference between rendered skin and reading, due to clothes and the coarse sampling of the skin
 SKIN_SIGMA_M: Final = 0.02
 ALIKE_M: Final = 0.05  # m, side of a patch whose readings share one error; clothes and folds cause it, not the sensor
 RANGE_M: Final = 4.0  # m, range of a depth camera; an unknown object may be anywhere within it
-CLUTTER: Final = 0.1  # share of the pixels that show an unknown object
-PAST: Final = 0.05  # share of the rendered skin that cameras see past in a correct pose, since outlines are rough
-# minimum number of explained observations for a part to count as seen: 25 cm2, or three fingers
+CLUTTER: Final = 0.1  # share of the person's pixels that show an unknown object instead of the skin
+PAST: Final = 0.05  # share of skin that cameras see past even in a correct pose, as the body's outline is inexact
+# minimum number of explained observations for a part of a limb to count as seen: 25 cm2, or three fingers
 LEAST_SEEN: Final = 1.0
-# minimum explained share for a part to count as seen; for example, a strip of thigh does not show the knee
+# minimum share of a limb part's observations that must be explained for it to count as seen; for example, a strip of
+# thigh does not show the knee
 LEAST_SHARE: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likelihood:
-    """The likelihood of the readings of each limb (``LIMB_OF_BONES``). All arrays are (PARTS, 2): a column for the part
+    """The likelihood of the readings at each limb (``LIMB_OF_BONES``). All arrays are (PARTS, 2): a column for the part
     up to elbow or knee, and a column for the part beyond.
 
-    The last three count independent observations, which are patches of side ``ALIKE_M``.
+    The last three arrays count independent observations; one observation is a patch of skin of side ``ALIKE_M``.
     """
 
     log: np.ndarray  # nats, log likelihood ratio of the readings with and without the body
@@ -73,8 +74,8 @@ def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
 
 
 def most_nats(area_m2: float) -> float:
-    """Return the nats that a surface of this area, seen by one camera, adds to the log likelihood ratio if skin lies on
-    it.
+    """Return the nats by which a surface of this area, seen by one camera, increases the log likelihood ratio if the
+    body's skin lies exactly on it.
     """
     skin = (1.0 - CLUTTER) / (np.pi * SKIN_SIGMA_M) + PAST / RANGE_M
     return float(np.log(skin * RANGE_M / CLUTTER)) * area_m2 / ALIKE_M**2
@@ -86,7 +87,7 @@ class RenderedSkin(NamedTuple):
     step: int
     depth_m: np.ndarray  # (h, w) float64, depth of the nearest skin; inf without skin
     point: np.ndarray  # (h, w) int64, the skin point there; -1 without skin
-    patches: float  # share of a patch of side ``ALIKE_M`` that a pixel covers, at most 1
+    patches: float  # area of a rendered pixel on the body divided by that of a patch of side ``ALIKE_M``, at most 1
 
 
 def render_skin(
@@ -152,7 +153,7 @@ def _placed(skin_m: np.ndarray, projection: Projection) -> np.ndarray:
 def _rendered(
     placed: np.ndarray, faces: np.ndarray, step: int, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Render depth and skin point (h, w), as in ``RenderedSkin``."""
+    """Render the skin's triangles. Return depth and skin point (h, w), as in ``RenderedSkin``."""
     rows, columns = (height + step - 1) // step, (width + step - 1) // step
     depth, point = np.full((rows, columns), np.inf), np.full((rows, columns), np.int64(-1))
     for f in range(len(faces)):

@@ -1,8 +1,9 @@
-"""Propose poses with one limb moved: onto uncovered skin, or along the path of an anchor.
+"""Propose other poses for a pose in doubt: one limb is laid along seen skin that the body does not cover, or along the
+path from an anchor, or limbs are exchanged.
 
-Proposals depend on the prediction only through the trunk, and ``exchanged`` also proposes another trunk. An anchor
-shows where a limb ends even if no skin is uncovered: for example, an arm fitted to the wrong side of a walker covers
-the walker's rail.
+The images determine the limb; the trunk is that of the pose in doubt (``exchanged`` also turns it round). An anchor
+shows where a limb ends even if no skin is uncovered. For example, an arm that is fitted to the wrong side of a walker
+covers the rail there, so that nothing is uncovered.
 """
 
 from __future__ import annotations
@@ -30,23 +31,24 @@ from anchorpose.geodesics.center import center_field, limb_path
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_INDEX
 
 SIDES: Final = ("Left", "Right")
-NEIGHBOUR_M: Final = 0.05  # m, maximum distance between neighbouring nodes of one piece, twice their usual spacing
-SMALLEST_M2: Final = 0.002  # m2, area of a few fingers; smaller uncovered pieces are clothes
-# number of pieces examined at a time: two arms and a leg; other pieces follow once these are covered
+NEIGHBOUR_M: Final = 0.05  # m, maximum distance of neighbouring nodes in one piece of skin, twice their usual spacing
+SMALLEST_M2: Final = 0.002  # m2, minimum area of an uncovered piece of skin, a few fingers; smaller pieces are clothes
+# maximum number of uncovered pieces examined at a time: two arms and a leg; other pieces wait until these are covered
 MOST_PIECES: Final = 3
-TURNS: Final = 4  # number of rounds of three solver steps each, since a limb may have to move by half a circle
+TURNS: Final = 4  # maximum number of rounds of three solver steps each, since a limb may have to turn by half a circle
 SETTLED_M: Final = 0.01  # m; the solver stops if joints move less, since the proposal is registered afterwards
-# m, distance by which a tip may lie beyond the limb's reach, since the trunk may lean and the shoulder may move
+# m; a limb may be laid along a path whose tip is up to this much out of the limb's reach, since the trunk may lean and
+# the shoulder may move
 REACH_SLACK_M: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """A limb; all tuples begin at its end (hand or foot)."""
+    """An arm or a leg."""
 
-    bones: tuple[str, ...]
-    joints: tuple[str, ...]
-    depth_m: tuple[float, ...]  # depth of each joint below the skin
+    bones: tuple[str, ...]  # from the trunk to the hand or foot
+    joints: tuple[str, ...]  # from the hand or foot to elbow or knee
+    depth_m: tuple[float, ...]  # depth of each of ``joints`` below the skin
     root: str  # name of the joint at the trunk
 
 
@@ -60,19 +62,19 @@ CHAINS: Final = tuple(
     )
     for side in SIDES
 )
-"""Arms and legs; depths are half of the limb's thickness at each joint."""
+"""Arms and legs. The depth of a joint is half of the limb's thickness there."""
 
 _SIDED: Final = tuple(JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "Hip") for side in SIDES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimbPath:
-    """The path along an uncovered piece of surface, from its tip to the place where it meets the body."""
+    """A path over the seen surface along which a limb may lie, from its tip to the place where it meets the body."""
 
     places_m: np.ndarray  # (k, 3) places on the skin
     inward: np.ndarray  # (k, 3) unit vectors into the limb
     along_m: np.ndarray  # (k,) distance from the tip
-    area_m2: float = 0.0  # area of the piece; 0 if not measured
+    area_m2: float = 0.0  # area of the uncovered piece of surface on which the path lies; 0 if not measured
 
 
 def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPath]:
@@ -131,10 +133,10 @@ def _path(
 
 
 def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] = CHAINS) -> Iterator[Pose]:
-    """Yield the pose with one limb laid along a path, for each of the chains that can reach the path's tip.
+    """Yield two poses with one limb laid along a path, for each of the chains that can reach the path's tip.
 
-    Joints within the path's length are placed on the path. The other joints of the limb either stay where they are or
-    follow the joint ranges, from a limb at rest.
+    Joints within the path's length are placed on the path. The limb's other joints follow the joint ranges in the first
+    pose, and stay where they are in the second.
     """
     joints = body.joints(pose)
     lengths = limb_lengths(body)
@@ -156,8 +158,8 @@ def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] =
 def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
     """Yield the pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
 
-    Limbs keep their places and exchange left and right. The skin then fits as well, but the bending of joints and the
-    direction of feet decide.
+    Exchanged limbs keep their places, but the left limb becomes the right one. The skin fits the images as well as
+    before, so the bending of joints and the direction of feet decide whether such a pose is better.
     """
     joints = body.joints(pose)
     asset = body.points.asset
@@ -208,7 +210,7 @@ def end_points(points: SkinPoints, chain: Chain) -> np.ndarray:
 
 
 def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
-    """Return the bone and all bones below it."""
+    """Return the indices of the bone with this name and of all bones below it."""
     first = asset.bone(name)
     below = {first}
     for bone, parent in enumerate(asset.bone_parents):
@@ -225,15 +227,15 @@ def _held_but(joints: np.ndarray, limbs: Sequence[Chain]) -> np.ndarray:
 
 
 def _place(path: LimbPath, at_m: float, depth_m: float) -> np.ndarray:
-    """Return a point (3,) inside the limb at a distance from the tip."""
+    """Return the point (3,) inside the limb that is at_m from the path's tip and depth_m below the skin."""
     skin = np.array([np.interp(at_m, path.along_m, path.places_m[:, axis]) for axis in range(3)])
     inward = np.array([np.interp(at_m, path.along_m, path.inward[:, axis]) for axis in range(3)])
     return np.asarray(skin + depth_m * inward / max(float(np.linalg.norm(inward)), 1e-9))
 
 
 def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
-    """Return the pose with joints as near to the wanted places as possible, solved in several rounds from a distant
-    start.
+    """Return the pose whose joints are as near to the wanted places (21, 3) as possible; NaN: any place. The start may
+    be far away, so several rounds of the solver are run.
     """
     found, joints = start, body.joints(start)
     for _ in range(TURNS):
@@ -250,8 +252,8 @@ INSIDE_TIP_M: Final = 0.03
 
 
 def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[LimbPath, tuple[Chain, ...]]]:
-    """Yield the paths of hand and foot anchors that contradict the pose, and of free ends, each with the limbs that it
-    may belong to.
+    """Yield geodesic paths to the body's centre, each with the limbs that may lie along it. The paths begin at hand and
+    foot anchors that contradict the pose, and at free ends (limb ends that could not be named as hand or foot).
 
     A hand may belong to either arm and a foot to either leg, since a wrong facing exchanges left and right. A free end
     may belong to any limb.
@@ -274,14 +276,14 @@ def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[Li
 
 
 def contradicted_by(body: Body, pose: Pose, anchors: Anchors, beyond_m: float) -> np.ndarray:
-    """Return (5,) bool: anchors farther than ``beyond_m`` from the body's tips in the pose; False if missed."""
+    """Return (5,) bool: anchors farther than ``beyond_m`` from their place on the posed body; False if not found."""
     tips = pose_points(body, pose).points_m[anchor_points(body.points)]
-    away_m = np.linalg.norm(anchors.position_m - tips, axis=1)  # NaN for a missed anchor
+    away_m = np.linalg.norm(anchors.position_m - tips, axis=1)  # NaN for an anchor that was not found
     return np.asarray(away_m > beyond_m)
 
 
 def anchor_poses(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[Pose]:
-    """Yield the pose with one limb laid along the path of an anchor."""
+    """Yield poses with one limb laid along one of ``anchor_paths``."""
     for path, chains in anchor_paths(body, pose, seen):
         yield from limb_poses(body, pose, path, chains)
 

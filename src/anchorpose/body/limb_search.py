@@ -1,6 +1,6 @@
-"""Find misplaced limbs again: propose poses from the images, register them, and compare them by the same evidence.
+"""Find misplaced limbs again: propose poses from the images, register them, and compare all poses by the same evidence.
 
-The search runs if a pose leaves seen skin uncovered, or if limbs may have been exchanged.
+The search runs if a registered pose is in doubt, for example because it leaves seen skin uncovered.
 """
 
 from __future__ import annotations
@@ -27,20 +27,21 @@ from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
 
 # m2, area of seen skin that the body leaves uncovered, from which a search starts: half a hand, more than clothes and
-# grips leave uncovered
+# gripping hands leave uncovered
 LOOK_AGAIN_M2: Final = 0.005
 ROUNDS: Final = 4  # maximum number of rounds, one for each limb
-TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # m, reach of each step from a proposed limb to the seen limb
-# number of nodes used for a trial; a third of all nodes is enough to separate good poses from bad poses
+# m, maximum distance at which a node pulls the skin, per step of the short registration of every proposed pose
+TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)
+# number of nodes in this short registration; a third of all nodes is enough to separate good poses from bad poses
 TRIAL_NODES: Final = 800
-REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)  # m, reach of each step of the best few poses
+REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)  # m, the same for the finer registration of the ``BEST`` poses
 SAME_M: Final = 0.04  # m; two poses with all joints closer to each other than this lead to the same registration
 BEST: Final = 3  # number of poses per round that are registered more finely; the present pose may be one of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
-    """The result of a search."""
+    """The result of a search for misplaced limbs."""
 
     registration: Registration  # registration of the best pose
     taken: bool  # whether the best pose differs from the given pose
@@ -49,7 +50,7 @@ class Search:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tried:
-    """A tried pose and its log probabilities."""
+    """A proposed or present pose and its log probability."""
 
     pose: Pose
     images: float  # nats, log probability given the images and the body priors
@@ -63,7 +64,7 @@ class Tried:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expected:
-    """The expected joints: joints_m (21, 3), sigma_m (21,)."""
+    """The expected places of the body's joints: joints_m (21, 3) world, and their standard deviation sigma_m (21,)."""
 
     body: Body
     joints_m: np.ndarray
@@ -77,7 +78,7 @@ class Expected:
         """Return the cost, in nats, of the distance of joints (21, 3) from their expected places.
 
         Each limb, and the trunk, adds the cost of its farthest joint. The cost has the tails of a Cauchy distribution,
-        since a lost limb may be anywhere. A body that turns round pays for all limbs and the trunk.
+        since a wrongly tracked limb may be anywhere. A body that is turned round has the costs of all parts.
         """
         away = np.linalg.norm(joints_m - self.joints_m, axis=1) / self.sigma_m
         farthest = np.zeros(PARTS)
@@ -96,7 +97,7 @@ def expected_joints(body: Body, belief: PoseBelief) -> Expected:
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
     """Return whether so much seen skin is uncovered that a limb may be misplaced. hidden: whether some limb covers no
-    node; then half of the area is enough.
+    node; if so, half of ``LOOK_AGAIN_M2`` is enough.
     """
     return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
 
@@ -111,8 +112,9 @@ def search_limbs(
 ) -> Search:
     """Move limbs to where they are seen, as long as that explains the frame better; return the best registration.
 
-    predicted: the expected pose. A limb that is found in another place shows that the expectation was wrong, so the
-    expectation gets as little weight as after ``UNSEEN_S`` unseen. anchors: the frame's anchors, None for a first pose.
+    predicted: the expected pose. A limb that is found in another place shows that the expected pose was wrong. So in
+    the search, the expected pose has the low weight that it would have after ``UNSEEN_S`` seconds without a view of the
+    patient. anchors: the frame's anchors, None for a first pose.
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
@@ -142,7 +144,7 @@ def _decided(
     evidence: Evidence,
     config: RegistrationConfig,
 ) -> Search:
-    """Decide, by one frame, between ``now`` (the pose before the search) and other poses."""
+    """Decide, by the evidence of one frame, between ``now`` (the pose before the search) and the other poses."""
     ways, places_m = list[tuple[Registration, Rival]](), list[np.ndarray]()
     for one, lag in sorted(_compared(body, now, others, evidence), key=lambda way: way[1] + way[0].moved):
         joints_m = body.joints(one.pose)
@@ -160,7 +162,7 @@ def _decided(
 
 
 def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
-    """Yield the other poses, each with the nats (see ``believed``) by which ``now`` explains the images better."""
+    """Yield each other pose, and by how many nats (reduced by ``believed``) ``now`` explains the images better."""
     for one in others:
         if one.pose is not now.pose:
             parts = parts_apart(body.joints(one.pose), body.joints(now.pose))
@@ -169,7 +171,7 @@ def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidenc
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
-    """Return the poses without near-duplicates, which registration would make equal."""
+    """Return the poses without those that are so close to an earlier one that registration would make them equal."""
     kept, joints = list[Pose](), np.empty((len(poses), JOINT_COUNT, 3))
     for pose in poses:
         at = body.joints(pose)
@@ -182,9 +184,10 @@ def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
 def _register_all(
     expected: Expected, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """Return the first pose unchanged, then all poses after a short registration, with their probabilities.
+    """Return the first pose unchanged, then all poses (the first again) after a short registration, with probabilities.
 
-    The first pose is registered as well, so that it does not lose to a turned body only because its limbs lag behind.
+    The first pose is the present one. It is also registered, so that it does not lose to a turned body only because its
+    limbs lag behind the images.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
     return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])

@@ -1,7 +1,7 @@
 """Match pixels to places on the body by the learnt descriptor, and fit the body's pose to the matches.
 
-The paper matches nodes whose geodesic distances agree (Definition 5). The learnt descriptor gives the place on the skin
-itself, so a single frame has matches all over the body, and no initial pose is needed.
+The paper matches nodes of two frames whose geodesic distances agree (Definition 5). The learnt descriptor predicts the
+place on the skin itself, so a single frame has matches all over the body, and no initial pose is needed.
 """
 
 from __future__ import annotations
@@ -25,21 +25,23 @@ from anchorpose.descriptor.learnt import described
 from anchorpose.isolation.view import View
 
 LEAST_MATCHES: Final = 30  # minimum number of matches for a pose; at two metres they cover 60 cm2, as a hand does
-# maximum number of matches used; a person at two metres has 2,000, and more than used only cost time
+# maximum number of matches used; a person at two metres has 2,000, but using more than 800 would only cost time
 MATCHES: Final = 800
 LEAST_SIGMA_M: Final = 0.03  # m, minimum error of a match, due to clothes and the spacing of skin points
-# number of matches that count as one observation, since the network's errors concern whole body parts
+# number of matches that count as one observation, since all matches of a body part have similar errors
 MATCHES_PER_OBSERVATION: Final = 10.0
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
-"""Distance (m) at which a match counts a quarter, per step: from a limb's length down to a limb's width."""
+"""Distance (m) at which the weight of a match has fallen to a quarter, one value per solver step. It decreases from a
+limb's length to a limb's width."""
 
 # m, mean and standard deviation of an unknown person's stature, adult or child
 MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20
 STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a thousand is beyond them
-# number of scalings; the median error of the stature is 4, 3 and 2 % after the first, second and third
+# number of times that the body is scaled; the stature's median error after each is 4, 3 and 2 %
 _SCALINGS: Final = 3
-_AGAIN: Final = 4  # number of steps from a pose that already fits
-_NO_KERNEL_M: Final = 1e3  # m, so large that the kernel has no effect, since the rows' weights are robust already
+_AGAIN: Final = 4  # number of solver steps from a pose that was fitted before
+# m, scale so large that the robust kernel has no effect; rows of distant targets have a larger sigma anyway
+_NO_KERNEL_M: Final = 1e3
 _ALIGNING: Final = 8  # number of steps of the reweighted alignment of the trunk
 
 
@@ -47,7 +49,8 @@ _ALIGNING: Final = 8  # number of steps of the reweighted alignment of the trunk
 class Matches:
     """Matches between pixels and places on the body."""
 
-    place: np.ndarray  # (n, 3) on the standing mean adult of stature 1: X forward, Y up from the floor, Z right
+    # (n, 3) on the standing mean adult, in statures (1 = its height): X forward, Y up from the floor, Z right
+    place: np.ndarray
     target_m: np.ndarray  # (n, 3) place of the pixel in the world
     error: np.ndarray  # (n,) expected error of ``place``, in statures
 
@@ -63,7 +66,7 @@ class Matches:
 
 
 def matches_of(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Matches:
-    """Return the matches of all pixels that have the label and show a person by the descriptor."""
+    """Return the matches of all pixels that have the label and, according to the descriptor, show a person."""
     found = [_matches_of(view, camera, label) for view, camera in zip(views, cameras, strict=True) if view is not None]
     if not found:
         return Matches(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
@@ -88,8 +91,8 @@ class MatchedPerson(NamedTuple):
 
 
 def match_person(matches: Matches) -> MatchedPerson:
-    """Fit an average body to the matches, and scale it so that distances on the body and between matches agree; repeat
-    both steps.
+    """Find a person's stature and pose: fit an average body to the matches, scale it so that distances on the body
+    agree with distances between matched pixels, and repeat both steps.
 
     The distribution of statures serves as a prior, since few or uncertain matches determine a stature poorly. Raises
     ValueError for fewer than ``LEAST_MATCHES``.
@@ -109,7 +112,7 @@ def _adult(points: SkinPoints, stature_cm: int) -> Body:
 
 
 def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
-    """Return the most probable stature, given the prior and matches on a body of stature ``now_m``."""
+    """Return the most probable stature, given its prior and the matches with a posed body of stature ``now_m``."""
     point, target_m, sigma_m = _chosen(body, matches)
     own_m = pose_points(body, pose).points_m[point]
     weight = (sigma_m * (1.0 + (np.linalg.norm(own_m - target_m, axis=1) / SCALES_M[-1]) ** 2)) ** -2
@@ -124,7 +127,7 @@ def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
 def fit_matches(body: Body, matches: Matches, start: Pose | None = None) -> Pose:
     """Return the pose that brings the skin closest to its matched places, with robust weights.
 
-    start: a pose fitted to the same matches on a body of another shape. Raises ValueError like ``match_person``.
+    start: a pose fitted to the same matches with a body of another shape. Raises ValueError for too few matches.
     """
     if len(matches) < LEAST_MATCHES:
         raise ValueError(f"a pose needs {LEAST_MATCHES} matches, these are {len(matches)}")
@@ -148,7 +151,7 @@ def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.nd
 def _rows(
     posed_m: np.ndarray, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray, scale_m: float
 ) -> Constraints:
-    """Return three rows per match; they share a robust weight (Geman and McClure) that falls with its distance."""
+    """Return three rows per match; they share a robust weight (Geman and McClure), lower for a distant target."""
     away_m = np.linalg.norm(posed_m[point] - target_m, axis=1)
     spread_m = np.repeat(sigma_m * (1.0 + (away_m / scale_m) ** 2), 3)
     direction = np.tile(np.eye(3), (len(point), 1))
@@ -159,7 +162,7 @@ def _rows(
 
 @cache
 def _tree(points: SkinPoints) -> cKDTree:
-    """Return a KD-tree of the skin points on the standing mean adult of stature 1."""
+    """Return a KD-tree of the skin points on the standing mean adult, in statures as ``Matches.place``."""
     skin = points.asset.vertices
     place = skin[points.vertex] - [0.0, skin[:, 1].min(), 0.0]
     return cKDTree(place / np.ptp(skin[:, 1]))

@@ -1,4 +1,4 @@
-"""Find the nearest skin point that faces the same way, among points sorted into voxels."""
+"""Find, for each node, the nearest skin point that faces the same way; a grid of cells makes the search fast."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-# maximum number of voxels, with 8 MB of row starts; nodes that extend beyond a room get larger voxels
+# maximum number of voxels, for 8 MB of memory; if nodes extend beyond a room, voxels are made larger instead
 MAX_VOXELS: Final = 1_000_000
 
 
 class Voxels(NamedTuple):
-    """Nodes sorted into voxels."""
+    """Nodes sorted into voxels, which are cubes of one size."""
 
     order: np.ndarray  # (n,) int32, the nodes, voxel by voxel
     start: np.ndarray  # (x * y * z + 1,) int32, where each voxel begins in ``order``
@@ -56,13 +56,13 @@ def sort_by_cell(
     return order, start
 
 
-CELL_M: Final = 0.08  # m, side of a cell, which holds a few skin points; smaller cells would lose time on empty rows
+CELL_M: Final = 0.08  # m, side of a cell, which holds a few skin points; visiting smaller, empty cells would cost time
 
 
 class Oriented(NamedTuple):
-    """Points of a surface."""
+    """Points of a surface with their normals."""
 
-    places_m: np.ndarray  # (n, 3)
+    places_m: np.ndarray  # (n, 3) world
     normals: np.ndarray  # (n, 3) unit normals
 
 
@@ -71,8 +71,8 @@ class Grid(NamedTuple):
 
     order: np.ndarray  # (k,) the original row of each point
     skin: np.ndarray  # (k, 6) place and normal of each point
-    start: np.ndarray  # where each cell begins
-    origin: np.ndarray  # (3,) the lowest corner
+    start: np.ndarray  # place in ``order`` where each cell begins
+    origin: np.ndarray  # (3,) lowest corner of the first cell
     shape: np.ndarray  # (3,) number of cells along each axis
 
 
@@ -118,8 +118,8 @@ def facing_rows(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return skin point (m,), node (m,) and unit direction (m, 3) for every node with a skin point within reach.
 
-    The direction is the mean of both normals. If the node is farther away than ``uncovered``, the direction is straight
-    to the node.
+    The direction is the mean of the normals of node and skin point. If they are farther apart than ``uncovered``, the
+    direction is along the line between them.
     """
     nearest = nearest_facing(skin, nodes, seen_from, eyes, reach, normal_weight)
     point, found, count = np.empty(len(nearest), np.int64), np.empty(len(nearest), np.int64), 0
@@ -234,7 +234,7 @@ def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: 
 
 @njit(cache=True, nogil=True)
 def _cells_within(place: float, radius: float, count: int) -> tuple[int, int]:
-    """Return the first and last cell along one axis that are nearer than the radius."""
+    """Return the first and last cell, along one axis, within a radius of a place."""
     first, last = int(np.floor((place - radius) / CELL_M)), int(np.floor((place + radius) / CELL_M))
     return max(0, first), min(count - 1, last)
 

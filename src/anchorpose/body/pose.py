@@ -1,4 +1,4 @@
-"""Represent a pose of the body by bone rotations and the root's place, and changes of a pose."""
+"""Represent a pose of the body by bone rotations and the root's (pelvis's) place, and changes between poses."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ _LIMBS: Final = tuple(
 
 
 def _limb_of_bones() -> np.ndarray:
-    """Return the limb (m,) of each moving bone, counted from 1; 0 is the trunk with the head."""
+    """Return the limb (m,) of each moving bone: 1 left arm, 2 left leg, 3 right arm, 4 right leg, 0 trunk and head."""
     limb_of = np.zeros(len(MOVING_BONES), dtype=np.int64)
     for number, (name, bones, _) in enumerate(_LIMBS, 1):
         side = "Left" if name.startswith("Left") else "Right"
@@ -118,11 +118,12 @@ LIMB_OF_BONES: Final = _limb_of_bones()
 LIMB_OF_JOINTS: Final = _limb_of_joints()
 _BEYOND: Final = ("ForeArm", "Hand", "tLeg", "Foot", "Spine", "Spine1", "Neck", "Neck1", "Head")
 SEGMENT_OF_BONES: Final = 2 * LIMB_OF_BONES + np.array([bone.endswith(_BEYOND) for bone in MOVING_BONES])
-"""Segment (m,) of each moving bone: twice its limb; plus one beyond elbow or knee, and for chest, neck and head."""
+"""Segment (m,) of each moving bone: half of a limb or of the trunk. Its number is twice the limb's number, plus one
+beyond elbow or knee, and for chest, neck and head."""
 SEGMENT_OF_JOINTS: Final = 2 * LIMB_OF_JOINTS + np.array(
     [name.startswith(("Wrist", "Hand", "Ankle", "Foot", "SpineM", "SpineS", "Neck", "Head")) for name in JOINT_NAMES]
 )
-"""Segment (21,) of each joint, defined in the same way."""
-PARTS: Final = len(_LIMBS) + 1
+"""Segment (21,) of each joint, numbered as in ``SEGMENT_OF_BONES``."""
+PARTS: Final = len(_LIMBS) + 1  # the trunk and four limbs
 
-TRUNK: Final = 0
+TRUNK: Final = 0  # number of the trunk (with the head) among the limbs

@@ -1,9 +1,9 @@
-"""Compute Hessian and gradient of many rows with respect to the pose, without storing their Jacobian.
+"""Compute Hessian and gradient of many constraint rows with respect to the pose, without storing their Jacobian.
 
-The derivative of a row with respect to a bone's turn is ``(x - pivot) x direction``, where x is the row's skin point.
-It is linear in the six numbers ``(x x direction, direction)``. So rows are first summed by skin point (3 x 3), then by
-pairs of moving bones that carry a point together (6 x 6), then along the skeleton, and last converted to parameters.
-``skin_points.pose_jacobian`` is the reference implementation.
+The derivative of a row with respect to a bone's turn is ``cross(x - pivot, direction)``, where x is the row's skin
+point. It is linear in the six numbers ``(cross(x, direction), direction)``. So rows are first summed by skin point (3 x
+3), then by pairs of moving bones that carry a point together (6 x 6), then along the skeleton, and last converted to
+the pose's parameters. ``skin_points.pose_jacobian`` is the reference implementation.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints
 def accumulate_pose(
     body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, residual_m: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,); arguments as in ``pose_jacobian``."""
+    """Return ``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,), where J is ``pose_jacobian`` of the rows,
+    W has their weights, and r their residuals.
+    """
     points, parents = body.points, body.points.asset.bone_parents
     pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, parents, points.moving)
     spread, pull = _by_point(len(body.rest_m), index, direction, residual_m, weight)
@@ -34,10 +36,8 @@ def accumulate_pose(
 
 @cache
 def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Return the row (b,) of the moving bone that carries each bone, and the row (m,) of the moving bone above each
-    moving bone, -1 if there is none.
-
-    Moving bones are numbered as in ``SkinPoints.moving``, parents before children.
+    """Return the moving bone (b,) that carries each bone, and the moving bone (m,) above each moving bone, -1 if there
+    is none. Moving bones are numbered as in ``SkinPoints.moving``, parents before children.
     """
     # the last moving bone that is the bone itself or one of its ancestors
     carrier = len(points.moving) - 1 - points.below[::-1].argmax(axis=0)
@@ -74,8 +74,8 @@ def _by_bones(
     spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the moments (m, m, 6, 6) of each pair of carriers (moving bones that carry a point), and the torque about
-    the origin and force (m, 6) on each carrier.
+    """Return, about the origin, the rows' second moments (m, m, 6, 6) for each pair of carriers (moving bones that
+    carry a point), and torque and force (m, 6) on each carrier.
 
     Each pair of carriers is stored once; ``_mirror`` adds the other half of the moments.
     """
@@ -133,7 +133,7 @@ def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place
 
 @njit(cache=True, nogil=True)
 def _mirror(pairs: np.ndarray) -> None:
-    """Add the transpose of the moments in place, except for a carrier's moments with itself, which are complete."""
+    """Add the transpose to the moments, in place; a carrier's moments with itself are complete and stay."""
     for one in range(len(pairs)):
         for other in range(one):
             for i in range(6):
@@ -144,7 +144,7 @@ def _mirror(pairs: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarray) -> None:
-    """Add the sums of its descendants to each bone, in place. Parents come before children."""
+    """Add to each bone's sums those of all its descendants, in place. Parents come before children."""
     for bone in range(len(parents) - 1, 0, -1):  # slices would take seconds to compile
         for i in range(6):
             forces[parents[bone], i] += forces[bone, i]
@@ -163,13 +163,13 @@ def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarra
 def _by_parameter(
     pivot: np.ndarray, frame: np.ndarray, pairs: np.ndarray, forces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Convert moments about the origin to pose parameters: first rotations about the pivots in the parents' axes, then
-    the root's translation.
+    """Convert moments and forces about the origin to hessian and gradient in the pose parameters: rotations about the
+    pivots in the parents' axes, then the root's translation.
     """
     count = len(pivot)
     screws = _screws(pivot, frame)
     bone = np.arange(count + 1)
-    bone[count] = 0  # the root carries everything
+    bone[count] = 0  # the root's translation moves the same points as a turn of bone 0
     size = 3 * count + 3
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
     half = np.empty(6)

@@ -1,9 +1,9 @@
 """Compute the probability of a pose, given a frame and prior knowledge of bodies, to decide between poses.
 
-Readings give the distance of the skin; the learnt descriptor gives its place on the body. The descriptor is needed
-because a body that faces the wrong way, or two legs on the pixels of one leg, cover as much surface as the correct
-pose. Its errors concern whole limbs at a time, so it counts as one observation per large patch, and readings can
-overrule it.
+Depth readings show where skin is; the learnt descriptor predicts which place on the body it is. The descriptor is
+needed because a body that faces the wrong way, or two legs on the pixels of one leg, cover as much surface as the
+correct pose. The descriptor's errors affect whole limbs at a time. So the descriptor counts as only one observation per
+large patch, and depth readings can overrule it.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from anchorpose.descriptor.learnt import described, nearest_rays
 from anchorpose.isolation.view import View
 
 SPACING_M: Final = 0.028  # m, spacing of skin points
-# m, width of a pixel whose place is compared; the spacing of the descriptor's grid at two to four metres
+# m on the body, width of the pixels whose predicted places are used: the spacing of the descriptor's grid at 2 to 4 m
 NAMED_FOOTPRINT_M: Final = 0.04
-# m, side of a patch whose places share one error, from the integral of the errors' correlation
+# m, side of a patch of skin whose predicted places share one error: the integral, over distance, of the correlation
+# of their errors
 NAMED_ALIKE_M: Final = 0.25
-WRONGLY_NAMED: Final = (
-    0.03  # share of the places with errors above three deviations, in simulated and real images (UTD-MHAD)
-)
+# share of predicted places with errors above three standard deviations, in simulated and real images (UTD-MHAD)
+WRONGLY_NAMED: Final = 0.03
 FROM_BEFORE: Final = 20.0
-"""Factor by which a single camera stands more often in front of the patient than behind the patient.
+"""Assumed ratio of how often a single camera stands in front of the patient to how often it stands behind.
 
 docs/guide/cameras.md asks users to place it in front, and the subjects of UTD-MHAD and MSR Action3D face their cameras.
-The value is assumed, not measured; it decides only where the images do not."""
+The value is not measured; it decides only where the images do not."""
 
 # an adult's skin area, in units of the squared stature: 1.8 m2 at 1.7 m (Du Bois and Du Bois 1916)
 SKIN_AREA: Final = 0.6
@@ -46,7 +46,7 @@ SKIN_AREA: Final = 0.6
 def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
     """Return the log probability, in nats, of a pose, given readings, descriptor and prior knowledge of bodies.
 
-    The prior knowledge is that joints bend as in people, that limbs do not intersect, and that feet stand.
+    The prior knowledge is that joints bend as in people, that limbs do not intersect, and that feet stand on the floor.
     """
     posed = pose_points(body, pose)
     known = prior_equations(body.points, pose, None).cost
@@ -58,8 +58,9 @@ def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
 
 
 def facing_nats(body: Body, pose: Pose, cameras: Sequence[Camera]) -> float:
-    """Return the prior log probability, in nats, of the body's facing relative to a single camera; 0 with several
-    cameras. Errors of shape and clothes do not affect it, so ``log_probability`` does not include it.
+    """Return the prior log probability, in nats, that the body faces this way relative to a single camera; 0 with
+    several cameras. It is not part of ``log_probability``. Differences of ``log_probability`` between poses are
+    reduced, for errors of shape and clothes (``believed``). Such errors do not affect this prior.
     """
     if len(cameras) != 1:
         return 0.0
@@ -70,14 +71,15 @@ def facing_nats(body: Body, pose: Pose, cameras: Sequence[Camera]) -> float:
 
 
 def _cost(rows: Constraints, posed: PosedPoints) -> float:
-    """Return the sum of squared deviations under each row's robust kernel."""
+    """Return the sum over all rows of the squared deviation, limited by the row's robust kernel."""
     scaled = (rows.residuals(posed) / rows.scale_m) ** 2
     return float(((rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)).sum())
 
 
 def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
-    """Return (PARTS, 2) nats, as in ``Likelihood``: by how much the descriptor's places are more probable with each
-    limb in its pose than with any other skin there. Only the person's readings that the skin explains are used.
+    """Return (PARTS, 2) nats, arranged as in ``Likelihood``: for each part of a limb, by how much likelier the places
+    that the descriptor predicts are if this part is where the pose has it than if any other skin is there. Only
+    readings of the person that the skin explains are used.
     """
     skin_m, nats = pose_points(body, pose).points_m, np.zeros(2 * PARTS)
     for view, camera in zip(evidence.views, evidence.cameras, strict=True):
@@ -87,7 +89,7 @@ def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
 
 
 def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
-    """Return the nats (2 PARTS,) by one camera."""
+    """Return ``named_nats`` (2 PARTS,) by one camera alone."""
     skin = render_skin(points, skin_m, camera, NAMED_FOOTPRINT_M)
     if skin is None:
         return np.zeros(2 * PARTS)
@@ -98,7 +100,7 @@ def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera
     said = described(view.depth_m, camera)
     place, error = said.place[row[shown], column[shown]], said.error[row[shown], column[shown]]
     named = np.isfinite(error)
-    # the variance along each axis
+    # variance of the predicted place along each of two axes in the plane of the skin, if its mean error is ``error``
     point, variance = skin.point[shown][named], 2.0 / np.pi * error[named].astype(np.float64) ** 2
     away2 = ((place[named] - places(points)[point]) ** 2).sum(axis=1)
     right = SKIN_AREA / (2.0 * np.pi * variance) * np.exp(-0.5 * away2 / variance)
@@ -109,6 +111,6 @@ def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera
 
 @cache
 def places(points: SkinPoints) -> np.ndarray:
-    """Return the place (p, 3) of each skin point on the standing mean adult of stature 1, as in ``Described``."""
+    """Return the place (p, 3) of each skin point on the standing mean adult, in statures as ``Described.place``."""
     skin = points.asset.vertices
     return np.asarray((skin[points.vertex] - [0.0, skin[:, 1].min(), 0.0]) / np.ptp(skin[:, 1]))

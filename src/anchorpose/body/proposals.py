@@ -1,6 +1,7 @@
-"""Propose poses from the images, from each source independently.
+"""Propose other poses for a pose in doubt, from each source independently.
 
-Proposals depend on the predicted pose only through the trunk, and other places of the trunk are proposed, too.
+The images determine the proposed limbs. The trunk is that of the pose in doubt, but poses with another trunk are
+proposed, too.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.isolation.view import PixelLabel
 
-# maximum increase of the sum of squared deviations from joint ranges, from the pose in doubt to a proposal
+# maximum by which the ``rarity`` of a proposed pose may exceed that of the pose in doubt
 MOST_UNUSUAL: Final = 10.0
 
 
@@ -36,9 +37,10 @@ class Doubted:
 
 
 def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
-    """Yield the poses that the sources propose, without poses that are much rarer than the pose in doubt.
+    """Yield the poses that the sources propose, without poses that are much rarer in people than the pose in doubt.
 
-    For example, a hidden leg is not laid along an arm. Exchanged sides are always proposed: the images alone decide.
+    So a hidden leg, for example, is not laid along an arm. Poses with exchanged sides are never left out: the images
+    alone decide about them.
     """
     most = rarity(doubted.body, doubted.pose) + MOST_UNUSUAL
     for source in sources:
@@ -53,7 +55,7 @@ def rarity(body: Body, pose: Pose) -> float:
 
 
 def _along_surface(doubted: Doubted) -> Iterator[Pose]:
-    """Yield the pose with a limb laid along uncovered skin, for each such limb."""
+    """Yield poses with a limb laid along seen skin that the body does not cover, for each limb that can reach it."""
     body, pose, evidence = doubted.body, doubted.pose, doubted.evidence
     explanation = explain(body.points, pose_points(body, pose), evidence)
     for path in uncovered_paths(evidence, explanation):
@@ -61,8 +63,8 @@ def _along_surface(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
-    """Yield the pose with a limb laid along the geodesic path of an anchor, or of an end without a name (paper,
-    Definition 2).
+    """Yield poses with a limb laid along the geodesic path from an anchor that contradicts the pose, or from an end of
+    the surface (paper, Definition 2) that was not named as an anchor.
     """
     if doubted.anchors is not None:
         yield from anchor_poses(doubted.body, doubted.pose, doubted.anchors)
@@ -70,7 +72,8 @@ def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
 
 def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
     """Yield the pose of the whole body by the learnt descriptor; then the pose with the opposite facing, since a wrong
-    facing is the descriptor's most frequent mistake.
+    facing is the descriptor's most frequent mistake. A first pose in doubt yields nothing, since it was found in this
+    way.
     """
     if doubted.anchors is None:
         return

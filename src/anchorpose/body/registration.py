@@ -1,5 +1,5 @@
-"""Find one frame's pose by articulated registration from the predicted pose and the tree's pairs (paper, Section
-IV).
+"""Find one frame's pose: register the articulated body, from its predicted pose, to the frame's surface and to the
+nodes that the track tree matched (paper, Section IV).
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
 
-LEAST_EXPLAINED: Final = 0.3  # minimum share of nodes near the body; with less, the surface belongs to another person
+# minimum share of the surface's nodes near the body; if fewer are near, the surface belongs to another person
+LEAST_EXPLAINED: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """The registered pose."""
+    """The result of registering the body to one frame."""
 
     belief: PoseBelief  # if not found, the unchanged prediction
     explained: float  # share of the surface's nodes near the body; 0 if nothing was seen
@@ -33,10 +34,10 @@ class Registration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Held:
-    """Constraint rows besides the evidence."""
+    """Constraint rows that are added to those of the frame's evidence."""
 
-    first: Constraints  # used in the first steps
-    always: Constraints  # used in all steps
+    first: Constraints  # used in the first ``held_steps`` solver steps
+    always: Constraints  # used in all solver steps
 
 
 def register(
@@ -47,11 +48,11 @@ def register(
     config: RegistrationConfig,
     fixed: Constraints | None = None,
 ) -> Registration:
-    """Register all parts of the body together; they stay joined, and bones keep their length. This is the paper's
-    tau-hat = ICP(tau, phi).
+    """Register all parts of the body to a frame together; they stay joined, and bones keep their length. This solves
+    the paper's equation for the motion of a part, tau-hat = ICP(tau, phi), for all parts at once.
 
-    held: rows of the tree and the anchors, used only in the first steps. fixed: rows used in all steps; they do not
-    reduce the uncertainty, since they are not observations.
+    held: rows of the nodes that the track tree matched and of the anchors, used only in the first solver steps. fixed:
+    rows used in all steps; they do not reduce the uncertainty of the pose, since they are not observations.
     """
     if len(evidence.surface) < config.least_nodes:
         return Registration(predicted, 0.0, False)
@@ -71,7 +72,7 @@ def posterior(
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
     share = len(rows) / max(1, min(len(evidence.surface), config.node_count))
-    # the readings are more probable without this body
+    # with a total below 0, the readings are more probable without this body
     if share < LEAST_EXPLAINED or likelihood(body, pose, evidence).total < 0.0:
         return Registration(predicted, share, False)
     expected = (predicted.pose, predicted.information)
@@ -83,7 +84,9 @@ def posterior(
 
 
 def node_parts(body: Body, pose: Pose, nodes_m: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest skin point (n,) of each node and the bone (n,) that moves it; both are -1 beyond reach."""
+    """Return the skin point (n,) nearest to each node, and the bone (n,) that moves it; -1 if none is within
+    reach_m.
+    """
     point = nearest_point(pose_points(body, pose).points_m, nodes_m, reach_m)
     return point, np.where(point >= 0, body.points.part[point], -1)
 
@@ -96,7 +99,7 @@ def descend(
     config: RegistrationConfig,
     held: Held | None = None,
 ) -> Pose:
-    """Run Gauss-Newton from one pose, with decreasing reach (``config.reaches_m``)."""
+    """Return the pose after a Gauss-Newton step for each of ``config.reaches_m``, from a given pose."""
     expected = (predicted.pose, predicted.information)
     for number, reach_m in enumerate(config.reaches_m):
         rows = [evidence_rows(body, pose, evidence, reach_m, config)]

@@ -24,26 +24,27 @@ from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
-# m; two poses with all joints closer to each other are the same pose, since clothes and grips move joints as much
+# m; two poses whose joints all differ by less count as the same; clothes and gripping hands move joints as much
 APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
-"""Standard deviation, in nats, of the comparison of two poses, due to errors of shape and clothes. It is stated per
-part (limb or trunk) whose place differs.
+"""Standard deviation, in nats, of the lead of one pose over another (the difference of their log probabilities), due to
+errors of shape and clothes. It is stated per part (limb or trunk) whose place differs.
 
-If only head and arms of a body were visible, the correct pose and the pose with the opposite facing differed by 3 and 5
-nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
+In two scenes in which only head and arms were visible, the lead of the correct pose over the pose with the opposite
+facing was 3 and 5 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
 OWN_BODY_ERROR: Final = 6.0
-"""The same error, in nats, if each pose has a body that was fitted to it. For all five parts it was 30 nats, measured
-in 18 windows of 9 hard scenes."""
+"""The same standard deviation, in nats, if each pose has a body that was fitted to it. For all five parts it was 30
+nats, measured in 18 windows of 9 hard scenes."""
 
-MEMORY_S: Final = 0.3  # s, time after which the weight of a frame has fallen to a third, since limbs have moved
-# s, the same for a rival with a body of its own; errors of shape persist, so the mean of its lead is over a longer time
+# s, time after which a frame's weight in ``Rival.lag`` has fallen to a third, since limbs have moved by then
+MEMORY_S: Final = 0.3
+# s, the same for a rival with a body of its own; errors of its shape persist, so ``lag`` averages over a longer time
 OWN_MEMORY_S: Final = 4.0
-# nats, by which a new pose must be likelier than the best pose; it is then twenty times as likely
+# nats by which a pose found by a search must be likelier than the best pose to replace it: twenty times as likely
 LEAST_GAIN: Final = 3.0
-# nats (a factor of e^6); a rival less likely by more is dropped, a rival likelier by more becomes the best pose
+# nats (a factor of e^6); a rival behind the best pose by more is dropped, one ahead by more becomes the best pose
 DECIDED: Final = 6.0
-MOST: Final = 3  # maximum number of rivals; each costs as much time as the registration
+MOST: Final = 3  # maximum number of rivals; each takes as much time as registering the best pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +55,9 @@ class Rival:
     """
 
     belief: PoseBelief
-    lag: float  # nats (see ``believed``), by which the rival explains the last frames worse, as a weighted mean
-    moved: float = 0.0  # nats, cost of the rival's distance from the expected pose; it decays with time
+    # nats by which the rival explains the last frames worse than the best pose, a weighted mean (``believed``)
+    lag: float
+    moved: float = 0.0  # nats, cost of the rival's distance from the expected pose; this cost decays with time
     body: Body | None = None  # the rival's own body; None if it has the body of the best pose
 
     @property
@@ -68,14 +70,15 @@ class Rival:
         return (self.body or body).joints(self.belief.pose)
 
     def beside(self, best: Rival) -> Rival:
-        """Return the same rival relative to another pose, which becomes the best pose."""
+        """Return this rival with ``lag`` and ``moved`` relative to ``best``, which becomes the best pose."""
         return replace(self, lag=self.lag - best.lag, moved=self.moved - best.moved)
 
 
 def believed(lead: float, parts: int, error: float = LIMB_ERROR) -> float:
-    """Reduce a lead in nats to the log odds that its sign is correct, given errors of shape and clothes.
+    """Reduce one pose's lead over another, in nats, to the log odds that the pose with the lead is indeed the likelier
+    one, given errors of shape and clothes. The lead may be negative.
 
-    parts: number of parts (limbs or trunk) in other places. The lead's standard deviation is ``error`` nats per part.
+    parts: number of parts (limbs or trunk) whose place differs. The lead's standard deviation is ``error`` per part.
     """
     deviations = abs(lead) / (error * max(parts, 1))
     odds = float(log_ndtr(deviations) - log_ndtr(-deviations))
@@ -96,7 +99,9 @@ def follow_rivals(
     elapsed_s: float,
     config: RegistrationConfig,
 ) -> tuple[Registration, tuple[Rival, ...]]:
-    """Return a frame's best registration and its remaining rivals. A clearly likelier rival replaces the best pose."""
+    """Register the rivals to a frame, and return the frame's best registration and the remaining rivals. A clearly
+    likelier rival replaces the best pose.
+    """
     if not rivals:
         return best, ()
     most, followed = log_probability(body, best.belief.pose, evidence), list[tuple[Registration, Rival]]()
@@ -124,10 +129,10 @@ def follow_rivals(
 
 
 def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Rival, ...]:
-    """Return the few other poses that matter most.
+    """Return the up to ``MOST`` other poses that increase sigma most.
 
-    The images do not exclude them, and they differ from the best pose and from each other. They are ranked by their
-    effect on sigma: a body with the opposite facing matters more than a likelier place of a hand.
+    The images do not exclude these poses, and they differ from the best pose and from each other. They are ranked by
+    their effect on sigma: a body with the opposite facing comes before a likelier pose in which only a hand differs.
     """
     kept, places_m = list[Rival](), [body.joints(best.pose)]
     for rival in sorted(others, key=lambda one: one.behind):
@@ -143,7 +148,7 @@ def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Ri
 def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: Sequence[Rival]) -> np.ndarray:
     """Return sigma (21,) of the mixture of the best pose's joints (21, 3) with its rivals, per axis.
 
-    A rival's weight is its likelihood. Its own spread is assumed to be the same as that of the best pose.
+    A rival's weight is its likelihood. The joints of a rival are assumed to have the sigma of the best pose.
     """
     weight = np.exp(-np.array([0.0, *(rival.behind for rival in rivals)]))
     weight /= weight.sum()

@@ -1,9 +1,9 @@
-"""Define shape directions for single segments: length and girth of the trunk and of each limb segment, left and right.
+"""Define changes of the body's shape, called directions, by which a single segment becomes longer, thicker or larger.
 
-The statistical components of the asset change all segments together, left and right equally. Each direction here
-changes one segment of the mean adult: a length stretches the segment along its axis and shifts everything beyond its
-end; a girth moves the skin away from the axis. One unit is one standard deviation among people of the same height
-(``shape_prior``).
+The shipped asset's coefficients change all segments together, left and right equally. Each direction here changes one
+segment of the mean adult: a length stretches the segment along its axis and shifts everything beyond its end; a girth
+moves the skin away from the axis; a size enlarges a hand, a foot or the head. One unit of a direction's coefficient is
+one standard deviation among people of the same height (``shape_prior``).
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from anchorpose.body.asset import BodyAsset, stored_asset
 SIDES: Final = ("left", "right")
 LENGTH_SIGMA: Final = {"upper_arm": 0.032, "forearm": 0.042, "thigh": 0.050, "shank": 0.037}
 """Standard deviation of the logarithm of each segment's length among people of one height and sex: 6,068 adults of
-ANSUR II (Gordon et al. 2014, NATICK/TR-15/007, public data), regressed on the logarithm of stature:
-acromion-radiale, radiale-stylion, trochanterion to lateral femoral epicondyle, epicondyle to lateral malleolus."""
+ANSUR II (Gordon et al. 2014, NATICK/TR-15/007, public data), regressed on the logarithm of stature. In the same order,
+the measured lengths are acromion-radiale, radiale-stylion, trochanterion to lateral femoral epicondyle, and epicondyle
+to lateral malleolus."""
 
 END_SIGMA: Final = {"hand": 0.039, "foot": 0.034, "head": 0.035}
 """Standard deviation of the logarithm of hand, foot and head size. They are scaled as a whole, about the wrist, ankle
@@ -29,9 +30,9 @@ or head joint.
 """
 
 GIRTH_SIGMA: Final = {"upper_arm": 0.06, "forearm": 0.06, "thigh": 0.09, "shank": 0.09}
-"""Standard deviation of the logarithm of each segment's girth. ANSUR II has 0.035 to 0.050 at one height and weight;
-paralysed legs lose a third to a half of their muscle (Giangregorio and McCartney 2006,
-doi:10.1080/10790268.2006.11753898), which no healthy sample has."""
+"""Standard deviation of the logarithm of each segment's girth. The healthy people of ANSUR II have 0.035 to 0.050 at
+one height and weight. The values here are larger, since paralysed legs lose a third to a half of their muscle
+(Giangregorio and McCartney 2006, doi:10.1080/10790268.2006.11753898)."""
 
 _BONES: Final = {
     "upper_arm": ("Arm", "ForeArm"),
@@ -39,7 +40,7 @@ _BONES: Final = {
     "thigh": ("UpLeg", "Leg"),
     "shank": ("Leg", "Foot"),
 }
-"""The bones whose heads are both ends of each segment."""
+"""The two bones whose heads (first ends) are the ends of each segment."""
 
 
 TRUNK: Final = ("Hips", "LHipJoint", "RHipJoint", "LowerBack", "Spine", "Spine1")
@@ -50,9 +51,9 @@ _TRUNK_LENGTHS: Final = {
     "shoulder_breadth": ((("LeftShoulder", "LeftArm"), ("RightShoulder", "RightArm")), 0.040),
     "hip_breadth": ((("LHipJoint", "LeftUpLeg"), ("RHipJoint", "RightUpLeg")), 0.062),
 }
-"""Spans that grow together, and the standard deviation of their logarithm: sitting height, biacromial and bicristal
-breadth of ANSUR II.
-"""
+"""Per direction: the spans that the direction lengthens by the same share, each from the head of one bone to that of
+another; and the standard deviation of the logarithm of the spans' length, from sitting height, biacromial and bicristal
+breadth in ANSUR II."""
 
 
 class _Bulge(NamedTuple):
@@ -61,8 +62,8 @@ class _Bulge(NamedTuple):
     axis: int  # 0 = forward, 2 = sideways
     towards: int  # direction along the axis, 1 or -1; 0 = both sides move apart
     height_m: float  # height of the bulge's middle on the mean adult
-    spread_m: float
-    sigma_m: float  # movement of the skin by one unit
+    spread_m: float  # standard deviation of the bulge's bell-shaped profile over the height
+    sigma_m: float  # movement of the skin by one unit of the coefficient
 
 
 _BULGES: Final = {
@@ -74,15 +75,14 @@ _BULGES: Final = {
     "seat_depth": _Bulge(0, -1, 0.88, 0.08, 0.005),
     "seat_breadth": _Bulge(2, 0, 0.88, 0.07, 0.003),
 }
-"""Bulges of the trunk. Their deviations are smaller than those of depths and breadths in ANSUR II (5 to 7 % at one
-height and weight): the statistical components contain most of this, and the heavy tails of the prior allow a large
-belly.
-"""
+"""Bulges of the trunk. Their standard deviations are smaller than those of the trunk's depths and breadths in ANSUR II
+(5 to 7 % at one height and weight): the whole-body coefficients contain most of this variation, and the heavy tails of
+the prior allow a large belly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Direction:
-    """A direction of shape: its name, and the change, in metres, of skin and skeleton by one unit."""
+    """A direction of shape: its name, and the change (m) of skin and bone ends by one unit of its coefficient."""
 
     name: str
     vertices: np.ndarray  # (v, 3)
@@ -97,7 +97,7 @@ def load_body_asset() -> BodyAsset:
 
 
 def with_own_segments(asset: BodyAsset) -> BodyAsset:
-    """Add the directions of this module after the asset's own components."""
+    """Return the asset with the directions of this module added after its whole-body coefficients."""
     found = tuple(_directions(asset))
     return replace(
         asset,
@@ -129,15 +129,15 @@ def _bones_of(segment: str, side: str) -> tuple[str, str]:
 
 
 def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], sigma: float) -> Direction:
-    """Return the direction that lengthens several spans together by a share ``sigma``; a span extends from the head of
-    one bone to the head of another.
+    """Return the direction that lengthens several spans together by the share ``sigma`` of their length. A span extends
+    from the head (first end) of one bone to the head of another.
     """
     total = [np.zeros_like(asset.vertices), np.zeros_like(asset.bone_heads), np.zeros_like(asset.bone_tails)]
     for start, end in spans:
         first, last = asset.bone(start), asset.bone(end)
         step = asset.bone_heads[last] - asset.bone_heads[first]
         along = _shares_along(asset, first, last)
-        # (v, b): the share of each vertex if it were part of the bone
+        # (v, b): the share of the span's growth by which vertex v moves if bone b alone moves it
         of_vertex = asset.vertices @ along[:, :3].T + along[:, 3]
         share = (asset.skin_weights * np.take_along_axis(of_vertex, asset.skin_bones, axis=1)).sum(axis=1)
         total[0] += share[:, None] * step
@@ -148,8 +148,8 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """Return (b, 4): per bone, an affine function of a point's place at rest that gives the point's share of the span's
-    growth.
+    """Return (b, 4): per bone, three factors and a constant. Applied to the rest place of a point of this bone, they
+    give the share of the span's growth by which the point moves.
 
     Points of the span move in proportion to their place along it; everything beyond the span moves as a whole.
     """
@@ -172,8 +172,8 @@ def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
 
 
 def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) -> Direction:
-    """Return the direction that moves a segment's skin away from its axis by a share ``sigma`` of the distance; bones
-    do not move.
+    """Return the direction that moves a segment's skin away from the segment's axis by the share ``sigma`` of its
+    distance from the axis; bones do not move.
     """
     first, last = asset.bone(start), asset.bone(end)
     axis = asset.bone_heads[last] - asset.bone_heads[first]
@@ -189,8 +189,8 @@ def share_of_bones(asset: BodyAsset, names: Sequence[str]) -> np.ndarray:
 
 
 def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
-    """Return the direction that moves trunk skin around a height outward along one axis. Skin moves in proportion to
-    how much it faces along this axis.
+    """Return the direction that moves trunk skin near the bulge's height outwards along its axis, in proportion to the
+    skin's distance from the trunk's middle along this axis.
     """
     share = share_of_bones(asset, TRUNK)
     facing = asset.vertices[:, bulge.axis] - np.median(asset.bone_heads[[asset.bone(b) for b in TRUNK]][:, bulge.axis])

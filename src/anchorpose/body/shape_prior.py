@@ -17,10 +17,10 @@ from anchorpose.body.standing_off import patches_of
 
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003  # m, standard deviation of the thickness of clothes
-# m, standard deviation of a patch, due to muscles, fat and folds for which no shape direction exists
+# m, standard deviation of the offset of a patch of skin, due to muscles, fat and folds that no coefficient describes
 PATCH_SIGMA_M: Final = 0.0035
 THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
-# degrees of freedom of Student's t distribution, by which 1 segment in 20 differs by over 2.8 deviations
+# degrees of freedom of Student's t distribution, the prior of a segment: 1 in 20 segments deviates by over 2.8 sigma
 TAILS: Final = 4.0
 COVERED: Final = 4.0  # factor on the standard deviation of a segment's thickness under an orthosis or a helmet
 _HEIGHT_STEPS: Final = 3  # number of iterations, since the highest and the lowest vertex may change with the shape
@@ -28,32 +28,33 @@ _HEIGHT_STEPS: Final = 3  # number of iterations, since the highest and the lowe
 _ALIKE_LENGTHS: Final = np.array(
     [[1.00, 0.34, 0.18, 0.35], [0.34, 1.00, 0.25, 0.43], [0.18, 0.25, 1.00, 0.04], [0.35, 0.43, 0.04, 1.00]]
 )
-"""Correlations of the lengths of ``LENGTH_SIGMA`` among people of one height and sex, from the same data."""
+"""Correlations between the lengths of ``LENGTH_SIGMA`` among people of one height and sex, also from ANSUR II."""
 
 _ALIKE_GIRTHS: Final = np.array(
     [[1.0, 0.6, 0.0, 0.0], [0.6, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.6], [0.0, 0.0, 0.6, 1.0]]
 )
-"""Correlations of ``GIRTH_SIGMA``: upper arm and forearm as in ANSUR II; paralysis wastes thigh and shank together."""
+"""Correlations between the girths of ``GIRTH_SIGMA``: for the arm as in ANSUR II; for the leg equally high, since
+paralysis wastes a leg as a whole."""
 
 _ALIKE_SIDES: Final = {"length": 0.90, "girth": 0.80, "size": 0.95}
-"""Correlations of left and right. With them, lengths differ by 2 % in the median of the most asymmetric twentieth of
-people. (Legs differ by 5 mm on average, by 20 mm in one person in a thousand, and by more with contractures: Knutson
-2005, doi:10.1186/1746-1340-13-11.)"""
+"""Correlations between a left segment and the right one. They imply that among the most asymmetric 5 % of people, the
+median difference between left and right lengths is 2 %. (Legs differ by 5 mm on average, by 20 mm in one person in a
+thousand, and by more with contractures: Knutson 2005, doi:10.1186/1746-1340-13-11.)"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeBelief:
     """The most likely shape, given a prior and observations.
 
-    The s free parameters are the first coefficients and the first offsets of the shape; ``free`` has their numbers. All
-    other parameters are fixed.
+    The s free parameters are the first coefficients and the first offsets of the shape; ``free`` states how many of
+    each. All other parameters are fixed.
     """
 
     shape: FittedShape
     free: FreeShape
     mean: np.ndarray  # (s,) mean of the prior
     prior: np.ndarray  # (s, s) information (inverse covariance) of the prior
-    # (s,) bool, parameters with the tails of Student's t: a very unusual segment costs little more than an unusual one
+    # (s,) bool, parameters whose prior is Student's t: a very unusual segment costs little more than an unusual one
     soft: np.ndarray
     seen: np.ndarray  # (s, s) information of the observations
     pull: np.ndarray  # (s,) this information times the shape that fits the observations best
@@ -64,15 +65,15 @@ class ShapeBelief:
         return self._prior_at(self.shape) + self.seen
 
     def equations(self, shape: FittedShape) -> tuple[np.ndarray, np.ndarray]:
-        """Return hessian (s, s) and gradient (s,) at a shape. The function is half the sum of the squared deviations
-        from prior and observations.
+        """Return hessian (s, s) and gradient (s,) of the cost at a shape. The cost is half the sum of the squared
+        deviations from prior and observations.
         """
         prior, at = self._prior_at(shape), self.vector(shape)
         return prior + self.seen, prior @ (at - self.mean) + self.seen @ at - self.pull
 
     def _prior_at(self, shape: FittedShape) -> np.ndarray:
-        """Return the prior's information (s, s) at a shape, reduced in the tails (Lange et al. 1989,
-        doi:10.2307/2290063).
+        """Return the prior's inverse covariance (s, s) at a shape, reduced for unusual ``soft`` parameters (Lange et
+        al. 1989, doi:10.2307/2290063).
         """
         away2 = (self.vector(shape) - self.mean) ** 2 / np.diag(np.linalg.inv(self.prior))
         weight = np.where(self.soft, np.sqrt((TAILS + 1.0) / (TAILS + away2)), 1.0)
@@ -104,7 +105,7 @@ class ShapeBelief:
         return np.abs(self.vector(shape) - self.mean) / np.sqrt(np.diag(np.linalg.inv(self.prior)))
 
     def variance(self, rows: np.ndarray) -> np.ndarray:
-        """Return the variances (m,) of quantities whose derivatives by the free coefficients are rows (m, n)."""
+        """Return the variances (m,) of m quantities. rows (m, n): their derivatives by the n free coefficients."""
         count = self.free.coefficients
         covariance = np.linalg.inv(self.information)[:count, :count]
         return np.asarray(((rows @ covariance) * rows).sum(axis=1))
@@ -124,7 +125,7 @@ class ShapeBelief:
         return replace(self, prior=self.prior / np.outer(wider, wider))
 
     def common(self, asset: BodyAsset) -> ShapeBelief:
-        """Return the prior with only the asset's statistical components and the clothes as parameters."""
+        """Return this belief as a prior of only whole-body coefficients and clothes; other parameters are fixed."""
         free = FreeShape(asset.common_count, len(CLOTHES))
         kept = np.r_[: free.coefficients, self.free.coefficients : self.free.coefficients + free.offsets]
         information = np.linalg.inv(np.linalg.inv(self.information)[np.ix_(kept, kept)])
@@ -171,7 +172,7 @@ def child_belief(asset: BodyAsset) -> ShapeBelief:
 
 def _belief(asset: BodyAsset, common: np.ndarray, covariance: np.ndarray) -> ShapeBelief:
     """Return the prior of a group (adults or children). common (c,) and covariance (c, c): mean and covariance of its
-    statistical coefficients; coefficients of single segments have a standard deviation of one.
+    whole-body coefficients. Coefficients of single segments have mean 0 and standard deviation 1.
     """
     coefficients = np.append(common, np.zeros(len(asset.own_names)))
     mean = FittedShape(coefficients, even_clothes(CLOTHING_MEAN_M))
@@ -205,7 +206,7 @@ def standing_height(asset: BodyAsset, shape: FittedShape) -> tuple[float, np.nda
     vertices = shape.mesh(asset).vertices
     up, left = vertices[:, 1], vertices[:, 2] < 0.0
     top, count = up.argmax(), len(shape.coefficients)
-    # people are measured while standing on both feet
+    # people are measured while standing on both feet, so the height begins midway between both soles
     soles = [int(np.where(side, up, np.inf).argmin()) for side in (left, ~left)]
     row = asset.vertex_basis[:count, top, 1] - asset.vertex_basis[:count, soles, 1].mean(axis=1)
     return float(up[top] - up[soles].mean()), row

@@ -20,18 +20,17 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, shape_off
 
 
 class FreeShape(NamedTuple):
-    """The numbers of free shape parameters."""
+    """How many shape parameters are fitted; all others keep their values."""
 
-    coefficients: int  # number of free coefficients, which are the first
-    offsets: int  # number of free offsets, which are the first
+    coefficients: int  # number of fitted coefficients: the first ones of the shape
+    offsets: int  # number of fitted offsets of clothes and patches: the first ones of the shape
 
 
 def accumulate_shape(
     body: Body, posed: PosedPoints, rows: Constraints, residual_m: np.ndarray, weight: np.ndarray, free: FreeShape
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``J^T W J`` (s, s) and ``J^T W r`` (s,) for the parameters of the pose, followed by the free shape.
-
-    residual_m, weight (n,): one per row.
+    """Return ``J^T W J`` (s, s) and ``J^T W r`` (s,) for the s parameters: those of the pose, then the fitted ones of
+    the shape. residual_m, weight (n,): r and the diagonal of W, one per row.
     """
     jacobian = full_jacobian(body, posed, rows.point, rows.direction, free)
     lower = dsyrk(1.0, (jacobian * np.sqrt(weight)[:, None]).T)
@@ -41,8 +40,8 @@ def accumulate_shape(
 def full_jacobian(
     body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, free: FreeShape
 ) -> np.ndarray:
-    """Return the Jacobian (n, s): the derivative of each point's movement along its direction, by the parameters of
-    pose and free shape.
+    """Return the Jacobian (n, s): the derivative of each chosen skin point's movement along its direction, by the
+    parameters of the pose, then the fitted ones of the shape.
     """
     points = body.points
     pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, points.asset.bone_parents, points.moving)
@@ -62,7 +61,7 @@ class _Skin(NamedTuple):
     bones: np.ndarray  # (p, w) bones that move the point, the largest weight first
     influence: np.ndarray  # (p, w) their weights
     rest_m: np.ndarray  # (p, 3)
-    basis: np.ndarray  # (p, k, 3) change by one unit of each coefficient
+    basis: np.ndarray  # (p, k, 3) change of the point's rest place by one unit of each coefficient
     covered: np.ndarray  # (p, c) share by which each offset moves the point
 
 
@@ -70,10 +69,10 @@ class _Bones(NamedTuple):
     """Arrays per bone."""
 
     transforms: np.ndarray  # (b, 4, 4)
-    pivot: np.ndarray  # (m, 3) of moving bones
-    frame: np.ndarray  # (m, 3, 3) of moving bones
+    pivot: np.ndarray  # (m, 3) of moving bones, from ``joint_frames``
+    frame: np.ndarray  # (m, 3, 3) of moving bones, from ``joint_frames``
     chain: np.ndarray  # (b, d) moving bones that carry each bone, padded with -1
-    offset: np.ndarray  # (b, count, 3) how far each coefficient moves the bone
+    offset: np.ndarray  # (b, count, 3) movement of posed points by each coefficient, from ``shape_offsets``
 
 
 @cache
@@ -133,7 +132,9 @@ def _fill(
 
 @njit(cache=True)
 def _turns(bones: _Bones, carried: np.ndarray, share: np.ndarray, d: np.ndarray, out: np.ndarray) -> None:
-    """Fill the columns of the pose: the turn of each moving bone in its parent's frame, then the root's translation."""
+    """Write to ``out`` the derivatives of a row by the pose: by turns of moving bones in their parents' frames, then by
+    the root's place.
+    """
     for m in range(len(share)):
         if share[m] == 0.0:
             continue

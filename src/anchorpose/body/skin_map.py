@@ -1,4 +1,4 @@
-"""Map the body's skin: distances of its points from landmarks and from each other, along the skin."""
+"""Map the body's skin: distances, along the skin, of its sampled points from landmarks and from each other."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from anchorpose.surface.surface import BodyMap
 
 # m, minimum length of an edge; on missing limbs it would be 0, which the graph does not allow
 LEAST_EDGE_M: Final = 1e-6
-# number of landmarks, one every 30 cm; with these, the distances of an adult's skin points are resolved
+# number of landmarks, one every 30 cm: enough to distinguish an adult's skin points by their distances from landmarks
 LANDMARKS: Final = 24
 
 
@@ -52,8 +52,8 @@ def _edge_lengths(vertices: np.ndarray, edges: np.ndarray) -> csr_array:
 
 @cache
 def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of neighbours and second neighbours, and the point between them, as ``_second_neighbours`` does. The
-    mean body is used, since neighbours hardly depend on the shape.
+    """Return ``_second_neighbours`` of the skin points, computed on the mean adult, since neighbours hardly depend on a
+    person's shape.
     """
     vertices, edges = points.asset.vertices, _edges(points)
     direct = _neighbours(_edge_lengths(vertices, edges), edges, points.vertex)
@@ -61,7 +61,7 @@ def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.ndarray:
-    """Return the distances (p, l) float32 from points to landmarks, metres."""
+    """Return the distances (p, l) float32, metres, from skin points to landmarks; first: row of the first landmark."""
     fields = np.empty((LANDMARKS, len(vertex)), np.float32)
     nearest, source = np.full(len(vertex), np.inf, np.float32), first
     for row in range(LANDMARKS):
@@ -78,7 +78,7 @@ def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.nd
     _, _, nearest = dijkstra(mesh, directed=False, indices=vertex, min_only=True, return_predecessors=True)
     place = np.full(mesh.shape[0] + 1, -1)
     place[vertex] = np.arange(len(vertex))
-    cell = place[np.maximum(nearest, -1)]  # eyes and teeth do not belong to any cell: their source is negative
+    cell = place[np.maximum(nearest, -1)]  # no path reaches eyes and teeth (source -9999): they have no cell
     cell[vertex] = np.arange(len(vertex))
     touching = np.sort(cell[edges], axis=1)
     return np.unique(touching[(touching[:, 0] >= 0) & (touching[:, 0] != touching[:, 1])], axis=0)
@@ -87,7 +87,7 @@ def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.nd
 def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return pairs (e, 2) of neighbours and second neighbours, and the point (e,) on the path between each pair.
 
-    If a pair has several paths, the shortest is used. For direct neighbours, it is the first point of the pair.
+    If a pair has several paths, the shortest is used. For direct neighbours, the point is the first of the pair.
     """
     both = np.concatenate([direct, direct[:, ::-1]])
     both = both[np.argsort(both[:, 0], kind="stable")]
@@ -100,7 +100,7 @@ def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray
     found = np.concatenate(steps)
     path_m = np.linalg.norm(skin[found[:, 0]] - skin[found[:, 2]], axis=1)
     path_m += np.linalg.norm(skin[found[:, 2]] - skin[found[:, 1]], axis=1)
-    path_m[: len(direct)] = 0.0  # direct neighbours come first
+    path_m[: len(direct)] = 0.0  # direct neighbours are the first rows; 0 makes their path the shortest
     order = np.lexsort((path_m, found[:, 1], found[:, 0]))
     found = found[order]
     first = np.ones(len(found), bool)

@@ -1,4 +1,4 @@
-"""Represent a body for registration by a sparse, even sample of its skin, with positions and derivatives."""
+"""Represent a body for registration by a sparse, even sample of its skin; compute its positions and derivatives."""
 
 from __future__ import annotations
 
@@ -35,31 +35,31 @@ CLOTHES: Final = {
 PATCHES: Final = 96
 PATCH_M: Final = 0.07  # m, standard deviation of a patch's bell-shaped profile
 OFFSETS: Final = len(CLOTHES) + PATCHES
-"""Number of parameters by which the seen surface lies off the body's skin: pieces of clothing, then patches."""
+"""Number of offsets (parameters) by which the seen surface lies off the bare skin: pieces of clothing, then patches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinPoints:
-    """The skin points of an asset, independent of shape."""
+    """The sampled skin points of an asset, with all that does not depend on a person's shape."""
 
     asset: BodyAsset
     vertex: np.ndarray  # (p,) index into the asset's skin
-    weights: np.ndarray  # (p, b) skinning weights, dense
-    bones: np.ndarray  # (p, w) bones of the weights in sparse form, the largest weight first
-    influence: np.ndarray  # (p, w) weights in sparse form, padded with 0
+    weights: np.ndarray  # (p, b) skinning weight of every bone
+    bones: np.ndarray  # (p, w) bones that move the point, the largest weight first
+    influence: np.ndarray  # (p, w) weights of these bones, padded with 0
     part: np.ndarray  # (p,) bone that moves the point most
-    covered: np.ndarray  # (p, c) 0 to 1, share by which each of ``OFFSETS`` moves the point
+    covered: np.ndarray  # (p, c) 0 to 1; the point moves outwards by this share of each of the ``OFFSETS`` offsets
     below: np.ndarray  # (m, b) see ``descendants``
     moving: np.ndarray  # (m,) the moving bones
-    faces_of: np.ndarray  # (p, f) faces around each point, padded by repeating the first
+    faces_of: np.ndarray  # (p, f) mesh faces around each point, padded by repeating the first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedShape:
-    """A person's shape."""
+    """A person's shape, clothes included."""
 
     coefficients: np.ndarray  # (k,) coefficients of the asset
-    offset_m: np.ndarray  # (c,) thickness of clothes and patches
+    offset_m: np.ndarray  # (OFFSETS,) thickness of each piece of clothing, then offset of each patch of skin
     missing: tuple[str, ...] = ()  # names of the parts that the body lacks
 
     def mesh(self, asset: BodyAsset) -> BodyMesh:
@@ -69,7 +69,7 @@ class FittedShape:
 
 
 def even_clothes(thickness_m: float) -> np.ndarray:
-    """Return the offsets (c,) of clothes with one thickness everywhere."""
+    """Return the offsets (OFFSETS,) of clothes with one thickness everywhere, and patches without offset."""
     return np.where(np.arange(OFFSETS) < len(CLOTHES), thickness_m, 0.0)
 
 
@@ -80,7 +80,7 @@ class Body:
     points: SkinPoints
     shape: FittedShape
     mesh: BodyMesh
-    rest_m: np.ndarray  # (p, 3) the skin points with clothes
+    rest_m: np.ndarray  # (p, 3) the skin points in the rest pose, moved outwards by clothes and patches
     rest_normals: np.ndarray  # (p, 3) outward unit normals
 
     def transforms(self, pose: Pose) -> np.ndarray:
@@ -103,7 +103,7 @@ class PosedPoints:
 
 @cache
 def skin_points(asset: BodyAsset) -> SkinPoints:
-    """Sample the outer skin by farthest-point sampling."""
+    """Sample ``POINT_COUNT`` vertices of the outer skin by farthest-point sampling."""
     vertex = _spread_out(asset, POINT_COUNT)
     weights = np.zeros((len(vertex), len(asset.bone_names)))
     rows = np.arange(len(vertex))[:, None]
@@ -127,7 +127,7 @@ def skin_points(asset: BodyAsset) -> SkinPoints:
 
 
 def body_points() -> SkinPoints:
-    """Return the skin points of the shipped body."""
+    """Return the skin points of the asset that is fitted to patients."""
     return skin_points(load_body_asset())
 
 
@@ -156,8 +156,8 @@ def _spread_out(asset: BodyAsset, count: int) -> np.ndarray:
 
 
 def _patches(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
-    """Return (p, PATCHES) the share by which each patch moves each point: a bell-shaped profile around the patch's
-    middle, on skin that faces the same way.
+    """Return (p, PATCHES) the share of each patch's offset by which each point moves: a bell-shaped profile around the
+    patch's middle, limited to skin that faces the same way.
     """
     place = asset.vertices[vertex]
     normals = _normals(asset.vertices, asset.faces[_faces_around(asset, vertex)])
@@ -185,7 +185,8 @@ def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
 def build_body(points: SkinPoints, shape: FittedShape) -> Body:
     """Return the body of a shape, with its skin points and their normals in the rest pose."""
     mesh = shape.mesh(points.asset)
-    whole = shape_body(points.asset, shape.coefficients) if shape.missing else mesh  # a collapsed part has no normals
+    # normals are those of the whole body, since missing parts have none
+    whole = shape_body(points.asset, shape.coefficients) if shape.missing else mesh
     normals = _normals(whole.vertices, points.asset.faces[points.faces_of])
     offset_m = points.covered @ shape.offset_m
     if shape.missing:
@@ -230,7 +231,9 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
 
 
 def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int) -> np.ndarray:
-    """Return (n, count + c) the derivative of each point's movement along its direction, by coefficients, offsets."""
+    """Return (n, count + OFFSETS), like ``pose_jacobian``: derivatives by ``count`` coefficients, then by all
+    offsets.
+    """
     asset, transforms = body.points.asset, posed.transforms
     offset = shape_offsets(asset, posed, count)
     weights = body.points.weights[index]
@@ -245,8 +248,8 @@ def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction:
 
 
 def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarray:
-    """Return (b, count, 3) how far each coefficient moves the points of each bone in addition to their movement in the
-    rest pose.
+    """Return (b, count, 3): how far one unit of each coefficient moves the posed points of each bone, in addition to
+    the change of the points at rest.
     """
     transforms, head_basis = posed.transforms, asset.bone_head_basis[:count]
     shift = np.zeros((len(transforms), count, 3))  # shift of each bone's head in the world
@@ -266,7 +269,7 @@ def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints
 
 
 def place_variance(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the variance (n,), m2, of places; it is the mean over the three axes. jacobian (n, 3, POSE_SIZE): their
-    derivative by the pose.
+    """Return the variance (n,), m2, of n places, the mean over the three axes. jacobian (n, 3, POSE_SIZE): derivative
+    of the places by the pose; covariance: that of the pose.
     """
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)

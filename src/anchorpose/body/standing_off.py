@@ -1,7 +1,7 @@
 """Find body segments that do not look human: the seen surface stands off the learnt body, or the limb is too thick.
 
-Under an orthosis, a cast, a bandage or a skirt the body model does not fit, however well it was learnt. So bones and
-joints of such a segment are less certain.
+Under an orthosis, a cast, a bandage or a skirt the body model does not fit, however well it was learnt. So the bone
+lengths and joints of such a segment get a larger sigma.
 """
 
 from __future__ import annotations
@@ -17,14 +17,16 @@ from anchorpose.body.skin_points import CLOTHES, FittedShape, SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
-# m, minimum distance from the learnt body at which a surface stands off, 95th percentile of the skin points; on ten
-# people it was at most 0.010 without braces and 0.021 to 0.040 with a brace
+# m; a segment stands off if the 95th percentile of its skin points' offsets by patches is larger; on ten people this
+# percentile was at most 0.010 without braces and 0.021 to 0.040 with a brace
 LEAST_M: Final = 0.015
-# minimum girth above the other side's, in deviations; without braces at most 0.9, with a brace 2.9 to 6.7
+# standard deviations of girth; a limb that exceeds the other side's limb by more is too thick. Without braces the
+# difference was at most 0.9, with a brace 2.9 to 6.7
 TOO_THICK: Final = 2.0
-ORDINARY: Final = 0.5  # deviations up to which the thickness of the other side counts as usual for this person
-JOINT_SHARE: Final = 0.5  # error of a segment's joints along an axis, per metre by which its skin stands off
-BONE_SHARE: Final = 0.5  # error of the length between its joints, per metre by which its skin stands off
+# standard deviations of girth above the mean, up to which the other side's girth is taken as the expected girth
+ORDINARY: Final = 0.5
+JOINT_SHARE: Final = 0.5  # sigma of a segment's joints along an axis, per metre by which the segment's skin stands off
+BONE_SHARE: Final = 0.5  # sigma of the length between these joints, per metre by which the segment's skin stands off
 
 _LIMBS: Final = {
     "upper_arm": ("Arm", ("Shoulder", "Elbow")),
@@ -32,14 +34,14 @@ _LIMBS: Final = {
     "thigh": ("UpLeg", ("Hip", "Knee")),
     "shank": ("Leg", ("Knee", "Ankle", "Foot")),
 }
-"""The bone of each segment, and the joints it carries: those at its ends, and those that only it carries."""
+"""The bone of each segment, and the joints that move with it: those at its ends, and a hand or foot beyond."""
 
 
 def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, float]:
     """Return by how many metres each segment that does not look human stands off; names as in ``subject.covered``."""
     found = dict[CoveredPart, float]()
     for name, mine in points_of_segments(points).items():
-        own = len(CLOTHES) + patches_of(points, name)  # patches of the neighbouring segment reach over the joint
+        own = len(CLOTHES) + patches_of(points, name)  # not neighbouring segments' patches, which extend over the joint
         off_m = np.abs(points.covered[np.ix_(mine, own)] @ shape.offset_m[own])
         away_m, thicker = float(np.percentile(off_m, 95)), _thicker(points.asset, shape, name)
         if thicker > TOO_THICK:
@@ -50,7 +52,9 @@ def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, fl
 
 
 def _thicker(asset: BodyAsset, shape: FittedShape, name: CoveredPart) -> float:
-    """Return by how many deviations a limb is thicker than the other side's limb, or than limbs usually are."""
+    """Return by how many standard deviations of girth a segment is thicker than expected. The expected girth is the
+    other side's, limited to between the mean and ``ORDINARY``.
+    """
     if name == "trunk":
         return 0.0
     segment, side = name.rsplit("_", 1)
@@ -61,7 +65,7 @@ def _thicker(asset: BodyAsset, shape: FittedShape, name: CoveredPart) -> float:
 
 @cache
 def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
-    """Return by how many metres one deviation of a limb's girth moves its skin."""
+    """Return by how many metres one standard deviation of a segment's girth moves its skin."""
     segment, side = name.rsplit("_", 1)
     moved = points.asset.vertex_basis[points.asset.own_row(f"{segment}_girth_{side}"), points.vertex]
     return float(np.linalg.norm(moved[points_of_segments(points)[name]], axis=1).mean())
@@ -69,7 +73,7 @@ def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
 
 @lru_cache(maxsize=4)  # every frame asks for the same shape
 def standing_off_sigma_m(points: SkinPoints, shape: FittedShape) -> np.ndarray:
-    """Return (21,) metres: the additional sigma of each joint along an axis; 0 if no segment stands off there."""
+    """Return (21,) metres per axis: the additional sigma of each joint whose segment stands off; 0 for other joints."""
     sigma = np.zeros(len(JOINT_INDEX))
     for name, away_m in standing_off(points, shape).items():
         for joint in _joints_of(name):

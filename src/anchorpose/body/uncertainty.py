@@ -36,7 +36,7 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
-# maximum number of nodes used; half of the fit's nodes take half of the time and change sigma by under a tenth
+# maximum number of nodes used: half as many as in the fit halve the computing time and change sigma by under a tenth
 NODES: Final = 1200
 
 
@@ -46,8 +46,9 @@ def noise_covariance(
     """Return the covariance (POSE_SIZE, POSE_SIZE) of the pose from the noise of this frame's readings alone.
 
     noises: one per camera, None without a depth image. A change n of the readings changes the pose by ``C J^T W n``,
-    where C is the belief's covariance and W has the fit's weights. So noise of covariance N gives ``C J^T W N W J C``.
-    In N, nodes of one patch of ``shared_px`` pixels share one error; nodes of different patches are independent.
+    where C is the belief's covariance, J the rows' Jacobian, and W has the fit's weights. So noise with the covariance
+    N gives the pose the covariance ``C J^T W N W J C``. In N, nodes of one patch of ``shared_px`` pixels share one
+    error; nodes of different patches are independent.
     """
     posed = pose_points(body, belief.pose)
     few = replace(config, node_count=min(config.node_count, NODES))
@@ -64,8 +65,9 @@ def noise_covariance(
 def _felt(
     body: Body, posed: PosedPoints, point: np.ndarray, direction: np.ndarray, strength: np.ndarray, patch: np.ndarray
 ) -> np.ndarray:
-    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE); S has the strength of each row. Rows with a negative patch number
-    share their error with no other row.
+    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE), where J is the rows' Jacobian, S the diagonal matrix of
+    ``strength`` (each row's weight times its noise), and N is 1 for two rows of one patch, else 0. Rows with a negative
+    patch number share their error with no other row.
     """
     alone, shared = patch < 0, patch >= 0
     none = np.zeros(int(alone.sum()))
@@ -83,9 +85,9 @@ def node_noise(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the sigma (n,) of each node along its normal, metres, and the patch (n,) whose error it shares.
 
-    thinned: share of the nodes that are used. If a used node represents more pixels than share one error, denoising
-    averages their errors; the node is then a patch of its own, with less noise. Sigma is 0 if the camera's noise is
-    unknown.
+    thinned: share of the nodes that are used. If a used node represents more pixels than those that share one error,
+    denoising averages their errors; the node is then a patch of its own, with less noise. Sigma is 0 if the camera's
+    noise is unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -120,12 +122,16 @@ def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> f
     return float(min(found, default=0.0))
 
 
-# m2, minimum area of uncovered skin that is considered; clothes and grips leave about as much uncovered
+# m2, minimum area of seen skin that no part of the body covers, for limbs to be less certain; clothes and gripping
+# hands leave about as much uncovered
 WORTH_M2: Final = 0.004
-IN_REACH_M: Final = 0.45  # m, maximum distance of a limb from the piece's tip: a shank, or a forearm with its hand
-# minimum cosine of the angle between ray and limb, for a limb that points at a camera
+# m; a joint may lie at the tip of an uncovered piece of skin only if the tip is nearer to its estimated place than
+# this: a shank, or a forearm with its hand
+IN_REACH_M: Final = 0.45
+# minimum cosine of the angle between a camera's ray and a limb that points at the camera
 END_ON: Final = float(np.cos(np.radians(35.0)))
-# factor on the rows that count as one observation, since bent fingers shift a whole hand; set on one recorded reach
+# factor on the number of rows that count as one observation in ``frame_alone_sigma``, since bent fingers shift a whole
+# hand; tuned on one recording of a reaching arm
 MORE_ALIKE: Final = 2.0
 HIDDEN: Final = 0.5  # maximum hidden share of a limb's skin; with more, the frame does not show the limb
 BROADER_M: Final = 0.13  # m, difference between breadth and depth of a chest (0.35 m and 0.22 m)
@@ -148,9 +154,9 @@ _SYSTEMATIC_MM: Final = {
     "Foot": 8.0,
 }
 """Systematic error of each joint of a learnt body, per axis; it is the same in every frame. The values were chosen so
-that coverage is between 0.93 and 0.97 both on ordinary recordings and on the hard scenes for tuning (suite ``hard`` of
-``benchmarks/run.py``), in which equipment hides parts of the trunk and people press on the clothes.
-"""
+that the share of errors within 1.96 sigma is between 0.93 and 0.97 both on ordinary recordings and on the hard scenes
+for tuning (suite ``hard`` of ``benchmarks/run.py``), in which equipment hides parts of the trunk and people press on
+the clothes."""
 
 
 @cache
@@ -182,7 +188,7 @@ def joint_sigma(
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
-    """Return the sigma (p,) of skin points: that of the middle of the body part that moves each point most."""
+    """Return the sigma (p,) of each skin point: the sigma of the middle of the body part to which the point belongs."""
     count = np.bincount(body.points.part)
     parts = np.flatnonzero(count)
     middles = np.stack([np.bincount(body.points.part, posed.points_m[:, axis]) for axis in range(3)], axis=1)
@@ -210,10 +216,10 @@ def smeared_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased if filters blur depth edges over a width of edge_m at the patient.
 
-    A node then determines the skin only to the width of an edge, and nodes within this width count as one. The filters
-    blur every frame in the same way, so only this frame and the joint ranges count. The trunk's facing follows from the
-    difference between its breadth and its depth, and both have an error of edge_m. So the error of joints off its axis
-    is proportional to their distance from the axis.
+    A node then determines the skin only to the width of an edge, and all nodes in a square of this width count as one
+    observation. The filters blur every frame in the same way, so earlier frames add no knowledge. The direction that
+    the trunk faces follows from the difference between its breadth and its depth, and both have an error of edge_m. So
+    joints off the trunk's axis have an additional error that is proportional to their distance from the axis.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
@@ -242,10 +248,10 @@ def frame_alone_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased for limbs about which earlier frames add no knowledge.
 
-    These are limbs that point at every camera, and hidden limbs. Earlier frames have the same error, but the posterior
-    treats them as independent. For example, the assumption that a foot stands must count once, not in every frame. So
-    the sigma of such a limb comes from this frame alone, the joint ranges and the time since the limb was seen
-    (unseen_s as in ``vague_belief``).
+    These are limbs that point at a camera and that no camera sees from the side, and hidden limbs. Earlier frames have
+    the same error, but the posterior treats them as independent. For example, the assumption that a foot stands must
+    count once, not in every frame. So the sigma of such a limb comes from this frame alone, the joint ranges and the
+    time since the limb was seen (unseen_s as in ``vague_belief``).
     """
     posed = pose_points(body, pose)
     joints = body.mesh.joints(posed.transforms)
@@ -256,7 +262,7 @@ def frame_alone_sigma(
     if not mine.any():
         return sigma_m
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
-    if hidden is not None:  # without parts that have nodes nearby, since the readings show them
+    if hidden is not None:  # nodes near a hidden part do not show it
         rows = rows.where(~hidden.ravel()[segment_of_points(body.points)[rows.point]])
     known = vague_belief(pose, unseen_s).information
     spread = _spread_by_frame(body, pose, rows, known, MORE_ALIKE * config.rows_per_observation)
@@ -268,11 +274,10 @@ def frame_alone_sigma(
 
 
 def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
-    """Return whether a limb points at a camera that nothing hides it from, and no camera sees its part beyond elbow or
+    """Return whether a limb points at a camera from which nothing hides it, and no camera sees its part beyond elbow or
     knee from the side.
 
-    This part need not be seen, since a limb that points at a camera may have an estimated place that is too far off to
-    count as seen.
+    The camera at which the limb points need not see this part, since the part's estimated place may be too far off.
     """
     root, far = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
     looking = [
@@ -297,8 +302,8 @@ def _spread_by_frame(
 ) -> np.ndarray:
     """Return the mean squared error (21, 3, 3) of the joints, from one frame's rows, the joint ranges and ``known``.
 
-    Together they may place a joint at a distance from its place in the pose; this distance is part of the error. known
-    (POSE_SIZE, POSE_SIZE): information about the pose from earlier frames.
+    These three may pull a joint away from its place in the pose; the distance is part of the error. known (POSE_SIZE,
+    POSE_SIZE): inverse covariance of the pose by earlier frames.
     """
     posed = pose_points(body, pose)
     prior = prior_equations(body.points, pose, (pose, known), hidden_bones(body.points, rows, rows_per_observation))
@@ -314,9 +319,10 @@ def unexplained_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased because limbs may lie on seen skin that the body does not cover.
 
-    Each uncovered piece is assigned to the limb whose skin is nearest to the piece's root. The limb's end may lie at
-    the piece's tip instead of its present place. The odds compare the likelihood that the piece would add with the
-    likelihood that the limb would lose. Elbow and knee are treated likewise, with the loss of the whole limb.
+    Each uncovered piece of surface is assigned to the limb whose skin is nearest to the piece's root. The limb's end
+    may lie at the piece's tip instead of its present place. The odds for this compare two log likelihoods: what the
+    limb would gain on the piece, and what it would lose at its present place. An elbow or knee may lie at the tip, too;
+    then the whole limb would lose its log likelihood.
     """
     posed = pose_points(body, pose)
     joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
@@ -335,8 +341,8 @@ def unexplained_sigma(
 
 
 def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()) -> frozenset[int]:
-    """Return the hands and feet (joints) whose place cameras saw past in this frame, or in an earlier frame without
-    seeing the hand or foot since then.
+    """Return the lost hands and feet (joint indices): a camera saw past their place in this frame, or did in an earlier
+    frame and no camera has seen them since. before: the lost hands and feet of the frame before.
     """
     return frozenset(
         end
@@ -352,8 +358,8 @@ def before_lost_ends(
     wrists and ankles next to them.
 
     If cameras see past the place of a hand, its forearm may have been fitted to another person's arm. So the wrist does
-    not count as observed, and its error may be half of its distance from the elbow. A hand that is hidden since then
-    has this error too, since its place is that of the wrist.
+    not count as observed, and its error may be half of its distance from the elbow. The lost hand has this error too,
+    since its place follows from the wrist's. The same holds for ankle and foot.
     """
     told, sigma = list(states), sigma_m.copy()
     for chain in CHAINS:

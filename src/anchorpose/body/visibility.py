@@ -1,4 +1,4 @@
-"""Decide, from the skin around a joint, whether cameras see the joint or what hides it; find too poor depth images."""
+"""Decide, from the skin around a joint, whether cameras see it or what hides it; find depth images of poor quality."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from anchorpose.lens import lens_array, pixel_of_ray
 
 JOINT_RADIUS_M: Final = 0.13  # m, radius around a joint in which skin counts as the joint's; half a shank
 TRUNK_RADIUS_M: Final = 0.22  # m, the same for joints of the spine, which are this far from the skin of the belly
-# share of the skin around a joint, facing one camera, that must cover seen nodes for the joint to be seen
+# a camera sees a joint if it sees at least this share of the camera-facing skin around the joint
 LEAST_SEEN: Final = 0.2
-# share of the skin around a joint outside the image; if it is larger, the joint itself counts as outside
+# if more than this share of the skin around a joint lies outside the image, the joint itself counts as outside
 MOST_OUTSIDE: Final = 0.5
-GRAZING: Final = 0.25  # minimum cosine between normal and ray; skin at a more grazing angle returns almost no depth
+GRAZING: Final = 0.25  # minimum cosine between normal and ray; skin at a more grazing angle has almost no readings
 
 _TRUNK = ("Hips", "Spine")
 _REASONS = (
@@ -41,12 +41,14 @@ _REASONS = (
 
 
 class SkinReason(IntEnum):
-    """The reading at a skin point's pixel. All kinds except the last are joint states, in the order of ``_REASONS``."""
+    """The kind of reading that a camera has at a skin point's pixel: whether it sees the point, or why not. For each
+    kind except the last, its value is the index of the corresponding joint state in ``_REASONS``.
+    """
 
     SEEN = 0  # the patient, at the depth of the point
     SELF = 1  # the patient, in front of the point
-    EQUIPMENT = 2
-    PERSON = 3
+    EQUIPMENT = 2  # equipment, at the depth of the point or in front of it
+    PERSON = 3  # another person, at the depth of the point or in front of it
     HOLE = 4  # no usable reading
     OUTSIDE = 5  # the point lies outside the image
     PAST = 6  # the camera sees past the point: the reading lies farther away
@@ -68,7 +70,9 @@ def projection_of(camera: Camera) -> Projection:
 
 @cache
 def skin_around_joints(points: SkinPoints) -> tuple[np.ndarray, ...]:
-    """Return, for each joint, the skin points within its radius at rest that belong to the body parts joined there."""
+    """Return, per joint, the skin points around it at rest, on the body parts that meet there; a joint's visibility is
+    decided by them.
+    """
     asset: BodyAsset = points.asset
     body = shape_body(asset, np.zeros(1))
     place = body.vertices[points.vertex]
@@ -90,12 +94,12 @@ def joint_states(
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> tuple[JointState, ...]:
-    """Return the state of each of the 21 joints: observed if any camera sees it, else the reason why most of the skin
-    around it is hidden.
+    """Return the state of each of the 21 joints: observed if any camera sees it, else the most frequent reason why the
+    skin around it is hidden.
 
     covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin at the
     patient's pixels that covers no node, such as an arm inside the trunk, is behind the seen surface. A joint is lost
-    if cameras see past most of the skin around it and do not see the patient there: it is not where the pose puts it.
+    if cameras see past most of the skin around it and do not see the patient there.
     """
     votes = np.zeros((JOINT_COUNT, SkinReason.PAST + 1))
     observed, possible = np.zeros(JOINT_COUNT, dtype=bool), np.zeros(JOINT_COUNT, dtype=bool)
@@ -117,7 +121,7 @@ def joint_states(
             possible[joint] |= counts[SkinReason.SEEN] + behind[towards].sum() >= LEAST_SEEN * len(towards)
             votes[joint] += counts / len(towards)
     votes[:, SkinReason.SEEN] = 0.0
-    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has a frame
+    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has an image: as at a hole
     misfit = ~possible & (votes[:, SkinReason.PAST] > votes[:, : SkinReason.PAST].sum(axis=1))
     reasons = [_REASONS[vote[: SkinReason.PAST].argmax()] for vote in votes]
     states = [JointState.OBSERVED if seen else why for seen, why in zip(observed, reasons, strict=True)]
@@ -226,13 +230,13 @@ class PoorKind(StrEnum):
     """The kind of defect that makes a camera's depth images poor."""
 
     EDGES = "edges"  # edges blurred by filters, or by pixels as wide as a limb
-    STEPS = "steps"  # steps between neighbouring readings
-    HOLES = "holes"
+    STEPS = "steps"  # coarse steps from one possible depth value to the next
+    HOLES = "holes"  # readings missing on most of the patient's skin
 
 
 @dataclass(frozen=True, slots=True)
 class PoorDepth:
-    """The reason why one camera's depth image of a frame is too poor for joints."""
+    """The reason why one camera's depth image of a frame is too poor to find joints."""
 
     camera: str
     kind: PoorKind
@@ -242,8 +246,8 @@ class PoorDepth:
 
     @property
     def resolves_limbs(self) -> bool:
-        """Return whether the existing readings resolve limbs. They do in spite of holes: only joints at holes become
-        hidden.
+        """Return whether the readings that exist resolve limbs. If holes are the only defect, they do: only joints at
+        holes become hidden.
         """
         return self.kind is PoorKind.HOLES
 
@@ -269,7 +273,7 @@ def poor_depth(
     """Return, per camera, why its depth image of the patient is too poor for joints; None if it is good enough or does
     not show the patient.
 
-    posed: the body in its found pose. details: one per camera, None without a depth image of the frame.
+    posed: the body in its registered pose. details: one per camera, None without a depth image of the frame.
     """
     return tuple(
         None if view is None or detail is None else _of_camera(posed, view, camera, detail, reach_m)

@@ -29,7 +29,7 @@ class PoseSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoseFigure:
-    """A number that states how well a pose fits."""
+    """A number that states how well a pose fits; what: name of this number, for users."""
 
     what: str
     value: float
@@ -38,8 +38,8 @@ class PoseFigure:
 
 @dataclass(frozen=True, slots=True)
 class PoseRecord:
-    """The record of a camera's pose. sigma_m: sigma of the equipment's position relative to the camera; sigma_rad:
-    sigma of its direction; None if unknown.
+    """The record of a camera's pose. sigma_m: standard deviation of the equipment's position relative to the camera
+    (for a pose from markers: of the camera's position); sigma_rad: standard deviation of the rotation; None if unknown.
     """
 
     camera: str
@@ -52,7 +52,7 @@ class PoseRecord:
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorResidual:
     """The quality of a camera's view of the floor: the camera's name, the root-mean-square residual of the plane, the
-    share of readings on it, its tilt against Y of the world.
+    share of readings on the plane, the plane's tilt against Y of the world.
     """
 
     camera: str
@@ -72,8 +72,9 @@ class DoubtSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoseDoubt:
-    """A doubt about camera poses, as one sentence. off_m: displacement of the seen surfaces, NaN where unknown;
-    refuted: True if noise and the accuracy of a tape measure do not explain it, so that tracking is refused.
+    """A doubt about camera poses, as one sentence. off_m: how far the poses displace the surfaces that the cameras see,
+    NaN where unknown; refuted: True if noise and the accuracy of a tape measure do not explain it, so that tracking is
+    refused.
     """
 
     source: DoubtSource
@@ -87,8 +88,8 @@ class PoseDoubt:
 class Calibration:
     """The calibrated cameras. cameras: all cameras, each with a pose; floor_height_m: Y of the floor in the world, None
     if no camera sees it; notes: assumptions, one sentence each, for the run's report; poses: one record per camera;
-    doubts: contradictions of poses; displaced_m: measured displacement of the patient between the cameras, which is
-    part of every joint's error.
+    doubts: one per contradiction between a pose and what the cameras see; displaced_m: measured displacement of the
+    patient between the cameras, which is part of every joint's error.
     """
 
     cameras: tuple[Camera, ...]
@@ -126,9 +127,7 @@ def write_calibration(folder: Path, recording: str, calibration: Calibration) ->
 
 
 def calibration_rows(calibration: Calibration) -> list[tuple[str, ...]]:
-    """Return one row of texts per camera: name, method, sigma in mm and degrees, rms of surface (mm) and outline
-    (px).
-    """
+    """Return texts, a row per camera: name, method, sigma in mm and degrees, rms residuals in mm and px."""
     rows: list[tuple[str, ...]] = []
     for pose in calibration.poses:
         figures: dict[str, Any] = {figure.unit: figure.value for figure in reversed(pose.figures)}

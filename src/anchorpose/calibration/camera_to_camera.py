@@ -1,10 +1,10 @@
 """Find the poses of cameras relative to each other where only people and the floor are known.
 
 Each camera's floor gives its tilt and height. The rotation about the vertical and the shift over the floor come from
-people in common view: first from their places over time (``search_ground``), then from their surfaces at the same
-moments (``common_view``). Walls and floor are not fitted. With them, the error on simulated clinics was 5 mm
-instead of 2 mm, since the systematic error of a time-of-flight camera bends large distant planes. A shift along a wall
-cannot be seen either.
+the people that two cameras see: first from their places over time (``search_ground``), then from their surfaces at the
+same moments (``common_view``). Walls and floor are not fitted: a shift along a wall cannot be seen, and with them the
+error on simulated clinics was 5 mm instead of 2 mm, since the systematic error of a time-of-flight camera bends large
+distant planes.
 """
 
 from __future__ import annotations
@@ -26,26 +26,30 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of, pair_
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
-# s, minimum duration of a recording; in a shorter one, people walk too little, and 4 s once gave a wrong placement
+# s, minimum duration of a recording; in a shorter one, people walk too little: 4 s once gave a wrong placement
 LEAST_SPAN_S: Final = 8.0
 PLACES: Final = 8  # number of search results that are refined; the correct result was always among the first three
-# maximum share of one camera's people that lies beside the other camera's; for correct placements it was 0.01 to 0.06
+# maximum share of one camera's points on people that lie where the other camera sees no people; correct placements had
+# 0.01 to 0.06
 WORST_IMPOSSIBLE: Final = 0.1
-LEAST_COMMON: Final = 0.3  # minimum overlap of the views; with less, no reading can contradict a wrong placement
-# m, maximum residual; correct placements had 2 or 3 mm, a front fitted to a back had 11 mm
+# minimum share of one camera's points on people that lie inside the other camera's image; with less, nothing
+# contradicts a wrong placement
+LEAST_COMMON: Final = 0.3
+# m, maximum residual of fitted surfaces; correct placements had 2 or 3 mm, a body's front fitted to a back had 11 mm
 WORST_RESIDUAL_M: Final = 0.008
 WORST_SIGMA_M: Final = 0.005
 WORST_SIGMA_RAD: Final = 0.0052  # rad, maximum sigma of the rotation: 0.3 degrees
-ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0  # factors on the limits above while the clocks are known only to 50 ms
+# factors on the limits of residual and sigma while the clocks are known only to 50 ms
+ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0
 DISTINCT_M: Final = 0.05  # m; placements that are farther apart are different placements
 
 CELL_M: Final = 0.1
 MAPPED_MOMENTS: Final = 12  # number of moments that are drawn into the maps of the ground; more add nothing
-REACH_M: Final = 6.0  # m, maximum distance from each camera; farther away, depth cameras see little
+REACH_M: Final = 6.0  # m, maximum distance of mapped points from their camera; farther away, depth cameras see little
 BLUR_M: Final = 0.12  # m, blur of the maps, since two cameras see different sides of a body
-TURNS: Final = 120  # number of directions tried; at 5 m, a step of 3 degrees moves a person by half a body's breadth
-BODY_M: Final = 0.1  # m, approximate distance from visible skin to the middle of a trunk
-LOW_M, HIGH_M = 0.2, 2.2  # m, range of heights that are used: above the floor's noise, below the ceiling
+TURNS: Final = 120  # number of yaw angles tried; at 5 m, a step of 3 degrees moves a person by half a body's breadth
+BODY_M: Final = 0.1  # m, approximate depth of the middle of a trunk behind its visible skin
+LOW_M, HIGH_M = 0.2, 2.2  # m, range of heights of mapped points: above the floor's noise, below the ceiling
 APART_RAD, APART_M = 0.35, 0.4  # rad and m; search results that differ by less than both limits are the same placement
 
 
@@ -59,7 +63,7 @@ class PlacingConfig:
 
 class NoCameraToCamera(StrEnum):
     """The reason why cameras could not be placed relative to each other. It is a result and not an error: in an empty
-    room, cameras have nothing in common.
+    room, there are no people to compare.
     """
 
     NO_FLOOR = "a camera sees no floor"
@@ -82,8 +86,8 @@ class CameraLink:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraToCamera:
-    """The poses of all cameras, T_first_camera (4, 4) each, where the first is the identity; links: one for every other
-    camera.
+    """The poses of all cameras, T_first_camera (4, 4) each, where the first is the identity; links: one for each camera
+    except the first.
     """
 
     T_first_camera: tuple[np.ndarray, ...]
@@ -95,9 +99,9 @@ def find_camera_to_camera(
 ) -> CameraToCamera | NoCameraToCamera:
     """Find every camera's pose relative to the first camera's, from frames of ``recording`` with synchronised clocks.
 
-    floors: one per camera. Cameras that share little with the first camera are placed through another camera.
-    rough_clocks: whether the clocks are known only to 50 ms. Then worse fits are accepted, since these poses only serve
-    to compare the clocks.
+    floors: one per camera. A camera whose view shares too little with the first camera's is placed relative to another
+    placed camera. rough_clocks: whether the clocks are known only to 50 ms. Then worse fits are accepted, since the
+    poses found then serve only to compare the clocks.
     """
     planes = [floor for floor in floors if isinstance(floor, FloorPlane)]
     if len(planes) < len(floors):
@@ -154,7 +158,7 @@ def _common_frames(recording: Recording, moments: int) -> list[FrameSet]:
 
 
 def _place(first: LevelView, second: LevelView, rough_clocks: bool) -> SurfaceFit | NoCameraToCamera:
-    """Place the second camera relative to the first, or return why not."""
+    """Place the second camera relative to the first, or return why this is impossible."""
     to_first = invert_rigid(first.T_level_camera)
     fits = [
         fit
@@ -186,7 +190,7 @@ def _is_accurate(fit: SurfaceFit, rough_clocks: bool) -> bool:
 
 def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
     """Return the ``PLACES`` best distinct placements, best first, each T_first_second (4, 4) between the level frames
-    of the two views.
+    of the two views (``LevelView``).
 
     If the floor is known, the pose between two cameras is a rotation about the vertical and a shift over the floor. For
     every rotation, maps of the ground are correlated over all shifts at once: one map of the people per moment, and one
@@ -195,7 +199,8 @@ def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
     maps = _maps(first, 0.0)
     size = next_fast_len(2 * maps.shape[1])
     spectra = rfft2(maps, s=(size, size))
-    weight = np.array([1.0 / max(1, len(maps) - 1)] * (len(maps) - 1) + [0.5])  # the room, last, has half of the weight
+    # the room's map, the last, weighs half as much as all maps of people
+    weight = np.array([1.0 / max(1, len(maps) - 1)] * (len(maps) - 1) + [0.5])
     found: list[tuple[float, float, float, float]] = []
     for turn in np.arange(TURNS) * 2.0 * np.pi / TURNS:
         other = rfft2(_maps(second, float(turn)), s=(size, size))
@@ -209,7 +214,9 @@ def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
 
 
 def _maps(view: LevelView, turn: float) -> np.ndarray:
-    """Return maps (moments + 1, cells, cells) float32 of unit norm: people at each moment and, last, the room."""
+    """Return maps (moments + 1, cells, cells) float32 of unit norm, turned by ``turn``: people per moment, then the
+    room.
+    """
     T, every = view.T_level_camera, -(-len(view.seen) // MAPPED_MOMENTS)
     moments = [_deeper(transform_points(T, seen.points_m[seen.person])) for seen in view.seen[::every]]
     still = np.concatenate([transform_points(T, seen.points_m[~seen.person]) for seen in view.seen[:1]])
@@ -248,7 +255,7 @@ def _placement(turn: float, shift_x_m: float, shift_z_m: float) -> np.ndarray:
 
 
 def _erase(score: np.ndarray, row: int, column: int) -> None:
-    """Erase a peak, in place."""
+    """Set the scores around a peak to -inf, in place, so that the next maximum is another peak."""
     reach = int(2 * APART_M / CELL_M)
     rows, columns = (np.arange(centre - reach, centre + reach + 1) % len(score) for centre in (row, column))
     score[np.ix_(rows, columns)] = -np.inf

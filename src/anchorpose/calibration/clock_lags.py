@@ -1,9 +1,10 @@
-"""Measure the lags between the cameras' clocks: roughly from signals of motion, then precisely from shared surfaces.
+"""Measure the lags between the cameras' clocks: roughly from signals of motion, then precisely from surfaces.
 
-Cameras see different sides of a body, so they see a movement with different size, but at the same time. The signal of
-motion is the change of depth, summed in bands of height over the floor. It needs neither poses, nor a background, nor a
-detection of people. But lags from signals are off by 10 to 60 ms, because cameras on different sides see different
-parts of a movement. Surfaces are precise, but with them alone every lag would have to be tried on full depth frames.
+Cameras see different sides of a body, so a movement looks larger to one than to another, but they see it at the same
+time. The signal of motion is the change of depth, summed in bands of height over the floor. It needs neither poses, nor
+a background, nor a detection of people. But lags from signals are off by 10 to 60 ms, because cameras on different
+sides see different parts of a movement. Lags from surfaces are precise, but without signals every possible lag would
+have to be tried on full depth frames.
 """
 
 from __future__ import annotations
@@ -23,25 +24,26 @@ from anchorpose.recording.depth_image import RecordedFrames
 
 # m, edges of the height bands; the floor is below them, and nobody reaches above them
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)
-FAR_JUMP_M: Final = 0.08  # m, maximum change within three frames; with more, another surface appears
+# m; a larger change of depth within three frames is reduced to this, since it means that another surface has appeared
+FAR_JUMP_M: Final = 0.08
 # pixels; every fourth pixel of every fourth row is used, which still leaves 900 pixels of a body
 SIGNAL_STEP_PX: Final = 4
 NOISE_GATE: Final = 4.0  # sigmas of the difference of two readings; smaller changes are noise
-SMOOTH_S: Final = 0.1  # s, width of smoothing, two frames at 15 Hz; limbs start and stop in 0.2 s
+SMOOTH_S: Final = 0.1  # s, sigma of the Gaussian that smooths a signal; limbs start and stop in 0.2 s
 LEAST_OVERLAP_S: Final = 1.5  # s, minimum overlap of two signals, which is the duration of one movement
-# minimum overlap as a share of the shorter signal; with less, chance agrees as well as truth
+# minimum overlap as a share of the shorter signal; with less, wrong lags correlate by chance as well as the correct lag
 LEAST_OVERLAP: Final = 0.6
 PEAKS_APART_S: Final = 0.4  # s, minimum distance between two peaks of the correlation; nearer peaks count as one
 # minimum correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
 LEAST_PEAK: Final = 0.4
-CERTAIN_LEAD: Final = 2.0  # factor on the second peak; a lag with a higher peak is accepted without a check by surfaces
+CERTAIN_LEAD: Final = 2.0  # a lag with a peak this many times the second peak is accepted without a check by surfaces
 PEAKS: Final = 4  # number of peaks that are checked by surfaces if none is certain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionSignal:
-    """A camera's motion over time. time_s (n,): times on its clock; speed (n, bands): square root of the sum over each
-    band of area times speed of the change of depth.
+    """A camera's motion over time. time_s (n,): times on its clock; speed (n, bands): square root of the sum, over the
+    pixels in each band of height, of area times rate of change of depth.
     """
 
     time_s: np.ndarray
@@ -60,7 +62,7 @@ class SignalLag:
 
     @property
     def is_certain(self) -> bool:
-        """Return whether the peak stands out enough to be accepted alone."""
+        """Return whether the peak stands out enough for its lag to be accepted without a check by surfaces."""
         return self.peak >= max(LEAST_PEAK, CERTAIN_LEAD * self.second)
 
 
@@ -118,7 +120,7 @@ def _bands(rays: np.ndarray, depth_m: np.ndarray, level: FloorPlane | None) -> n
 
 
 def _changes(signal: MotionSignal, step_s: float) -> np.ndarray:
-    """Return the smoothed rate of change (m, bands) on an even grid that starts with the signal."""
+    """Return the rate of change (m, bands) of the smoothed signal, in even steps of ``step_s`` from its start on."""
     grid = np.arange(signal.time_s[0], signal.time_s[-1], step_s)
     even = np.stack([np.interp(grid, signal.time_s, band) for band in signal.speed.T], axis=1)
     rate: np.ndarray = gaussian_filter1d(even, SMOOTH_S / step_s, axis=0, order=1)
@@ -136,9 +138,7 @@ def _correlation(x: np.ndarray, y: np.ndarray, shift: int, least: int) -> float:
 
 
 def _vertex(score: np.ndarray, best: int) -> float:
-    """Return the position of the peak of the parabola through the score at ``best`` and its neighbours, in steps from
-    ``best``.
-    """
+    """Return where the parabola through the score at ``best`` and its neighbours peaks, in steps from ``best``."""
     if not 0 < best < len(score) - 1 or not np.isfinite(score[best - 1 : best + 2]).all():
         return 0.0
     left, middle, right = score[best - 1 : best + 2]
@@ -148,19 +148,20 @@ def _vertex(score: np.ndarray, best: int) -> float:
 FRAMES_KEPT: Final = 300  # maximum number of frames in memory; those of a Kinect v2 take 260 MB
 MOST_AHEAD_S: Final = 5.0  # s, maximum difference of clocks that share an epoch
 MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
-BLOCK_S: Final = 12.0  # s, duration of the frames for the signals, in which people make several movements
+# s, duration of a block: the frames that give one signal of motion; people make several movements in it
+BLOCK_S: Final = 12.0
 BLOCKS: Final = 3  # number of blocks tried for the signals, the busiest first
 WINDOW_S: Final = 2.0  # s, duration of a window from whose frames surfaces are compared
 REACH_S: Final = 0.12  # s, maximum error of a lag from signals; the largest error found was half of it
-# s, systematic error of a window; an error of the sensor of 1 mm causes it at a speed of 1 m/s
+# s, systematic error of a window's lag; an error of the sensor of 1 mm causes it at a speed of 1 m/s
 SYSTEMATIC_S: Final = 0.001
-LEAST_WINDOWS: Final = 2  # minimum number of windows that must agree if the signals are not certain
+LEAST_WINDOWS: Final = 2  # minimum number of windows whose lags must agree, unless the signals are certain
 LEAST_FRAMES: Final = 8  # minimum number of frames in a window, which corresponds to 4 Hz
 
 DRIFT_SIGMA: Final = 1e-4  # s/s, standard deviation of a drift; a quartz clock is accurate to 100 parts in a million
-PLACES: Final = 4  # number of times sampled in each tenth of the recording, to find the largest movement
+PLACES: Final = 4  # number of moments per tenth of a recording that are searched for the one with most movement
 STEP_PX: Final = 8  # pixels; every eighth pixel of every eighth row suffices to measure the amount of movement
-APART_S: Final = 0.2  # s, time between the two frames that are compared
+APART_S: Final = 0.2  # s, time between the two frames whose difference measures movement
 # m, limits of a change of depth that counts; a smaller change is noise, with a larger change another surface appears
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
@@ -184,7 +185,7 @@ class FrameCache:
         return self.source.times_s
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
-        """Return a depth frame (height, width) float32 in metres, or None."""
+        """Return a depth frame (height, width) float32 in metres; None if it is unusable."""
         if (camera, position) not in self.kept:
             self.read_count += 1
             if len(self.kept) >= FRAMES_KEPT:
@@ -229,8 +230,8 @@ REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the first camera relative to
 
 
 def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
-    """Return, for each part of the recording, (reference time, amount of movement in m^3) at the time with most
-    movement.
+    """Return, for each of ``windows`` equal parts of the recording, the reference time with most movement, and its
+    amount (m^3).
 
     Each part of ``span_s`` is sampled at ``PLACES`` times, with two frames each; a part without frames has no entry.
     """
@@ -266,8 +267,8 @@ def _motion(frames: FrameCache, time_s: float) -> float:
 def rough_lags(
     frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
-    """Return the lag of each camera from signals, None if no lag is found. Surfaces decide between a certain lag and
-    the lag by the time stamps or, if no lag is certain, among the best lags.
+    """Return the lag of each camera from signals, None if no lag is found. If no lag is certain, surfaces decide among
+    the best lags. If a certain lag contradicts the time stamps, surfaces decide between the two.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
@@ -305,15 +306,15 @@ def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
 
 
 def _from_stamps(frames: FrameCache, camera: int) -> list[RoughLag]:
-    """Return the lag by the time stamps, if they share an epoch with the reference clock."""
+    """Return the lag that the time stamps claim, which is 0, if they may count from the reference clock's epoch."""
     around_s, _ = _guesses(frames.times_s[0], frames.times_s[camera])[0]
     at_s = float(frames.times_s[0][len(frames.times_s[0]) // 2])
     return [RoughLag(0.0, at_s)] if around_s == 0.0 else []
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
-    """Return (lag, largest error) pairs to search around: one for clocks that share an epoch, one for recorders that
-    were started together.
+    """Return (lag, largest error) pairs to search around: one for clocks that share an epoch, unless their times hardly
+    overlap, and one for recorders that were started together.
     """
     common_s = min(reference_s[-1], other_s[-1]) - max(reference_s[0], other_s[0])
     together = (float(other_s[0] - reference_s[0]), MOST_LATE_S)
@@ -324,7 +325,7 @@ def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, 
 def _best_lags(
     frames: FrameCache, camera: int, at_s: float, reference: MotionSignal, level: FloorPlane | None
 ) -> list[SignalLag]:
-    """Return the best lags around each guess, the best first."""
+    """Return the best lags around each lag of ``_guesses``, the best first."""
     found: list[SignalLag] = []
     for around_s, reach_s in _guesses(frames.times_s[0], frames.times_s[camera]):
         signal = _block_signal(frames, camera, at_s + around_s, BLOCK_S / 2 + reach_s, level)
@@ -364,8 +365,8 @@ def _best_by_surfaces(
 
 
 def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
-    """Return the lags of all pairs of posed cameras in every window. Rough lags are subtracted, since times may count
-    from 1970 and would lose digits.
+    """Return the lags of all pairs of posed cameras in every window. Each is stored relative to the pair's rough lag:
+    if times count from 1970, the full lag may be so large that it would lose digits.
     """
     lags = []
     for at_s in times_s:
@@ -385,8 +386,8 @@ def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Seq
 
 
 def _clip(frames: FrameCache, camera: int, at_s: float, rough: RoughLag | None) -> Clip | None:
-    """Return a camera's frames of a window, extended by the error of its clock; None with too few frames, without a
-    rough lag or without a pose.
+    """Return a camera's frames of a window, extended at both ends by the possible error of its rough lag; None with too
+    few frames, without a rough lag or without a pose.
     """
     if rough is None or frames.cameras[camera].T_world_camera is None:
         return None

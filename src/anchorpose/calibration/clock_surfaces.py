@@ -3,7 +3,7 @@
 A point that camera A saw at time t is projected into camera B at time t + lag. B's reading at this pixel, interpolated
 in time, differs from the depth of the point in B by the error of the lag times the rate at which the depth changes.
 Tens of thousands of such residuals give the lag, by least squares, to below a millisecond. Errors of poses, sensors or
-clothes do not bias it, because the mean of each patch of the depth image is subtracted first.
+clothes do not bias the lag, because the mean residual of each patch of the depth image is subtracted first.
 """
 
 from __future__ import annotations
@@ -19,23 +19,25 @@ from anchorpose.calibration.common_view import NORMAL_PX, SurfaceGates, huber_we
 from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
-UNITS_PER_M: Final = 4000.0  # units per metre in stacks; with quarters of a millimetre, 16 bits reach 16 m
+UNITS_PER_M: Final = 4000.0  # units per metre in ``Clip.stack``; in quarters of a millimetre, 16 bits reach 16 m
 SMOOTH_PX: Final = 3  # pixels, side of the smoothing window; a limb is ten pixels wide
 OPENED_PX: Final = 5  # pixels, side of the window that removes single flickering pixels, which do not show a limb
-NOISE_FRAMES: Final = 16  # number of frames from which noise is measured; the error of its median is then a quarter
+# number of frames whose median gives the noise of a pixel; this noise is then known to a quarter of its value
+NOISE_FRAMES: Final = 16
 SPREAD_FRAMES: Final = 8  # number of frames of a window in which moving pixels are searched
 
 # pixels between points on a grid, since errors of neighbouring pixels are correlated; a body still has 1700 points
 STEP_PX: Final = 3
 MOVED_M: Final = 0.01  # m, minimum movement within a clip; a smaller movement does not determine the lag
 MOVED_GATE: Final = 6.0  # minimum movement in sigmas of the noise; noise alone causes half as much in eight frames
-# m, maximum difference of depths; with more, another surface is seen, such as a hand in front of a trunk
+# m, maximum difference of two depths on one surface; with more, another surface is seen, such as a hand before a trunk
 SAME_SURFACE_M: Final = 0.05
-ONE_SURFACE_M: Final = 0.15  # m, maximum change within four frames (1.1 m/s at 30 Hz); a passing edge causes more
-LEAST_FACING: Final = 0.3  # minimum cosine between normal and ray in both cameras; flatter surfaces are imprecise
-PATCH_PX: Final = 24  # pixels, side of the patches whose mean error is subtracted; 10 cm at 2 m
+ONE_SURFACE_M: Final = 0.15  # m, maximum change of depth in four frames (1.1 m/s at 30 Hz); a passing edge causes more
+LEAST_FACING: Final = 0.3  # minimum cosine between normal and ray in both cameras; with less, readings are imprecise
+PATCH_PX: Final = 24  # pixels, side of the image patches whose mean residual is subtracted; 10 cm at 2 m
 CHUNK_S: Final = 0.25  # s; residuals within this time have correlated errors
-RATE_GATE: Final = 3.0  # minimum rate in sigmas of its noise; still surfaces add no evidence and cost time
+# minimum rate of change of depth, in sigmas of its noise; still surfaces add no evidence and cost time
+RATE_GATE: Final = 3.0
 LEAST_POINTS: Final = 400  # minimum number of residuals; a hand has fewer
 ROUNDS: Final = 12  # maximum number of Newton steps; three or four are enough
 SETTLED_S: Final = 2e-5
@@ -89,8 +91,9 @@ def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Cli
 def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
     """Return the lag within ``reach_s`` of ``around_s``; None if the cameras share too little movement.
 
-    The search begins with the best of evenly spaced lags, then takes Newton steps on the robust least squares of both
-    directions together. The standard error takes into account that errors within ``CHUNK_S`` are correlated.
+    The search begins with the best of evenly spaced lags, then takes Newton steps on robust least squares of the points
+    of both clips, each compared with the other clip. The standard error takes into account that errors within
+    ``CHUNK_S`` are correlated.
     """
     there, back = _look_up(first, second), _look_up(second, first)
     step_s = 0.5 * there.period_s
@@ -146,7 +149,7 @@ def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
     chosen = np.unique(np.linspace(1, len(depths_m) - 2, NOISE_FRAMES).astype(int))
     before, now, after = depths_m[chosen - 1], depths_m[chosen], depths_m[chosen + 1]
     second = np.where((before > 0) & (now > 0) & (after > 0), np.abs(before - 2.0 * now + after), np.inf)
-    ordered = np.sort(second.reshape(len(second), -1).T, axis=1)  # median, in a fifth of numpy's time
+    ordered = np.sort(second.reshape(len(second), -1).T, axis=1)  # for the median, in a fifth of np.median's time
     middle = (ordered[:, (len(second) - 1) // 2] + ordered[:, len(second) // 2]).reshape(second.shape[1:]) / 2.0
     noise = middle / (MAD_OF_NORMAL * np.sqrt(6.0))
     known = np.isfinite(noise)
@@ -155,8 +158,8 @@ def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
 
 
 def _range_over_time(depths_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest and the farthest smoothed depth (height, width) of each pixel in the clip; 0 where a reading
-    is missing.
+    """Return the nearest and farthest smoothed depth (height, width) of each pixel over time; 0 where a reading is
+    missing.
     """
     chosen = np.unique(np.linspace(0, len(depths_m) - 1, SPREAD_FRAMES).astype(int))
     seen = cv2.erode((depths_m[chosen] > 0).all(axis=0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
@@ -165,7 +168,7 @@ def _range_over_time(depths_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _moving(depth_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray, noise_m: np.ndarray) -> np.ndarray:
-    """Return (height, width) bool: pixels on a moving object, without the room that it uncovers."""
+    """Return (height, width) bool: pixels on a moving object, but not on the background that it uncovers."""
     changed = (high_m - low_m > np.maximum(MOVED_M, MOVED_GATE * noise_m)).astype(np.uint8)
     changed = cv2.morphologyEx(changed, cv2.MORPH_OPEN, np.ones((OPENED_PX, OPENED_PX), np.uint8))
     ahead = (high_m - low_m < ONE_SURFACE_M) | (depth_m < high_m - ONE_SURFACE_M)
@@ -197,11 +200,12 @@ def _look_up(source: Clip, target: Clip) -> _LookUp:
 
 def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return, for each point that both cameras see at this lag: its index; the target's depth minus its own (m); and
-    the rate of change of the target's depth (m/s), once from the outer and once from the inner two of four frames, so
-    that their noise is independent.
+    the rate of change of the target's depth (m/s), computed twice from four frames: from the outer two and from the
+    inner two.
 
-    The depth comes from the frames just before and after, its rate from the frames around these: common noise would
-    pull the lag towards the middle between two frames.
+    The target's depth is interpolated between the inner two frames. The rate that multiplies the difference of depths
+    is therefore the one from the outer two: if both factors had the same noise, the lag would be pulled towards the
+    middle between two frames.
     """
     target_s, pixels = look.target.time_s, look.target.stack
     wanted_s = look.source.time_s + lag_s
@@ -224,8 +228,8 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
 
 
 def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
-    """Return the mean squared residual of both directions, where larger residuals count as ``SAME_SURFACE_M``; NaN with
-    too few residuals.
+    """Return the mean squared residual of the points of both clips, each compared with the other clip; larger residuals
+    count as ``SAME_SURFACE_M``; NaN with too few residuals.
     """
     both = [_residuals(look, lag, every=4)[1] for look, lag in ((there, lag_s), (back, -lag_s))]
     residual = np.concatenate(both)
@@ -235,8 +239,8 @@ def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
 
 
 def _normal_equation(look: _LookUp, lag_s: float) -> tuple[float, np.ndarray, int]:
-    """Return the derivative by the lag of the sum of rates times residuals, the sums in each chunk of time, and the
-    number of residuals. At the true lag, the sums are uncorrelated.
+    """Return three values of the sum of weight times rate times residual: its derivative by the lag; its parts, one per
+    chunk of time (``CHUNK_S``); and the number of residuals in it. At the true lag, the parts are uncorrelated.
     """
     index, residual, rate, slope = _residuals(look, lag_s)
     same = np.abs(residual) < SAME_SURFACE_M

@@ -1,8 +1,8 @@
 """Find the clocks of all cameras from the movement in front of them.
 
-There are two steps. The amount of movement at each height (``clock_lags``) gives lags of up to several seconds to about
-a twentieth of a second, with or without poses. If the poses are known, the surfaces that two cameras both see
-(``clock_surfaces``) then give the lag to a millisecond.
+There are two steps. The amount of movement at each height (``clock_lags``) gives the lags, which may be several
+seconds, with an error of about a twentieth of a second; it needs no poses. If the poses are known, the surfaces that
+two cameras both see (``clock_surfaces``) then give the lag to a millisecond.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ OUTLIER_GATE: Final = 5.0  # standard deviations; a lag with a larger deviation 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClockFit:
     """The fitted clocks. ahead_s, drift (cameras,): how far each clock is ahead of the first camera's at the time at_s,
-    and its drift, NaN if no lag links the camera to the first; covariance (cameras, 2, 2) of both; used: the lags that
-    were not removed; residual_s: root mean square of their residuals.
+    and its drift, NaN if no lag links the camera to the first; covariance (cameras, 2, 2) of these two values; used:
+    the lags that were not removed; residual_s: root mean square of their residuals.
     """
 
     at_s: float
@@ -61,8 +61,8 @@ class ClockFit:
 def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
     """Fit all clocks at once by weighted least squares, each drift with a prior of 0 ± ``DRIFT_SIGMA``.
 
-    The worst lag is removed as long as it is more than ``OUTLIER_GATE`` deviations off. The standard errors increase
-    with the remaining scatter. Raises ValueError without lags.
+    The worst lag is removed as long as it is more than ``OUTLIER_GATE`` standard deviations off. The standard errors
+    increase with the scatter of the remaining lags. Raises ValueError without lags.
     """
     if not lags:
         raise ValueError("clocks need at least one lag")
@@ -84,9 +84,7 @@ def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
 
 
 def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
-    """Return (2 * cameras,): the derivative of the lag with respect to (ahead, drift) of each clock; 0 for the first
-    camera.
-    """
+    """Return (2 * cameras,): the derivative of the lag by (ahead, drift) of each clock; 0 for the first camera."""
     row = np.zeros(2 * cameras)
     row[2 * lag.second : 2 * lag.second + 2] = 1.0, lag.at_s - at_s
     row[2 * lag.first : 2 * lag.first + 2] = -1.0, at_s - lag.at_s
@@ -95,13 +93,13 @@ def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
 
 
 def _solve(lags: Sequence[PairLag], cameras: int, at_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return ahead and drift of all clocks (2 * cameras,) and their covariance."""
+    """Return (ahead, drift) of each clock in turn (2 * cameras,), and the covariance of these values."""
     rows = np.array([_row(lag, cameras, at_s) for lag in lags])
     weight = np.array([lag.sigma_s**-2 for lag in lags])
     information = (rows * weight[:, None]).T @ rows
     information[np.arange(1, 2 * cameras, 2), np.arange(1, 2 * cameras, 2)] += DRIFT_SIGMA**-2
     ahead = np.arange(0, 2 * cameras, 2)
-    information[ahead, ahead] += 1e-12 * (weight.max() + 1.0)  # invertible also if no lag reaches a camera
+    information[ahead, ahead] += 1e-12 * (weight.max() + 1.0)  # can be inverted even if a camera has no lag
     covariance = np.linalg.inv(information)
     covariance[:2] = covariance[:, :2] = 0.0
     return covariance @ (rows.T @ (weight * [lag.lag_s for lag in lags])), covariance
@@ -119,13 +117,16 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
 
 WINDOWS: Final = 10  # number of windows over the whole recording, since drift shows between its ends
 SPREAD: Final = 3  # step between the windows that are compared first, so that these windows span the recording
-CONFIRMING: Final = 4  # number of windows whose lags show whether the time stamps are correct to a tenth of a second
-AGREEING: Final = 0.75  # minimum share of the compared windows, and of their lags, that must agree
-APART_S: Final = 0.01  # s, maximum scatter of lags that agree, a sixth of the time between frames at 15 Hz
-# s, sigma at both ends of the recording at which no more windows are needed; a limb at 0.5 m/s moves 1 mm in it
+# number of windows compared first; their lags show whether the time stamps are correct to a tenth of a second
+CONFIRMING: Final = 4
+# minimum share of the compared windows that give a lag, and of all lags that agree with the fitted clocks
+AGREEING: Final = 0.75
+APART_S: Final = 0.01  # s, maximum rms residual of lags that agree, a sixth of the time between frames at 15 Hz
+# s; a clock's sigma below this at both ends of the recording is enough: a limb at 0.5 m/s moves 1 mm in this time
 ENOUGH_S: Final = 0.002
 SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the lags from signals on simulated clinics
-WORST_SIGMA_S: Final = 0.008  # s, maximum accepted sigma at both ends, half of the usual time between paired frames
+# s, maximum accepted sigma of a clock at both ends of the recording: half of the usual time between two paired frames
+WORST_SIGMA_S: Final = 0.008
 # number of frames whose median replaces a missing background, since the median shows few people
 FLOOR_FRAMES: Final = 9
 
@@ -173,8 +174,8 @@ class CameraClock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clocks:
-    """All cameras' clocks, the reference first; residual_s: root-mean-square difference between measured lags and
-    clocks, None without lags; frames_read: number of depth frames read for the estimate.
+    """All cameras' clocks, the reference first; residual_s: root-mean-square difference between the measured lags and
+    the lags by these clocks, None without lags; frames_read: number of depth frames read for the estimate.
     """
 
     cameras: tuple[CameraClock, ...]
@@ -183,7 +184,7 @@ class Clocks:
 
     @property
     def clocks(self) -> tuple[Clock, ...]:
-        """Return the clocks to use."""
+        """Return the clock to use for each camera."""
         return tuple(camera.clock for camera in self.cameras)
 
 
@@ -207,9 +208,7 @@ def clocks_of_results(cameras: Sequence[Camera], known: Mapping[str, Clock]) -> 
 
 
 def _level(frames: RecordedFrames, index: int) -> FloorPlane | None:
-    """Return the plane Y = 0 of the world if the camera has a pose, else the floor that it sees; None without
-    either.
-    """
+    """Return the plane Y = 0 of the world if the camera has a pose, else the floor that it sees, else None."""
     camera, recording = frames.cameras[index], frames.recording
     if camera.T_world_camera is not None:
         return level_of_pose(camera.T_world_camera)
@@ -246,7 +245,7 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
         lags = fine_lags(frames, rough, first_s)
     if not _is_confirmed(
         lags, count, len(first_s)
-    ):  # the time stamps come from different clocks, or too little moves in common view
+    ):  # not confirmed: the time stamps are from different clocks, or too little moves in common view
         rough = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
         lags = fine_lags(frames, rough, first_s)
     fit = _fit(frames, rough, lags, times_s[CONFIRMING:], span_s)
@@ -255,8 +254,8 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
 
 
 def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
-    """Return whether the lags of the first windows confirm the rough lags; if the rough lags are wrong, these lags
-    scatter.
+    """Return whether the lags of the first windows confirm the rough lags; if the rough lags are wrong, the windows'
+    lags scatter.
 
     tried: number of windows in which lags were searched; a short recording has two.
     """
@@ -280,9 +279,7 @@ def _fit(
     left_s: Sequence[float],
     span_s: tuple[float, float],
 ) -> ClockFit | None:
-    """Fit the clocks to the lags of the first windows. While they are not accurate enough, add remaining windows. None
-    without lags.
-    """
+    """Fit the clocks to the lags of the first windows; add windows until the clocks are accurate. None without lags."""
     fit = fit_clocks(lags, len(rough)) if lags else None
     for at_s in left_s:
         if fit is not None and _agree(fit, lags):
@@ -306,9 +303,7 @@ def _reference(cameras: Sequence[Camera]) -> CameraClock:
 def _camera_clock(
     index: int, name: str, rough: RoughLag | None, fit: ClockFit | None, span_s: tuple[float, float]
 ) -> CameraClock:
-    """Return the fitted clock if it is accurate, else the clock from signals if it is certain, else the unchanged
-    clock.
-    """
+    """Return the fitted clock if it is accurate, else the clock by a certain rough lag, else the unchanged clock."""
     lags = sum(index in (lag.first, lag.second) for lag in fit.used) if fit is not None else 0
     if fit is not None and rough is not None and np.isfinite(fit.ahead_s[index]):
         sigma_s = max(fit.sigma_s(index, time_s) for time_s in span_s)
@@ -320,7 +315,7 @@ def _camera_clock(
     if rough is None or not rough.certain:
         doubt = NoClock.UNSURE if lags or rough is not None else NoClock.NO_MOTION
         return CameraClock(name, Clock(), ClockSource.KEPT, lags=lags, doubt=doubt)
-    if abs(rough.lag_s) < 3.0 * SIGNAL_SIGMA_S:  # nothing contradicts its time stamps
+    if abs(rough.lag_s) < 3.0 * SIGNAL_SIGMA_S:  # 0 is within the error of the lag: nothing contradicts the time stamps
         return CameraClock(name, Clock(), ClockSource.KEPT, lags=lags, doubt=NoClock.UNSURE)
     clock = Clock(ahead_s=rough.lag_s, at_s=rough.at_s)
     return CameraClock(name, clock, ClockSource.SIGNALS, SIGNAL_SIGMA_S, None, lags)

@@ -1,12 +1,12 @@
-"""Compare the people that two cameras see at the same moments, to find the pose between the cameras, or how far the
-surfaces disagree.
+"""Compare the people that two cameras see at the same moments, to find the pose between the cameras, or how far apart
+they show the same surfaces.
 
 The pose is refined by point-to-plane least squares with projective association in both directions (Chen and Medioni
 1992, doi:10.1016/0262-8856(92)90066-C).
 
-To find a disagreement, room and people are used together: floor and walls determine tilt and height, people determine
-the shift along them. Room and people each have half of the weight, so that a large room does not decide alone. A wrong
-focal length displaces the far ends of a room, but not the people.
+To find this distance, room and people are used together: floor and walls determine tilt and height, people determine
+the shift along floor and walls. Room and people each have half of the weight, so that a large room does not decide
+alone. A wrong focal length displaces the far ends of a room, but not the people.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ SURFACE_STEP_M: Final = 0.07  # m, maximum depth difference between neighbours o
 NORMAL_PX: Final = 2  # pixels, distance of the neighbours from which a normal is computed
 # pixels, width of the rim around people: 2 cm at 2 m, the movement of a limb in the 30 ms between two frames
 RIM_PX: Final = 7
-# m, maximum distance of paired points in each step; the initial poses are off by at most 0.3 m
+# m, maximum distance of paired points in each iteration; the initial poses are off by at most 0.3 m
 GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
-WORST_CONDITION: Final = 1e9  # maximum condition number; beyond it, the data leave a rotation or a shift undetermined
+WORST_CONDITION: Final = 1e9  # maximum condition number of the fit; beyond it, a rotation or a shift is undetermined
 SAME_WAY: Final = 0.8  # minimum cosine between the normals of one surface in two cameras
-HUBER: Final = 1.5  # robust deviations beyond which residuals lose weight
+HUBER: Final = 1.5  # robust standard deviations; larger residuals lose weight
 LEAST_PAIRS: Final = 200  # minimum number of pairs of points; a hand has fewer
 
 
 class SurfaceGates(NamedTuple):
-    """Limits for pixels with a normal: maximum depth step between neighbours, minimum cosine between normal and ray."""
+    """Limits for pixels whose normal is used: maximum depth step to neighbours, minimum cosine of normal and ray."""
 
     step_m: float
     least_facing: float
 
 
-# limits for pixels with a normal; flatter surfaces are too noisy
+# limits for pixels whose normal is used; on surfaces seen at a flatter angle, normals are too noisy
 GATES: Final = SurfaceGates(2.0 * SURFACE_STEP_M, 0.25)
 
 
@@ -75,10 +75,11 @@ class LevelView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceFit:
-    """The fitted pose T_first_second (4, 4) between camera frames. residual_m: robust deviation from point to plane;
-    impossible: share of one camera's people that lie where the other camera sees no people, for the worse of the two
-    cameras; common: share that lies inside the other camera's depth image, for the worse of the two; sigma_m,
-    sigma_rad: standard errors of position and rotation if moments are independent.
+    """The fitted pose T_first_second (4, 4) between camera frames. residual_m: robust standard deviation of the
+    distances from point to plane; impossible: share of one camera's points on people that lie where the other camera
+    sees no people; common: share of these points inside the other camera's depth image; both shares are computed from
+    the first to the second camera and back, and the worse value is stored; sigma_m, sigma_rad: standard errors of
+    position and rotation, if the errors of different moments are independent.
     """
 
     T_first_second: np.ndarray
@@ -138,9 +139,7 @@ def _people(depth_m: np.ndarray, room_m: np.ndarray) -> np.ndarray:
 
 
 def _surface_points(camera: Camera, smooth_m: np.ndarray, room_m: np.ndarray, step_px: int) -> Seen:
-    """Return the points with normals on a grid of every ``step_px``-th pixel, where the surface is smooth and faces the
-    camera.
-    """
+    """Return points with normals at every ``step_px``-th pixel, where the surface is smooth and faces the camera."""
     height, width = (
         slice(NORMAL_PX, camera.height - NORMAL_PX, step_px),
         slice(NORMAL_PX, camera.width - NORMAL_PX, step_px),
@@ -215,8 +214,8 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
 
 
 def outside_silhouette(target: LevelView, source: LevelView, T_target_source: np.ndarray) -> tuple[float, float]:
-    """Return two shares of the source's points on people: the share at pixels where the target has a reading but no
-    people, and the share inside the target's depth image.
+    """Return two shares of the source's points on people: of those where the target has a reading, the share where it
+    sees no people; of all, the share inside the target's depth image.
     """
     outside = readings = inside = total = 0
     for depth, people, seen in zip(target.depths_m, target.people, source.seen, strict=True):
@@ -262,8 +261,8 @@ def paired_rows(
     """
     points, there, normal, moment = _pairs(first, second, T_first_second, gate_m)
     back, seen, back_normal, back_moment = _pairs(second, first, invert_rigid(T_first_second), gate_m)
-    # rows of the second frame are rotated into the first; they are about the first camera's points, so the sign is
-    # reversed
+    # The pairs with the second camera as the target are moved into the first camera's frame. In them the pose moves the
+    # target and not the source, so the sign of the derivative is reversed.
     here, seen = transform_points(T_first_second, back), transform_points(T_first_second, seen)
     turned = back_normal @ T_first_second[:3, :3].T
     rows = np.hstack([np.cross(points, normal), normal]), -np.hstack([np.cross(seen, turned), turned])
@@ -279,29 +278,31 @@ def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.asarray(motion @ T)
 
 
-DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)  # a wrong lens leaves 5 cm
+# m, maximum distance of paired points in each iteration; with wrong intrinsics, points stay 5 cm apart to the end
+DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)
 ROOM_PX, PEOPLE_PX = 6, 3  # pixels, grid steps: every sixth pixel for the room, every third pixel for people
 LEAST_SURFACE_PAIRS: Final = 500
-# minimum ``_support``; with less, correct poses seemed 26 and 32 mm off, with more up to 9; without people it is often
-# 0.001
+# minimum result of ``_support`` for a displacement to be stated. With less, correct poses seemed to displace surfaces
+# by 26 and 32 mm, with more by at most 9 mm. Without people in view, the result is often 0.001.
 LEAST_SUPPORT: Final = 0.02
 STEP_M, STEP_RAD = 0.1, 0.2  # m and rad: standard deviations that damp each step in undetermined directions
-# m, maximum distance between compared surfaces, for a motion and for the given pose; at larger distances they are
-# different
+# m, maximum distance of paired points that count in the misfit, of the fitted and of the given pose; points farther
+# apart are on different surfaces
 COMPARED_M: Final = 0.15
-# maximum misfit of a motion, as a share of the given pose's misfit; a motion that only makes surfaces slide fits no
-# better
+# maximum misfit of the fitted pose, divided by that of the given pose, for the fitted pose to count; a fit that only
+# slides surfaces along themselves leaves the misfit as it was
 BETTER: Final = 0.8
-# m, maximum residual for a rotation to be stated; correct poses leave up to 6 mm, a lens that is 2 % wrong leaves 15 to
-# 25
+# m, maximum residual of the fit for its rotation to be stated; correct poses leave up to 6 mm, intrinsics that are
+# wrong by 2 % leave 15 to 25 mm
 TIGHT_M: Final = 0.010
 
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
-    """The displacement between two cameras. off_m: displacement of the people or, without people, of the room; if no
-    motion fits better than the given poses, the median distance of the surfaces. turn_rad: the rotation, None if the
-    surfaces do not fit closely enough.
+    """How far two cameras' poses displace common surfaces. off_m: distance by which the fitted pose moves the people
+    or, without people, the room; if this pose fits no better than the given poses, the median distance between the two
+    cameras' surfaces at the given poses. turn_rad: rotation from the given to the fitted pose, None if the surfaces do
+    not fit closely enough.
     """
 
     off_m: float
@@ -373,8 +374,8 @@ def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
 
 
 def _support(jacobian: np.ndarray, weight: np.ndarray, place_m: np.ndarray) -> float:
-    """Return the share of the weight that determines a shift in the direction in which it is least determined, if the
-    rotation is free.
+    """Return how well the data determine a shift at ``place_m``, with the rotation free: the share (0 to 1) of the
+    weight that resists a shift in the direction in which it is least determined.
     """
     about_place = jacobian.copy()
     about_place[:, :3] -= np.cross(place_m, jacobian[:, 3:])

@@ -1,5 +1,5 @@
-"""Check that the poses of cameras that saw the equipment are consistent: one floor, and no camera sees through a
-surface that another camera sees.
+"""Check that the poses of cameras that saw the equipment are consistent: all have one floor, and no camera sees through
+a surface that another camera sees.
 
 For equipment that looks the same from several sides, the module also finds from which side each camera saw it, and in
 which direction X points.
@@ -26,12 +26,14 @@ APART_M: Final = 0.20
 NOISE_GATE: Final = 4.0
 POINTS: Final = 3000  # number of points used per depth frame
 FRAMES: Final = 6  # maximum number of frames that are compared
-# m; lower points are left out, since the floor agrees in whichever direction a camera faces
+# m; lower points are left out, since the floor looks the same if a camera is placed on the wrong side
 ABOVE_FLOOR_M: Final = 0.15
 FLOOR_SIGMA_M: Final = 0.002  # m, error of the floor's height from all cameras together
 FLOOR_SIGMA_RAD: Final = 0.0009  # rad, error of the floor's direction: 0.05 degrees
 MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera sees through
-LEAST_LEAD: Final = 0.15  # minimum difference in disagreement between the best and the second of symmetric choices
+# minimum lead of the best of the poses that symmetry allows: its share of points seen through must be lower by this
+# than that of the second-best pose
+LEAST_LEAD: Final = 0.15
 LEAST_COMPARED: Final = 300  # minimum number of points that must be compared
 
 REMEDY: Final = (
@@ -40,8 +42,8 @@ REMEDY: Final = (
 
 ChooseHeading = Callable[[tuple[Camera, ...], float, Sequence[np.ndarray]], int | None]
 """A function that returns the index of the direction that the patient faces, among several level unit vectors; None if
-uncertain. It gets all cameras with their poses in Gamma_0 and Y of the floor. It needs a body model, which calibration
-does not have, so the caller passes it in.
+uncertain. Its arguments are all cameras with poses in the equipment's frame Gamma_0, the floor's Y, and these vectors.
+It needs a body model, which calibration does not have, so the caller passes it in.
 """
 
 
@@ -64,7 +66,7 @@ class EquipmentInputs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenEquipment:
-    """A camera without a pose: its frames over time, and the equipment in it."""
+    """A camera without a given pose: its frames over time, and the pose of the equipment that was found in them."""
 
     index: int
     view: StillView
@@ -79,11 +81,11 @@ def share_seen_through(
     floor_height_m: float,
     noise_per_m: float,
 ) -> float | None:
-    """Return the share of one camera's points that the other camera sees through, among points not hidden from the
-    other; None for too few points.
+    """Return the share of the points seen by one camera that the other camera sees through, among the points that
+    nothing hides from the other; None for too few points.
 
-    Both directions count. depths_m holds pairs of depth frames of about the same moment. cameras: two cameras with
-    poses; depths_m: frames (height, width) of the first and the second camera, 0 = no reading.
+    The points of both cameras count. cameras: two cameras with poses; depths_m: pairs of frames (height, width), of the
+    first and the second camera at about the same moment, 0 = no reading.
     """
     tested = through = 0
     for pair in depths_m:
@@ -105,9 +107,7 @@ def share_seen_through(
 def _disagreement(
     inputs: EquipmentInputs, cameras: tuple[Camera, Camera], first: int, one: SeenEquipment
 ) -> float | None:
-    """Return the share of points of one of two cameras (``first`` and ``one``) that the other sees through; None if
-    too few can be compared.
-    """
+    """Return ``share_seen_through`` of two cameras, ``first`` and ``one``, over some of the sampled frames."""
     frames = inputs.sample_frames[:: max(1, len(inputs.sample_frames) // FRAMES)]
     pairs = [
         (here, there)
@@ -121,7 +121,9 @@ def _disagreement(
 
 
 def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> FloorPrior:
-    """Return the floor of Gamma_0: up and height are means over all cameras, each measured at the equipment."""
+    """Return the floor in the equipment's frame Gamma_0: its upward direction and its height are means over the cameras
+    that found the equipment.
+    """
     ups, heights = [], []
     for one in seen:
         T = cameras[one.index].require_pose()
@@ -132,8 +134,8 @@ def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> Fl
 
 
 def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], seen: Sequence[SeenEquipment]) -> None:
-    """Raise InputError if one camera sees through surfaces that another sees; only pairs in which at least one pose
-    was newly found are checked.
+    """Raise InputError if one camera sees through surfaces that another sees; only pairs in which at least one pose was
+    not given are checked.
     """
     of_index = {one.index: one for one in seen}
     for a, b in product(range(len(cameras)), range(len(cameras))):
@@ -152,7 +154,7 @@ def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], see
 def resolve_symmetry(
     inputs: EquipmentInputs, seen: Sequence[SeenEquipment], choose_heading: ChooseHeading | None
 ) -> tuple[list[Camera], list[str]]:
-    """Return the cameras with poses in one world whose X is the direction that the patient faces, and notes on how it
+    """Return the cameras with poses in one world whose X is the direction that the patient faces, and notes on how X
     was chosen.
     """
     given = [camera.T_world_camera is not None for camera in inputs.recording.cameras]
@@ -187,7 +189,9 @@ def resolve_symmetry(
 def _agreeing_turns(
     inputs: EquipmentInputs, cameras: Sequence[Camera], free: Sequence[SeenEquipment], choices: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Return, for each free camera, the turn with which it agrees best with the first fixed camera."""
+    """Return, for each camera in ``free``, the turn among ``choices`` after which this camera agrees best with the
+    first camera that is not in ``free``. Raises InputError if no turn is clearly the best.
+    """
     anchor = next(index for index in range(len(cameras)) if index not in {one.index for one in free})
     best = []
     for one in free:

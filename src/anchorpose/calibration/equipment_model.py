@@ -1,4 +1,4 @@
-"""Prepare the equipment model chi_0 for all cameras, and render it as a camera would see it."""
+"""Prepare the equipment model (the paper's chi_0) for all cameras, and render it as a camera would see it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Outline:
 
     row, column (n,) int: the last pixel on the equipment, in the whole image; step (n, 2) int: the direction outward
     (rows, columns); beyond_px (n,) float: distance of the outline beyond that pixel's centre; across (n, 2): outward
-    unit normal of the outline in the image (rows, columns); part (n,): index of the part.
+    unit normal of the outline in the image (rows, columns); depth_m, part (n,): depth and part of that pixel.
     """
 
     row: np.ndarray
@@ -56,7 +56,7 @@ class Outline:
 
 
 class EquipmentCaster:
-    """A ray caster for chi_0; the search tree over its triangles is built once."""
+    """A ray caster for the equipment; the search tree over its triangles is built once."""
 
     def __init__(self, model: EquipmentModel) -> None:
         from embreex.mesh_construction import TriangleMesh
@@ -119,8 +119,8 @@ class EquipmentCaster:
     def _share_on_equipment(
         self, here: np.ndarray, there: np.ndarray, depth_m: np.ndarray, T_camera_model: np.ndarray
     ) -> np.ndarray:
-        """Return (n,): how far the equipment continues from one ray to another (n, 2), as a share of the way, at about
-        the depth of the first.
+        """Return (n,): the share of the way from ray ``here`` to ray ``there`` (n, 2) on which there is equipment at
+        about ``depth_m``, the depth at ``here``.
         """
         share = (np.arange(SUBPIXEL) + 0.5) / SUBPIXEL
         between = here[:, None] + (there - here)[:, None] * share[:, None]
@@ -140,8 +140,8 @@ class EquipmentCaster:
 
 
 def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] | None:
-    """Return the rows and columns that contain the equipment, with a margin; the whole image if a part of it is behind
-    the lens.
+    """Return the rows and columns that contain the equipment, with a margin; the whole image if some points are behind
+    the lens; None if it is not in the image.
     """
     if points_m[:, 2].max() < 0.1:
         return None
@@ -155,24 +155,26 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
     return (top, bottom, left, right) if bottom - top > 8 and right - left > 8 else None
 
 
-SURFACE_POINTS: Final = 2000  # number of points; a standing frame has a surface of 2 m^2, so there is one per 10 cm^2
+SURFACE_POINTS: Final = 2000  # number of surface points; a standing frame has 2 m^2, so there is one point per 10 cm^2
 # minimum number of points of a part, since a small part may be what distinguishes front from back
 LEAST_PER_PART: Final = 24
 OUTSIDE_POINTS: Final = 1000
-# m, range of distances from the surface; beyond flying pixels, but so near that a wall would fill it
+# m, range of distances from the equipment's surface at which points beside it are placed: beyond its flying pixels, but
+# so near that the points lie in the wall too if the equipment is tried inside a wall
 OUTSIDE_M: Final = (0.05, 0.09)
 
 STEP_DEG: Final = 5
-# m, maximum deviation of a part from equipment.json, which is measured by tape; frames of two clinics differ by more
+# m, maximum deviation of a real part from equipment.json, whose lengths are measured by tape; the standing frames of
+# two clinics differ by more
 SAME_M: Final = 0.012
-ALIKE_M: Final = 0.10  # m; rotated equipment that differs by less may be confused in the search
+ALIKE_M: Final = 0.10  # m; if rotated equipment differs from the unrotated by less, the search may confuse the two
 TRIED_POINTS: Final = 400
-ROUND_SHARE: Final = 0.9  # share of all rotations at which round equipment must look alike
+ROUND_SHARE: Final = 0.9  # minimum share of all tested rotations after which round equipment coincides with itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentSamples:
-    """Points of chi_0, all in Gamma_0.
+    """Points of the equipment, all in its own frame Gamma_0.
 
     surface_m (n, 3) float64: points spread evenly over the surface, none inside another part; normal (n, 3): outward
     unit normals; two_sided (n,) bool: points of a mesh, whose triangles may face inward; outside_m (m, 3): points
@@ -189,11 +191,12 @@ class EquipmentSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Symmetry:
-    """Rotations about a vertical axis after which chi_0 looks the same, each T_model_model (4, 4), without the
+    """Rotations about a vertical axis after which the equipment looks the same, each T_model_model (4, 4), without the
     identity.
 
-    same: rotations after which chi_0 coincides with itself within ``SAME_M``; alike: the same within ``ALIKE_M``;
-    round: whether so many rotations are ``alike`` that the equipment's direction is undetermined.
+    same: rotations after which the equipment coincides with itself within ``SAME_M``; alike: further rotations after
+    which it does so within ``ALIKE_M``; round: whether it coincides within ``SAME_M`` after more than ``ROUND_SHARE``
+    of the tested rotations, so that its direction is undetermined.
     """
 
     same: tuple[np.ndarray, ...]
@@ -203,7 +206,7 @@ class Symmetry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Equipment:
-    """The equipment chi_0, prepared once for all cameras."""
+    """The equipment, prepared once for all cameras."""
 
     model: EquipmentModel
     samples: EquipmentSamples
@@ -217,7 +220,7 @@ class Equipment:
 
 
 def prepare_equipment(model: EquipmentModel) -> Equipment:
-    """Compute everything that depends on chi_0 alone."""
+    """Compute everything that depends on the equipment model alone."""
     samples = sample_equipment(model)
     return Equipment(model, samples, EquipmentCaster(model), find_symmetry(model, samples))
 
@@ -279,8 +282,8 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
     """Test every rotation in steps of ``STEP_DEG`` about two centres: that of the bounding box, and that of the
     surface.
 
-    A symmetry preserves both centres, but in a model that mixes round and square tubes the centre of the surface is
-    shifted.
+    For each angle, the centre with the smaller deviation counts: a symmetry preserves both centres, but in a model that
+    mixes round and square tubes the sampled centre of the surface is shifted.
     """
     points = samples.surface_m[:: max(1, len(samples.surface_m) // TRIED_POINTS)]
     same, alike, apart = list[np.ndarray](), list[np.ndarray](), list[float]()

@@ -1,4 +1,6 @@
-"""Find and check tau_0,i: the equipment's pose in one camera, from frames and chi_0 alone (paper, Section III)."""
+"""Find and check the equipment's pose in one camera (tau_0,i of the paper, Section III), from depth frames and the
+equipment model alone.
+"""
 
 from __future__ import annotations
 
@@ -29,25 +31,27 @@ from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 
 # Shares are of surface area in m2, so that near parts do not count more than distant parts.
-LEAST_SEEN: Final = 0.2  # minimum share of the facing surface seen in place; people or the border hide up to half
+LEAST_SEEN: Final = 0.2  # minimum share of the equipment seen in its place; people or the image border hide up to half
 MOST_THROUGH: Final = 0.10  # maximum share of the unhidden surface that is seen through; edges of thin bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
-# maximum share of the unhidden surface without readings; a part that is absent in front of a distant wall has none
-# either
+# maximum share of a part's unhidden surface without readings; with more, the part may be absent, and the wall behind it
+# out of range
 MOST_UNREAD_OF_PART: Final = 0.7
-LEAST_PIXELS_OF_PART: Final = 40  # minimum number of pixels of a part; a part with fewer is not judged
-# maximum share of the outline at which the surface continues; inside a wall it continues everywhere
+LEAST_PIXELS_OF_PART: Final = 40  # minimum number of unhidden pixels of a part; a part with fewer is not judged
+# maximum share of the seen outline at which readings continue beyond it at the same depth; if the equipment is tried
+# inside a wall, they continue everywhere
 MOST_FILLED: Final = 0.5
-LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden places at which the part ends
-MOST_OFF_PX: Final = 2.0  # px, maximum displacement of a part; edge pixels are often off by one
+LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface ends as expected
+MOST_OFF_PX: Final = 2.0  # px, maximum distance of a seen edge from the predicted one; edge pixels are often off by one
 MOST_SIGMA_M: Final = 0.006
-MOST_SIGMA_RAD: Final = 0.0087  # rad, maximum sigma of the direction: half a degree
-LEAST_COSINE: Final = 0.25  # minimum cosine of the angle of incidence; no camera reads flatter surfaces well
-STEADY_RAD: Final = 0.0008  # rad, systematic error of a device, which shows as 0.05 degrees between bars a metre apart
+MOST_SIGMA_RAD: Final = 0.0087  # rad, maximum sigma of the equipment's direction: half a degree
+LEAST_COSINE: Final = 0.25  # minimum cosine of the angle of incidence; no camera reads surfaces well at flatter angles
+# rad (0.05 degrees), systematic error of a device, seen as an angle between bars a metre apart
+STEADY_RAD: Final = 0.0008
 
 
 class NoPose(StrEnum):
-    """The reason why a camera has no pose: a result."""
+    """The reason why a camera has no pose. It is a result and not an error."""
 
     NO_FLOOR = "sees no floor, so which way is up is unknown"
     NOT_SEEN = "shows the equipment nowhere"
@@ -94,8 +98,8 @@ class PartEvidence:
 
     @property
     def score_m2(self) -> float:
-        """Return the area seen in place minus twice the area seen through; 0 if the surface continues beyond the whole
-        outline.
+        """Return the area seen in place minus twice the area seen through, times the share of the seen outline at which
+        the surface ends.
         """
         return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
 
@@ -141,9 +145,9 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
-    """Return two shares of the outline's unhidden places. The first, among places where the part is seen: the share at
-    which the surface does not end, as inside a wall, the floor, or a person who leans on it. The second: the share at
-    which it ends as expected.
+    """Return two shares. The first is, of the outline's unhidden points at which the part is seen, the share where the
+    surface continues beyond the outline, as inside a wall, the floor, or a person who leans on it. The second is, of
+    all unhidden points of the outline, the share at which the surface ends as expected.
     """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)
@@ -153,9 +157,7 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
 
 
 def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | None]:
-    """Return why the pose is rejected, None if it is accepted, and the index of the part that shows this, if it is a
-    single part.
-    """
+    """Return why the pose is rejected (None if it is accepted), and the index of the part that is to blame or None."""
     if evidence.seen_share < LEAST_SEEN:
         return NoPose.LITTLE_SEEN, None
     if evidence.filled_share > MOST_FILLED:
@@ -184,30 +186,31 @@ def sigma_of(fit: Refined) -> tuple[float, float]:
     """Return the standard deviations of the angle (rad) and of the position of the equipment's centre (m), each in its
     worst direction.
 
-    A device's systematic error does not shrink with the number of pixels.
+    A device's systematic error does not shrink with the number of pixels, so it is added.
     """
     turn, place = (np.linalg.eigvalsh(block)[-1] for block in (fit.covariance[:3, :3], fit.covariance[3:, 3:]))
     return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
 
 
 TRIED: Final = 6  # number of search results that are refined; the correct result was always among the first two
-LEAST_LEAD: Final = 0.9  # minimum evidence of an accepted pose, as a share of the evidence of the best-scoring pose
-RIVAL: Final = 0.75  # share of the accepted pose's evidence; another credible pose with more makes the choice ambiguous
+LEAST_LEAD: Final = 0.9  # minimum score of an accepted pose, as a share of the best score of any pose, accepted or not
+RIVAL: Final = 0.75  # if another good pose has more than this share of the best score, the choice is ambiguous
 DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # m and rad; poses that differ by less than both are the same pose
-TWO_HEIGHTS_M: Final = 0.03  # m; if chi_0's lowest point and Y = 0 are farther apart, either may be on the floor
+# m; if the model's lowest point and its Y = 0 are farther apart, each is tried as the height of the floor
+TWO_HEIGHTS_M: Final = 0.03
 
 
 @settings
 class EquipmentPoseConfig:
     """Settings of how closely readings must lie on the equipment's surface."""
 
-    tolerance_m: Positive = 0.015  # m, maximum distance of a reading from the surface, as in the last refinement
+    tolerance_m: Positive = 0.015  # m, maximum distance of a reading from the surface, as in the refinement's last step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentPose:
-    """The pose that was found. fit.T_camera_model maps Gamma_0 to the camera frame; evidence: how the depth frames
-    agree with this pose.
+    """The pose that was found. fit.T_camera_model maps the equipment's frame (Gamma_0) to the camera frame; evidence:
+    how the depth frames agree with this pose.
     """
 
     fit: Refined
@@ -215,7 +218,7 @@ class EquipmentPose:
 
     @property
     def camera_to_world(self) -> np.ndarray:
-        """Return T_world_camera (4, 4), the world being Gamma_0."""
+        """Return T_world_camera (4, 4), where the world is the equipment's frame Gamma_0."""
         inverse: np.ndarray = np.linalg.inv(self.fit.T_camera_model)
         return inverse
 
@@ -230,7 +233,7 @@ class EquipmentPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoEquipmentPose:
-    """The reason why this camera has no pose. part: the part that shows this, if it is a single part."""
+    """The reason why this camera has no pose. part: name of the part that is to blame, if it is a single part."""
 
     why: NoPose
     part: str | None = None
@@ -239,10 +242,10 @@ class NoEquipmentPose:
 def find_equipment(
     view: StillView, equipment: Equipment, config: EquipmentPoseConfig
 ) -> EquipmentPose | NoEquipmentPose:
-    """Search, refine and check the pose; if chi_0 is symmetric, it may be any of the equivalent poses.
+    """Search, refine and check the pose; if the equipment is symmetric, the result may be any of the equivalent poses.
 
-    The floor determines the vertical and the height: either chi_0's lowest point or Gamma_0's Y = 0 is assumed to lie
-    on it.
+    The floor determines the vertical and the height: the model's lowest point or its Y = 0 is assumed to lie on the
+    floor.
     """
     if equipment.symmetry.round:
         return NoEquipmentPose(NoPose.ROUND)
@@ -262,7 +265,7 @@ def find_equipment(
 def refit(
     view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior, config: EquipmentPoseConfig
 ) -> EquipmentPose | NoEquipmentPose:
-    """Refine and check again, from a pose (T_camera_model) that is correct within a bar's width."""
+    """Refine and check the pose again; ``start`` is a pose (T_camera_model) that is correct within a bar's width."""
     pose = _refined(view, equipment, start, prior, config)
     if pose is None:
         return NoEquipmentPose(NoPose.LITTLE_SEEN)
@@ -278,7 +281,7 @@ def _refined(
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
-    """Return the refined best poses of the search, and the poses with which they may be confused by near symmetry."""
+    """Return the refined best poses of the search, and the best one refined after each turn of ``Symmetry.alike``."""
     prior = standing_prior(floor_m)
 
     def refined(starts: list[np.ndarray]) -> list[EquipmentPose]:
@@ -298,7 +301,7 @@ def _floor_heights(equipment: Equipment) -> tuple[float, ...]:
 
 
 def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
-    """Return the fault of the pose that finds most of the surface and its outline."""
+    """Return why no pose is accepted: the fault of the refined pose that explains most surface and outline."""
     if not fits:
         return NoEquipmentPose(NoPose.NOT_SEEN)
     likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))
@@ -309,7 +312,7 @@ def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
 
 
 def _is_rival(accepted: EquipmentPose, other: EquipmentPose, equipment: Equipment) -> bool:
-    """Return whether ``other`` is a different pose that no symmetry of chi_0 explains."""
+    """Return whether ``other`` is a different pose that no symmetry of the equipment explains."""
     centre = equipment.samples.centre_m
     for turn in (np.eye(4), *equipment.symmetry.same):
         T = accepted.fit.T_camera_model @ turn

@@ -1,6 +1,4 @@
-"""Refine the equipment's pose to the millimetre, by the depth of its surfaces, the position of its outlines, and the
-floor.
-"""
+"""Refine the equipment's pose to the millimetre, by the depth of its surfaces, its outlines, and the floor."""
 
 from __future__ import annotations
 
@@ -15,14 +13,15 @@ from anchorpose.calibration.equipment_model import Equipment, Outline, Rendering
 from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane, what_stays
 from anchorpose.camera import Camera, transform_points
 
-# minimum share of the frames that read a surface; an edge pixel of a thin bar reads the bar in six of ten frames
+# minimum share of the frames in which a pixel on the equipment reads the equipment; an edge pixel of a thin bar reads
+# the bar in six of ten frames
 MOSTLY: Final = 0.4
-STEADY_ERROR_M: Final = 0.0015  # m, systematic error of a device, the same in all its frames
+STEADY_ERROR_M: Final = 0.0015  # m, systematic error of a depth camera, the same in all its frames
 # px, standard deviation of one outline point, since edge pixels often read the background
 OUTLINE_SIGMA_PX: Final = 0.6
-# number of rows that count as one observation, since neighbouring pixels share the device's error
+# number of least-squares rows of surface readings that count as one observation: neighbours share the device's error
 SURFACE_ROWS_PER_OBSERVATION: Final = 40.0
-# number of rows that count as one observation, since neighbouring points share their part's error
+# number of least-squares rows of outline points that count as one observation: neighbours share their part's error
 OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0
 ROBUST: Final = 2.5  # sigmas beyond which residuals lose weight
 # minimum cosine of the angle of incidence; at flatter angles, a small shift changes the depth much
@@ -57,9 +56,7 @@ class StillView:
 def see_still(
     camera: Camera, frames_m: Sequence[np.ndarray], background_m: np.ndarray | None, noise: float, floor: FloorPlane
 ) -> StillView:
-    """Return a view of the empty room if there is a frame of it, else of the still surfaces of frames spread over the
-    recording.
-    """
+    """Return a view of the empty room if there is a frame of it, else of the still surfaces of the frames."""
     stack = np.stack(frames_m if background_m is None else [background_m]).astype(np.float32)
     return StillView(camera, what_stays(stack, noise), stack, noise, floor)
 
@@ -159,7 +156,7 @@ def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: 
 def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> ObservedEdges:
     """Find in the frames where the part ends at each outline pixel.
 
-    A frame in which a nearer object hides a pixel of the profile is not evidence for that pixel.
+    A frame in which a nearer object hides a pixel of the profile across the outline is not evidence for that pixel.
     """
     outline, reach_px = prediction.outline, gate.reach_px
     steps = np.arange(-reach_px + 1, reach_px + 1)
@@ -175,7 +172,8 @@ def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> Obser
     free = (~hidden).sum(axis=0)
     share = on.sum(axis=0) / np.maximum(free, 1)
     same = np.abs(_depth_at(prediction.rendering, row, column) - depth) < margin
-    first = np.cumprod(same[:, :reach_px][:, ::-1], axis=1)[:, ::-1].astype(bool)  # from the outline inward
+    # pixels of the profile from the outline inward, up to the first at which the model has another depth
+    first = np.cumprod(same[:, :reach_px][:, ::-1], axis=1)[:, ::-1].astype(bool)
     counted = np.concatenate([first, np.ones((len(row), reach_px), bool)], axis=1)
     inner = first.sum(axis=1)
     seen = -(inner - 1) - 0.5 + np.where(counted, share, 0.0).sum(axis=1)
@@ -208,16 +206,16 @@ def _depth_at(rendering: Rendering, row: np.ndarray, column: np.ndarray) -> np.n
 COARSE, FINE = Gate(0.04, 7), Gate(0.015, 3)
 GATES: Final = (COARSE,) * 3 + (Gate(0.03, 6),) * 2 + (Gate(0.02, 5), Gate(0.02, 4)) + (FINE,) * 2  # one Gate per step
 LEAST_ROWS: Final = 60
-SHIFT_STEPS: Final = 8  # number of reweighting steps, after which the shift has converged to a tenth of a millimetre
-MOST_SHIFT_SIGMA_M: Final = 0.003  # m, maximum sigma of a shift; a less accurate shift is not used as evidence
-STANDING_SIGMA_M: Final = 0.01  # m, prior sigma of the distance between chi_0's lowest point and the floor
-# rad, prior sigma of the angle between the verticals of chi_0 and the floor: half a degree
+SHIFT_STEPS: Final = 8  # number of reweighting steps; a part's shift has then converged to a tenth of a millimetre
+MOST_SHIFT_SIGMA_M: Final = 0.003  # m, maximum sigma of a part's shift; a less accurate shift is not used as evidence
+STANDING_SIGMA_M: Final = 0.01  # m, prior sigma of the equipment's height above the floor
+# rad (half a degree), prior sigma of the angle between the equipment's vertical and the floor's normal
 STANDING_SIGMA_RAD: Final = 0.0087
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorPrior:
-    """The expected floor of Gamma_0: the plane up @ p = height_m, with its uncertainty."""
+    """The expected floor in the equipment's frame Gamma_0: the plane up @ p = height_m, with its uncertainty."""
 
     up: np.ndarray  # (3,) unit, in Gamma_0
     height_m: float
@@ -240,15 +238,15 @@ class Refined:
 
 
 def standing_prior(floor_m: float) -> FloorPrior:
-    """Return the prior without evidence: chi_0 stands upright on the floor."""
+    """Return the prior without evidence: the equipment stands upright on a floor at height ``floor_m`` of its frame."""
     return FloorPrior(np.array([0.0, 1.0, 0.0]), floor_m, STANDING_SIGMA_M, STANDING_SIGMA_RAD)
 
 
 def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior) -> Refined | None:
-    """Improve T_camera_model from a start within a bar's width; None if too little of the equipment is seen.
+    """Improve T_camera_model from a start correct within a bar's width; None if too little of the equipment is seen.
 
-    Gauss-Newton with Tukey's weights. It fits all six degrees of freedom, with rotations about the equipment's centre,
-    and the edge bias: sensors make bars look thicker or thinner, equally on both sides.
+    The method is Gauss-Newton with Tukey's weights. It fits all six degrees of freedom, with rotations about the
+    equipment's centre, and the edge bias: sensors make bars look thicker or thinner, equally on both sides.
     """
     T, bias = start, 0.0
     for gate in GATES:
@@ -287,8 +285,8 @@ def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarr
 
 
 def _shift_alone(groups: list[Rows], part: int) -> float:
-    """Return the length of one part's shift. Weights decrease with the distance, so that hands on the part have little
-    effect.
+    """Return the length of one part's shift. Weights decrease with a reading's distance from the part, so that hands on
+    it have little effect.
     """
     shift = np.zeros(3)
     rows = [(group.jacobian[group.part == part, 3:6], group.residual[group.part == part], group) for group in groups]
@@ -309,11 +307,11 @@ def _shift_alone(groups: list[Rows], part: int) -> float:
 def _floor_rows(
     view: StillView, T: np.ndarray, centre_model: np.ndarray, centre: np.ndarray, prior: FloorPrior
 ) -> Rows:
-    """Return rows that compare the seen floor with the prior; centre_model, centre (3,): the equipment's centre in
-    Gamma_0 and in the camera.
+    """Return rows that compare the seen floor with the prior; centre_model, centre (3,): the equipment's centre in its
+    own frame and in the camera frame.
     """
     up = T[:3, :3] @ prior.up
-    foot = centre - (centre_model @ prior.up - prior.height_m) * up  # the point of Gamma_0's floor below the centre
+    foot = centre - (centre_model @ prior.up - prior.height_m) * up  # the point of the prior's floor below the centre
     level = np.linalg.svd(up[None])[2][1:]  # two horizontal directions
     turn = np.concatenate([np.cross(up, level), np.zeros((2, 4))], axis=1) / prior.sigma_rad
     shift = np.concatenate([np.cross(foot - centre, view.floor.up), view.floor.up, [0.0]])[None] / prior.sigma_m
@@ -324,8 +322,8 @@ def _floor_rows(
 
 
 def _solve(rows: list[Rows]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the step (7,) and covariance (7, 7)."""
-    information, pull = np.diag([1e-6] * 6 + [1.0]), np.zeros(7)  # prior of the edge bias: about a pixel
+    """Return the step (7,) of weighted least squares (turn, shift and edge bias), and its covariance (7, 7)."""
+    information, pull = np.diag([1e-6] * 6 + [1.0]), np.zeros(7)  # prior of the edge bias: 0 with a sigma of a pixel
     for group in rows:
         ratio = np.minimum(np.abs(group.residual) / group.reach, 1.0)
         weight = (1.0 - ratio**2) ** 2 / group.together

@@ -13,12 +13,12 @@ from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane
 from anchorpose.camera import Camera
 from anchorpose.lens import lens_array, pixel_of_ray
 
-UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3
+UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3  # states of a map cell; BROAD: only broad flat surfaces fill the cell
 LEAST_Z_M: Final = 0.3  # m; nearer than this, no depth camera measures
-RADIUS_M: Final = 0.5  # m, radius of the equipment, which relates rotations to shifts
+RADIUS_M: Final = 0.5  # m, assumed radius of the equipment, at which a step of rotation moves as far as a step of shift
 CELL_M: Final = 0.04  # m, side of a cell of the first, coarse map; as wide as a bar
-YAW_STEP_RAD: Final = 0.0873  # rad (5 degrees), step between directions; it moves a bar at 0.5 m by one cell
-ABOVE_FLOOR_M: Final = 0.06  # m above the floor; lower points are left out, since there the floor fills the map
+YAW_STEP_RAD: Final = 0.0873  # rad (5 degrees), step between tried yaws; it moves a bar 0.5 m from the centre by a cell
+ABOVE_FLOOR_M: Final = 0.06  # m above the floor; lower cells of the map are left out, since the floor fills them
 FARTHEST_M: Final = 7.0  # m; farther than this, no depth camera sees a bar
 THINNING: Final = 3  # every third point of the equipment is used, except in the last and finest steps
 STARTS: Final = 400  # number of places of the coarse map that are refined
@@ -29,7 +29,7 @@ TOLERANCES_M: Final = (0.05, 0.03, 0.02)
 THROUGH_WEIGHT: Final = 2.0  # weight of a point that is seen through, relative to a point on the surface
 # m; a surface that continues flat this far to all four sides is part of a wall, a panel or a table
 BROAD_M: Final = 0.10
-# weight of readings on such a surface, relative to a surface that ends, since a bar may lie anywhere in it
+# weight of readings on a broad surface, relative to others, since a bar would fit anywhere in it
 BROAD_WEIGHT: Final = 0.25
 
 
@@ -133,7 +133,9 @@ def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.nd
 
 @nb.njit(cache=True)
 def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> np.ndarray:
-    """Improve each place (yaw, x, y, z) along yaw, x and z in turn, by a half and a quarter of the tolerance."""
+    """Improve the places (n, 4) (yaw, x, y, z), in place, by steps along yaw, x and z of a half and then a quarter of
+    the tolerance; return their scores (n,).
+    """
     scores = np.empty(len(places))
     trial = np.empty(4)
     for k in range(len(places)):
@@ -160,7 +162,7 @@ def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 
 @nb.njit(cache=True)
 def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> float:
-    """Return how well (yaw, x, y, z) explains the depth image, per point of the surface that faces the camera."""
+    """Return how well equipment at ``place`` (yaw, x, y, z) explains the image, per point that faces the camera."""
     surface, outside, T = points.surface, points.outside, image.T_camera_ground
     cos, sin = np.cos(place[0]), np.sin(place[0])
     total, facing = 0.0, 0
@@ -181,7 +183,7 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
                 continue
             facing += 1
         elif y < 0.1:
-            continue  # points on the floor beside the equipment are allowed
+            continue  # readings on the floor beside the equipment are allowed
         d, w = _reading(image, cx, cy, cz)
         if d <= 0.0:
             continue
@@ -198,7 +200,7 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 
 @nb.njit(cache=True)
 def _reading(image: SearchImage, x: float, y: float, z: float) -> tuple[float, float]:
-    """Return the depth and weight at the pixel of a camera point; both are 0 where there is no reading."""
+    """Return depth and weight at the pixel of a point in the camera frame; both are 0 where there is no reading."""
     if z < LEAST_Z_M:
         return 0.0, 0.0
     column, row = pixel_of_ray(x / z, y / z, image.lens)
@@ -232,12 +234,12 @@ def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.nda
 
 
 def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) -> list[np.ndarray]:
-    """Return T_camera_model (4, 4) of distinct places, best first. Y is upright, and the height ``lowest_m`` of Gamma_0
-    is on the floor.
+    """Return T_camera_model (4, 4) of distinct places, best first. The equipment is upright there, with the height
+    ``lowest_m`` of its frame on the floor.
 
     The space above the floor is mapped as filled, free or unknown. The equipment is tried in 72 directions at every
-    cell of the floor: a score sums the map over its points. Then the best places are improved on the depth image
-    itself.
+    cell of the floor: the score is the sum of the map over the equipment's points. Then the best places are improved on
+    the depth image itself.
     """
     image = _search_image(view)
     starts = _coarse(image, view.camera, samples, lowest_m)
@@ -294,8 +296,8 @@ def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:
 
 
 def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowest_m: float) -> np.ndarray:
-    """Return (n, 4) yaw, x, y, z of the best cells of all directions; y is the height of Gamma_0's origin above the
-    floor, not yet that of the centre.
+    """Return (n, 4) yaw, x, y, z of the best cells of all directions; y is the height of the origin of the equipment's
+    frame above the floor, not yet that of the centre.
     """
     surface = samples.surface_m[::THINNING]
     heights = surface[:, 1] - lowest_m
@@ -324,7 +326,7 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
 
 
 def _first_of_neighbours(places: np.ndarray) -> np.ndarray:
-    """Return the index of the first entry of each group of neighbouring cells and directions, best first."""
+    """Return the index of the first place, the best, in each group of neighbouring places; at most ``STARTS``."""
     size = np.array([DISTINCT_RAD, DISTINCT_M, 1e9, DISTINCT_M])
     groups = np.floor(places / size + 0.25).astype(np.int64)
     _, first = np.unique(groups, axis=0, return_index=True)

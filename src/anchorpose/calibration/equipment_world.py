@@ -41,12 +41,14 @@ MOVED_SIGMAS: Final = 5.0  # standard deviations of the pose; if it changes by m
 # m, minimum shift that counts as a movement; twice the accuracy that a calibration must have
 LEAST_SHIFT_M: Final = 0.008
 LEAST_TURN_RAD: Final = 0.0105  # rad (0.6 degrees), minimum turn that counts as a movement of the equipment
-# share of the unhidden equipment that is seen through; with more, the equipment is searched on the whole floor
+# if more than this share of the unhidden equipment is seen through, the equipment is searched on the whole floor
 DOUBT_SHARE: Final = 0.2
-GONE_SHARE: Final = 0.4  # share of the unhidden equipment that is seen through; with more, the equipment is gone
-# m and rad (3 degrees); beyond these, tracking is refused; poses wrong by 3 cm and 1 degree give 7 cm at 2.5 m
+GONE_SHARE: Final = 0.4  # if more than this share of the unhidden equipment is seen through, it is gone
+# m and rad (3 degrees); if the equipment is seen farther from where a given pose puts it, tracking is refused. A pose
+# that is wrong by 3 cm and 1 degree puts the equipment 7 cm off at a distance of 2.5 m.
 REFUTED_M, REFUTED_RAD = 0.10, 0.052
-LEAST_PIXELS: Final = 100  # minimum number of pixels of a frame that show the equipment or see through it
+# minimum number of pixels that show the equipment or see through it; with fewer, frames are no evidence
+LEAST_PIXELS: Final = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +93,7 @@ def check_given_poses(
 def _where_given_pose_has_none(
     inputs: EquipmentInputs, index: int, floor: FloorPlane, prior: FloorPrior
 ) -> Moved | None:
-    """Return where the equipment is instead; None if a camera with a given pose sees it in its place."""
+    """Return where the equipment is seen if it is not where the camera's given pose puts it; None if it is there."""
     frames, _ = inputs.frames_of(index)
     if not frames:
         return None
@@ -131,8 +133,8 @@ def notice_movement(
     prior: FloorPrior,
     config: EquipmentPoseConfig,
 ) -> Moved | None:
-    """Return how the equipment has moved until the last of ``frames_m``, which are in the order of time; None if it did
-    not move.
+    """Return how the equipment has moved by the end of ``frames_m``, which are in the order of time; None if it did not
+    move.
 
     view: the camera's noise and floor. A shift within a bar's width is found by fitting the pose again. A larger shift
     is found because the camera sees through the places where the equipment was.
@@ -162,7 +164,7 @@ def notice_movement(
 
 
 def _nearest_symmetric(T_now: np.ndarray, T_before: np.ndarray, equipment: Equipment) -> np.ndarray:
-    """Return, among poses that are equivalent by chi_0's symmetry, the pose nearest to the earlier pose."""
+    """Return, among poses that are equivalent by the equipment's symmetry, the pose nearest to the earlier pose."""
     choices = [T_now, *(T_now @ turn for turn in equipment.symmetry.same)]
     return min(choices, key=lambda T: angle_between(T, T_before))
 
@@ -203,9 +205,7 @@ def _first_gone(placed: _Placed, frames_m: Sequence[np.ndarray]) -> int:
 
 
 def _first_elsewhere(before: _Placed, now: _Placed, frames_m: Sequence[np.ndarray]) -> int:
-    """Return the index of the frame that best separates frames that fit the earlier pose from frames that fit the later
-    pose.
-    """
+    """Return the index of the frame that best separates frames of the earlier pose from frames of the later pose."""
     gain = []
     for frame in frames_m:
         on_before, through_before = before.counts(frame)
@@ -221,11 +221,12 @@ def world_from_equipment(
     config: EquipmentPoseConfig,
     choose_heading: ChooseHeading | None = None,
 ) -> Calibration:
-    """Find the poses in Gamma_0 of all cameras that have none; given poses are in Gamma_0 already.
+    """Find the poses of all cameras that have none, in the equipment's frame Gamma_0; given poses are in this frame
+    already.
 
-    First each camera is placed separately. Then symmetries of chi_0 are resolved, by comparing cameras and by
-    ``choose_heading``. Finally all cameras get a common floor, and it is checked that no two contradict each other.
-    Raises InputError if a pose is not accepted.
+    First each camera is placed separately. Then symmetries of the equipment are resolved, by comparing cameras and by
+    ``choose_heading``. Finally all cameras get a common floor, and it is checked that no two cameras contradict each
+    other. Raises InputError if a pose is not accepted.
     """
     if recording.equipment is None:
         raise ValueError("the recording has no equipment to find the cameras from")
@@ -248,7 +249,9 @@ def world_from_equipment(
 
 
 def _find_in_camera(inputs: EquipmentInputs, index: int) -> SeenEquipment:
-    """Find the equipment in one camera; if it is not found in all frames together, in the first half of them."""
+    """Find the equipment in one camera: in its image of the empty room, else in all frames. Without such an image, all
+    frames are tried first, then the first half of them. Raises InputError if it is not found.
+    """
     recording = inputs.recording
     camera, background = recording.cameras[index], recording.backgrounds_m[index]
     frames, times = inputs.frames_of(index)
@@ -291,7 +294,8 @@ def _polish(
     inputs: EquipmentInputs, one: SeenEquipment, start: np.ndarray, moved: Moved | None, prior: FloorPrior
 ) -> EquipmentPose:
     """Refine the pose again with all cameras' common floor, on the frame of the empty room and all frames that show the
-    equipment in this place.
+    equipment in this place; if that pose is not accepted, on fewer frames. If none is accepted, return the earlier
+    pose.
     """
     before = one.frames_m if moved is None else one.frames_m[: moved.first]
     own = one.view.frames_m if len(one.view.frames_m) == 1 or not before else np.stack(before)

@@ -15,7 +15,8 @@ from anchorpose.descriptor.people import LEAST_CERTAINTY, find_people
 from anchorpose.recording.recording import FrameSet
 
 MAD_OF_NORMAL: Final = 0.6745  # median of |x| of a standard normal distribution
-# share of the frames in which a surface must be read to be the room, even if people stand in front of it
+# minimum share of a pixel's readings that show a surface for this surface to be the room; the other readings may show
+# people in front
 STAYS_SHARE: Final = 0.3
 SAME_M, SAME_SIGMAS = 0.02, 3.0  # m, and sigmas of the noise; two readings of one surface differ by less than their sum
 
@@ -42,8 +43,8 @@ def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
 
 
 def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
-    """Return the factor of the step between neighbouring grey values, ``step_per_m z^2`` (unit 1/m); 0 if all values
-    are equal.
+    """Return the factor of the depth step from one grey value to the next, ``step_per_m z^2`` (unit 1/m); 0 if all
+    values are equal.
 
     depths_m: as for ``noise_per_m``. In cameras that measure disparity, steps grow with the square of the distance.
     """
@@ -56,11 +57,12 @@ def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
 
 
 def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
-    """Return, per pixel (height, width) float32, the farthest surface that is read in ``STAYS_SHARE`` of the frames.
+    """Return, per pixel (height, width) float32, the farthest surface that at least ``STAYS_SHARE`` of its readings
+    show.
 
     frames_m (n, height, width), 0 = no reading. The farthest surface is the room, since people stand in front of it. An
     edge pixel of a bar, which sometimes reads the bar and sometimes the background, counts as bar if it mostly reads
-    the bar. The result is 0 where less than this share of the frames has a reading.
+    the bar. The result is 0 where fewer than this share of the frames have a reading.
     """
     if len(frames_m) == 1:
         return frames_m[0]
@@ -75,10 +77,11 @@ def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
 
 
 NEARER_M: Final = 0.15  # m, minimum distance of people in front of the room; a body is thicker
-# maximum share of pixels with readings, and maximum depth range in m, of an image from which the room was removed
+# limits for an image from which the room was removed: ALONE_SHARE is the maximum share of its pixels with readings,
+# ALONE_DEPTH_M the maximum depth range in m
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
 FRAMES_NEEDED: Final = 8  # minimum number of frames; with fewer, a percentile over time has no meaning
-USUAL_DISTANCE_M: Final = 2.5  # m, assumed distance of a patient from the camera if nobody is found
+USUAL_DISTANCE_M: Final = 2.5  # m, distance from the camera at which a patient is assumed if nobody is found
 
 
 def start_of_patient(
@@ -107,8 +110,8 @@ def start_of_patient(
 
 
 def people_only(depth_m: np.ndarray) -> bool:
-    """Return whether the recorder has removed the room already: it has few readings, all within the depth range that a
-    person can fill.
+    """Return whether the recorder has removed the room from a depth image, which then has few readings, all within the
+    depth range that a person can fill.
     """
     readings = depth_m[depth_m > 0]
     if readings.size == 0:
@@ -125,26 +128,30 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
 
 
 LEAST_READINGS: Final = 1000  # minimum number of readings; the smallest depth image has a hundred times as many pixels
-REFITS: Final = 6  # number of refits; after three or four, the gate has converged
-FLATNESS_M: Final = 0.003  # m, flatness of a hard floor; without this limit, near pixels would dominate
-# m, tried one after the other, since floors are flat to 2 cm, but smoothing makes waves of 8 cm
+REFITS: Final = 6  # number of refits of the plane; after three or four, the limit for inliers has converged
+FLATNESS_M: Final = 0.003  # m, flatness of a hard floor, added to the noise; without it, near pixels would dominate
+# m, maximum distances from the floor's plane, tried in this order: floors are flat to 2 cm, but a camera's smoothing
+# makes waves of 8 cm
 TOLERANCES_M: Final = (0.02, 0.08)
 NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise that are added to each tolerance
 # rad (50 degrees), maximum angle between the verticals of camera and floor; cameras look down, but hardly roll
 WORST_TILT_RAD: Final = 0.87
 IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # upward direction of a camera whose pose is unknown
-# height above a floor (m), and minimum share of the moving points below it if people stand on the floor: a shoe and a
-# shin
+# people stand on a plane if at least the share LEAST_STANDING of the moving points lies within STANDS_M (metres) of it:
+# shoes and part of the shins
 STANDS_M, LEAST_STANDING = 0.2, 0.02
 LEAST_HEIGHT_M: Final = 0.3  # m, minimum height of the camera above its floor; nearer planes are tables
 MOST_BELOW: Final = 0.1  # maximum ratio of points below the floor to points on it; mirrors and flying pixels cause some
-# maximum share of the moving points below the floor; legs beside a table top are a third of a person
+# maximum share of the moving points below the floor; below a table top, there is a third of a person, the legs
 MOST_SUNK: Final = 0.05
-SUNK_M: Final = 0.10  # m below the plane, for the height of a shoe and the error of a tilted plane
-LEAST_SHARE: Final = 0.02  # minimum share of the readings; the direction of a smaller patch is uncertain
+# m below the plane from which a moving point counts as below it; allows for the height of a shoe and the error of a
+# tilted plane
+SUNK_M: Final = 0.10
+LEAST_SHARE: Final = 0.02  # minimum share of all readings on the floor; the direction of a smaller patch is uncertain
 # m, minimum extent of a floor in its narrower direction; the direction of a narrower patch is uncertain
 LEAST_EXTENT_M: Final = 0.5
-# number of trials; with 10 % inliers, one trial in 1000 draws three of them, and here floors have 20 to 50 %
+# number of planes drawn at random; if 10 % of the readings are on the floor, one draw in 1000 takes three of them, but
+# real floors have 20 to 50 %
 TRIALS: Final = 300
 SAMPLE: Final = 6000  # number of readings that vote on a plane
 
@@ -154,7 +161,7 @@ class FloorPlane:
     """A floor plane: points p on it satisfy up @ p + height_m = 0 in the camera frame.
 
     up (3,) float64 unit normal, away from the floor; height_m: height of the camera above it; residual_m: root mean
-    square residual of the inliers; inlier_share: share of all readings.
+    square residual of the inliers; inlier_share: share of all readings that lie on the plane.
     """
 
     up: np.ndarray
@@ -213,7 +220,7 @@ def is_upside_down(
     plane below it.
 
     floor: result of ``floor_of_room`` from the same frames. False also if nobody moves or no plane is seen, since
-    nothing then shows it.
+    nothing then shows which way is up.
     """
     if not frames_m or floor is NoFloor.NO_READINGS:
         return False
@@ -231,7 +238,7 @@ def _is_stood_on(floor: FloorPlane | NoFloor, people_m: np.ndarray) -> bool:
 
 
 def _before(room_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
-    """Return points (n, 3), camera frame, in front of the room, at most ``SAMPLE``."""
+    """Return about ``SAMPLE`` of the points (n, 3), camera frame, in front of the room: mainly people."""
     nearer = [np.where((room_m <= 0) | (depth < room_m - NEARER_M), depth, 0.0) for depth in frames_m]
     found = [points[np.isfinite(points[..., 2])] for points in map(camera.back_project, nearer)]
     points = np.concatenate([np.zeros((0, 3)), *found])
@@ -250,8 +257,8 @@ def find_floor(
     depth_m (height, width) float32, preferably without people; noise_per_m: factor of the noise, see ``noise_per_m``;
     standing_m (n, 3): points, in the camera frame, on people and objects that stand on the floor; up (3,): approximate
     upward direction in the camera frame. The plane is found by RANSAC on a sample, first with the strict tolerance.
-    Then it is fitted by weighted least squares to the inliers. Their gate shrinks to three of their standard
-    deviations, since the foot of a wall within the first gate would tilt the plane.
+    Then it is fitted by weighted least squares to the inliers. The maximum distance of an inlier shrinks to three
+    standard deviations of their distances, since the foot of a wall among the first inliers would tilt the plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]
@@ -329,7 +336,7 @@ def _refined(plane: np.ndarray, points_m: np.ndarray, tolerance_m: float, noise_
 
 
 def _fit_plane(points_m: np.ndarray, sigma_m: np.ndarray, up: np.ndarray) -> np.ndarray | None:
-    """Fit a plane (4,) (up, height) by weighted least squares to centred points; None if the patch is too narrow.
+    """Fit a plane (4,) (up, height) by weighted least squares to centred points; None if their patch is too narrow.
 
     up (3,): approximate upward direction.
     """

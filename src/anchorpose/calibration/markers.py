@@ -1,6 +1,6 @@
 """Find a camera's pose from printed markers in its infrared or colour image, an alternative to calibration by depth.
 
-The poses of the markers in Gamma_0 are read from markers.json (format ``marker-layout``).
+The poses of the markers in the world (Gamma_0) are read from markers.json (format ``marker-layout``).
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ Squares = Annotated[Whole, Field(gt=1, le=100, description="the number of square
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tag:
-    """A square tag: the side of its black square, and its pose, with x to its right, y up and z out of it, towards the
-    reader.
+    """A square tag: the side length of its black square, and its pose: x to its right, y up and z out of it, towards
+    the reader.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -115,7 +115,7 @@ class NoMarkers(StrEnum):
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenMarkers:
     """The markers that were seen. For each corner: pixel (n, 2), world_m (n, 3), marker (n,): id of its marker. For
-    each depth reading on a marker: rays (k, 2), depth_m (k,), plane (k,): index of its marker.
+    each depth reading on a marker: rays (k, 2), depth_m (k,), plane (k,): id of its marker.
     """
 
     pixel: np.ndarray
@@ -135,14 +135,14 @@ class SeenMarkers:
 def detect_markers(
     image: np.ndarray, camera: Camera, layout: MarkerLayout, depth_m: np.ndarray | None
 ) -> SeenMarkers | NoMarkers:
-    """Detect the layout's markers in an image, see ``pose_from_markers``, or return why there are none."""
+    """Detect the layout's markers in an image, or return why none is usable; arguments as in ``pose_from_markers``."""
     grey = _grey(image)
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, layout.dictionary))
     parameters = cv2.aruco.DetectorParameters()
     if layout.board is not None:
         found = _board_corners(grey, layout.board, dictionary, parameters)
     else:
-        # corners of quadrilaterals from fitted edges have half the error of corners that are refined one by one
+        # corners found by fitting a tag's four edges have half the error of corners that are refined one by one
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
         found = _tag_corners(grey, layout, cv2.aruco.ArucoDetector(dictionary, parameters))
     if not found:
@@ -211,8 +211,8 @@ def _side_px(corners: np.ndarray) -> float:
 def _depth_inside(
     corners: np.ndarray, number: int, camera: Camera, depth_m: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rays and depths of readings inside a marker, and its number for each. The rim is left out, where depth
-    mixes with the background.
+    """Return rays and depths of readings inside a marker, and the marker's number for each. The marker's rim is left
+    out, since depth there mixes with the background.
     """
     if depth_m is None:
         return np.empty((0, 2)), np.empty(0), np.empty(0, dtype=np.int64)
@@ -226,16 +226,16 @@ def _depth_inside(
     return rays, depth_m[row, column].astype(np.float64), np.full(len(place), number)
 
 
-# names of the images in a camera's folder; they have the lens of its depth images
+# names of the images of markers in a camera's folder; they must have the same intrinsics as its depth images
 MARKER_IMAGES: Final = ("infrared.png", "color.png")
-# m and rad; solutions of the solver within this spread are the same; mirrored poses differ by degrees
+# m and rad; solutions of the solver that differ by less are the same; mirrored poses differ by degrees
 SAME_M, SAME_RAD = 0.002, 0.002
 CORNER_SIGMA_PX: Final = 0.3  # px, error of a corner after refinement, in an image with noise and slight blur
 DEPTH_SIGMA_M: Final = 0.006  # m, error of a depth reading on black and white print, due to noise and the ink
-WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther from its place was moved or misread, and is left out
-# px, maximum root mean square of all corners; with more, the lens or the layout is wrong
+WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther from the prediction was moved or misread: it is left out
+# px, maximum root mean square residual of all corners; with more, the lens or the layout is wrong
 WORST_RMS_PX: Final = 1.0
-FLIPPED_CHI2: Final = 16.0  # lead in chi2 over the mirrored pose of a flat layout: four sigmas
+FLIPPED_CHI2: Final = 16.0  # minimum lead in chi2 over the second, mirrored pose of a flat layout: four sigmas
 WORST_SIGMA_M: Final = 0.02  # m, maximum sigma of the camera's position; a small distant tag gives it only to 10 cm
 # rad (half a degree), maximum sigma of the camera's direction; it displaces a point at one metre by one centimetre
 WORST_SIGMA_RAD: Final = 0.01
@@ -246,8 +246,8 @@ class MarkerPose:
     """The pose by markers: T_world_camera (4, 4); rms_px: root mean square residual of the corners; sigma_m: sigma of
     the position, per axis; sigma_rad: sigma of the direction.
 
-    corners: number of corners used; markers: ids of the tags, or of the board's markers, to which they belong;
-    left_out: ids of tags that do not fit the others.
+    corners: number of corners used; markers: ids of the tags to which they belong, 0 for a board; left_out: ids of tags
+    that do not fit the others.
     """
 
     T_world_camera: np.ndarray
@@ -302,7 +302,7 @@ def _read(path: Path, camera: Camera) -> np.ndarray:
 def pose_from_markers(
     image: np.ndarray, camera: Camera, layout: MarkerLayout, depth_m: np.ndarray | None = None
 ) -> MarkerPose | NoMarkers:
-    """Find the camera's pose in Gamma_0 by the markers in one image, or return why not.
+    """Find the camera's pose in the world (Gamma_0) by the markers in one image, or return why it is not found.
 
     image (height, width) or (height, width, 3), 8 or 16 bit, of the depth images' geometry; depth_m (height,
     width), 0 = no reading: readings on the markers make the distance more accurate and separate the two poses of a
@@ -321,7 +321,7 @@ def pose_from_markers(
     poses = _candidates(seen, camera)
     while not poses or _worst_corner_px(poses[0][1], seen, camera) > WORST_CORNER_PX:
         numbers = np.unique(seen.marker).tolist()
-        if 2 * (len(left_out) + 1) >= len(numbers) + len(left_out):  # the tags that agree are not a majority
+        if 2 * (len(left_out) + 1) >= len(numbers) + len(left_out):  # the tags that would be left are not a majority
             return NoMarkers.INCONSISTENT
         rest = {number: _candidates(seen.without(number), camera) for number in numbers}
         left_out.append(min(numbers, key=lambda number: rest[number][0][0] if rest[number] else np.inf))
@@ -330,9 +330,7 @@ def pose_from_markers(
 
 
 def _candidates(seen: SeenMarkers, camera: Camera) -> list[tuple[float, np.ndarray]]:
-    """Return (chi2, T_camera_world) of the refined solutions, best first; there are up to two if all corners lie in one
-    plane.
-    """
+    """Return (chi2, T_camera_world) of the refined solutions, best first: up to two if all corners lie in one plane."""
     matrix, distortion = camera.intrinsics.matrix, np.array(camera.intrinsics.distortion)
     spread = np.linalg.svd(seen.world_m - seen.world_m.mean(axis=0), compute_uv=False)
     flat = spread[2] < 1e-3 * spread[0]
@@ -352,7 +350,7 @@ def _candidates(seen: SeenMarkers, camera: Camera) -> list[tuple[float, np.ndarr
 
 
 def _differ(one: np.ndarray, other: np.ndarray) -> bool:
-    """Return whether two solutions are distinct: some starts converge to the same one."""
+    """Return whether two solutions are distinct: some starts of the solver converge to the same one."""
     step = invert_rigid(one) @ other
     turn = float(Rotation.from_matrix(step[:3, :3]).magnitude())
     return turn > SAME_RAD or float(np.linalg.norm(step[:3, 3])) > SAME_M
@@ -371,9 +369,7 @@ def _moved(T_camera_world: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.ndarray:
-    """Return the residuals in standard deviations: of corners in the image, and of depth readings from the plane of
-    their marker.
-    """
+    """Return the residuals in sigmas: of corners in the image, and of depth readings from the plane of their marker."""
     points = transform_points(T_camera_world, seen.world_m)
     off = np.nan_to_num(camera.project(points) - seen.pixel, nan=1e3).ravel() / CORNER_SIGMA_PX
     rows = [off]
@@ -400,7 +396,7 @@ def _judged(
 ) -> MarkerPose | NoMarkers:
     chi2, T_camera_world = poses[0]
     rows = _rows(T_camera_world, seen, camera)
-    scale = max(1.0, chi2 / max(len(rows) - 6, 1))  # if corners are less accurate than assumed, so are depths
+    scale = max(1.0, chi2 / max(len(rows) - 6, 1))  # factor on the assumed variances, the same for corners and depths
     if len(poses) > 1 and (poses[1][0] - chi2) / scale < FLIPPED_CHI2:
         return NoMarkers.AMBIGUOUS
     off = camera.project(transform_points(T_camera_world, seen.world_m)) - seen.pixel

@@ -1,4 +1,4 @@
-"""Propose chi_0: the boxes and tubes that stand near the patient's place in the empty room."""
+"""Propose the equipment model: the boxes and tubes that stand near the patient's place in the empty room."""
 
 from __future__ import annotations
 
@@ -21,22 +21,27 @@ from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
 
 ROUNDS: Final = 3  # number of rounds, in which readings are assigned to the nearest part and parts are fitted again
-SNAP_RAD: Final = np.radians(10.0)  # maximum error of a bar's direction if readings of another bar are mixed in
-SNAP_WORSE: Final = 1.15  # factor by which a snapped part may fit the readings worse than a part with free axes
+# rad, maximum turn by which a part's axes are set to the common directions (the vertical, and the level directions of
+# most bars); a bar's direction may be wrong by this if readings of another bar are mixed in
+SNAP_RAD: Final = np.radians(10.0)
+# maximum cost of a fit with axes along the common directions, as a factor on the cost with free axes; if it costs more,
+# the free axes are kept
+SNAP_WORSE: Final = 1.15
 EXPLAINED_M: Final = 0.015  # m from a part's surface; readings within this distance are explained by the part
 WELL_M: Final = 0.006  # m, maximum spread of the readings of a part that fits well, so that its axes need not be freed
 # m, maximum spread of a part's readings; with more, the part is neither a bar nor a plate
 WORST_RESIDUAL_M: Final = 0.012
 MOST_HOLLOW: Final = 0.2  # maximum share of the rays through a part's core that pass through; a wrong part has more
 END_SHARE: Final = 0.15  # share of a bar's length at each end that is left out when its cross-section is measured
-RUNNER_M, SEAT_M = 0.15, 0.30  # m, heights above the floor that decide the name of a part
+# m above the floor; a level bar below the first height is a runner, a level plate above the second is a seat
+RUNNER_M, SEAT_M = 0.15, 0.30
 SAMPLES: Final = 8  # number of frames from which the patient's place is found if no pose is given
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProposedPart:
-    """A proposed part, the robust distance of its readings from it, their number, and the names of lengths that are
-    guessed.
+    """A proposed part, the robust spread of its readings about its surface, their number, and which of its lengths
+    (length, breadth, thickness) are guessed, since no camera sees them.
     """
 
     part: Box | Cylinder
@@ -47,16 +52,14 @@ class ProposedPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentProposal:
-    """The proposed parts, ordered by name. explained_share: share of the free-standing readings that lie within 15 mm
-    of a part.
-    """
+    """The proposed parts, by name. explained_share: share of the free-standing readings within 15 mm of a part."""
 
     parts: tuple[ProposedPart, ...]
     explained_share: float
 
     @property
     def model(self) -> EquipmentModel:
-        """Return the parts as chi_0."""
+        """Return the parts as an equipment model."""
         return EquipmentModel(tuple(proposed.part for proposed in self.parts))
 
 
@@ -69,8 +72,8 @@ class NoEquipment(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedRoom:
-    """The fitted room: cameras with the poses used; rooms_m: one depth image of the empty room per camera; the
-    proposal; notes on both.
+    """The fitted room: cameras with the poses used; rooms_m: one depth image of the empty room per camera; the proposed
+    equipment; notes on how the poses were found.
     """
 
     cameras: tuple[Camera, ...]
@@ -82,8 +85,8 @@ class FittedRoom:
 def fit_equipment(recording: Recording, camera: str | None, region: Region) -> FittedRoom:
     """Fit the equipment in the empty rooms of a recording's cameras, or of the named camera only.
 
-    Where the poses are given, parts are in their world; a single camera without a pose is placed by the floor and the
-    patient's first place. Raises InputError if a depth image of the empty room, the floor or the equipment is
+    If the poses are given, parts are in the world of these poses; a single camera without a pose is placed by the floor
+    and the patient's first place. Raises InputError if a depth image of the empty room, the floor or the equipment is
     missing.
     """
     chosen = _with_cameras(recording, camera)
@@ -132,7 +135,8 @@ def propose_equipment(
     """Propose the boxes and tubes that explain the empty room near the patient's place.
 
     cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. If no camera
-    sees a side of a bar, it is placed such that the bar is square, and its length is named in ``guessed``.
+    sees one side of a bar, this side is placed such that the bar is square, and the length from this side to the
+    opposite side is named in ``guessed``.
     """
     readings = gather_readings(cameras, rooms_m, floor_height_m, region)
     if readings.stands.sum() < LEAST_PIXELS:
@@ -158,7 +162,7 @@ def propose_equipment(
 
 
 def _common_yaw(found: Sequence[Found]) -> float:
-    """Return the direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 if 0 fits as well.
+    """Return the direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 if it is nearly 0.
 
     Bars meet at right angles, so angles that differ by 90 degrees are averaged as equal (as four times the angle);
     longer bars count more.
@@ -173,10 +177,11 @@ def _common_yaw(found: Sequence[Found]) -> float:
 
 
 def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
-    """Fit a part whose axes are set to the vertical and the common directions if they are nearly parallel to them.
+    """Fit a part. Its axes are set to the vertical and the common directions (``yaw``) if they are nearly parallel to
+    these.
 
-    It is fitted from two starts. If readings of other parts are mixed in, one start may be too large, and a face may
-    converge to the wrong side of the readings.
+    The better of two starts counts: if readings of other parts are mixed in, one start may be too large, and one of its
+    faces may converge to the wrong side of the readings.
     """
     rotation = _snapped(part.rotation, yaw)
     rows = np.flatnonzero(readings.stands)[part.members]
@@ -240,7 +245,7 @@ def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[
 
 
 def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:
-    """Refit the part, with its axes fixed if the common directions explain the readings, else with free axes."""
+    """Refit the part: with its axes along the common directions if these explain the readings, else with free axes."""
     straight = refine(fit, readings, own, tubes=tubes)
     if _is_snapped(fit) and straight.residual_m < WELL_M:
         return straight

@@ -1,6 +1,4 @@
-"""Complete proposed parts: join pieces of one bar, extend bars, test whether rays pass through parts, extend posts to
-the floor.
-"""
+"""Complete proposed parts: join pieces of a bar, extend bars and posts, test whether rays pass through parts."""
 
 from __future__ import annotations
 
@@ -13,12 +11,14 @@ import numpy as np
 from anchorpose.calibration.proposal_readings import UNREAD_M, Readings
 from anchorpose.calibration.proposal_shape import LEAST_SUPPORT, REACH_M, Fit
 
-# m, limits for pieces of one bar: distance from the bar's line, and gap between the pieces (a leg's breadth)
+# m, limits for pieces of one bar: OFF_LINE_M is the distance of a piece from the other's line, LARGEST_CUT_M the gap
+# between the pieces (a leg's breadth)
 OFF_LINE_M, LARGEST_CUT_M = 0.02, 0.30
 SEEN_THROUGH: Final = 4  # number of rays through a gap that are needed to show that the gap is empty
 # m; a reading within this distance of a bar's extension belongs to the bar; this is also the step along the bar
 ALONG_M: Final = 0.01
-DENSE: Final = 3  # minimum number of readings in a step; a bar one pixel wide at 3 m has five
+# minimum number of readings in a step along a bar for the bar to continue; a bar one pixel wide at 3 m has five
+DENSE: Final = 3
 # m above the floor; if the unseen lower side of a level bar is below this height, the bar lies on the floor
 LIES_M: Final = 0.06
 # m above the floor; an upright bar that ends below this height stands on the floor, or in a runner
@@ -42,8 +42,8 @@ def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
 
 
 def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
-    """Return how far (m) readings continue beyond an end: every step has enough readings, and the last step has free
-    readings.
+    """Return how far (m) readings continue beyond an end: every step has enough readings, and the last step has
+    readings of no other part (``free``).
     """
     steps = (beyond_m / ALONG_M).astype(int)
     ahead = beyond_m > 0
@@ -55,7 +55,7 @@ def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
 
 
 def merged(fits: Sequence[Fit], readings: Readings) -> list[Fit]:
-    """Join the pieces of one bar that another object cuts, unless rays pass between them."""
+    """Join the seen pieces of a bar whose middle another object hides, unless rays pass between the pieces."""
     fits = list(fits)
     for first in range(len(fits)):
         for second in range(first + 1, len(fits)):
@@ -95,7 +95,7 @@ def _seen_through(bar: Fit, between: np.ndarray, readings: Readings) -> bool:
 
 
 def hollow_share(fit: Fit, readings: Readings) -> float:
-    """Return the share of the rays through a part's core that end beyond it: 0 for a real part."""
+    """Return the share of the rays through a part's core that end beyond it: about 0 for a real part."""
     passing, ending = _rays_through(fit.rotation, *_core(fit), readings)
     return passing / max(passing + ending, 1)
 
@@ -151,8 +151,8 @@ def _lifted(fit: Fit, axis: int, height_m: float, readings: Readings) -> bool:
 
 
 def guessed_lengths(fit: Fit, floor_height_m: float) -> tuple[str, ...]:
-    """Return the names of lengths that no camera sees: of a side along which all cameras look, or of an end without
-    readings.
+    """Return the names of lengths that no camera sees: those along an axis in whose direction all cameras look, and
+    those with an end that has no readings.
 
     The end of a part on the floor counts as seen.
     """

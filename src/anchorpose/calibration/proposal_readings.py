@@ -17,11 +17,15 @@ from anchorpose.calibration.first_frames import TOLERANCES_M, noise_per_m
 from anchorpose.camera import Camera, transform_points
 from anchorpose.settings import Positive, settings
 
-FLOOR_SIGMAS: Final = 4.0  # sigmas of the depth noise across the floor; readings higher than this are above the floor
-JUMP_M, JUMP_SIGMAS = 0.03, 4.0  # maximum step on one object, in m and sigmas, for a bar's slanted side and for noise
+FLOOR_SIGMAS: Final = 4.0  # sigmas of the noise in the height of floor readings; higher readings are above the floor
+# maximum depth step between pixels of one object: JUMP_M (m), since a bar's side may be seen at an angle, plus
+# JUMP_SIGMAS sigmas of the noise
+JUMP_M, JUMP_SIGMAS = 0.03, 4.0
 SUPPORT: Final = 4  # minimum number of neighbours, out of eight, at a pixel's depth; flying pixels have fewer
-FREE_SHARE: Final = 0.5  # minimum share of an object's pixels that lie in the region; walls and cupboards have less
-BEYOND_PX: Final = 14  # pixels around a free-standing object whose rays are known to pass by it
+FREE_SHARE: Final = 0.5  # minimum share of an object's pixels that lie in ``Region``; walls and cupboards have less
+# pixels, width of the rim around free-standing objects; readings in the rim are kept, since their rays pass beside the
+# object
+BEYOND_PX: Final = 14
 UNREAD_M: Final = 100.0  # m, depth assigned to a large area without readings, where the room is out of range
 UNREAD_PX: Final = 21  # pixels, minimum width of such an area; the unread side of a tube at a grazing angle is narrower
 TOP_M: Final = 2.2  # m, maximum height of the equipment above the floor; lamps and ceiling lifts are not part of it
@@ -31,8 +35,8 @@ TOP_M: Final = 2.2  # m, maximum height of the equipment above the floor; lamps 
 class Region:
     """An upright cylinder in which equipment is searched."""
 
-    center_xz_m: tuple[float, float] = (0.0, 0.0)  # origin of Gamma_0, where the patient stands
-    radius_m: Positive = 1.0  # m; a standing frame is a metre long and wide, measured from its middle
+    center_xz_m: tuple[float, float] = (0.0, 0.0)  # the world's origin, where the patient stands
+    radius_m: Positive = 1.0  # m; a standing frame is a metre long and wide, so all of it is this near to its middle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,12 +93,10 @@ def _of_one_camera(camera: Camera, room_m: np.ndarray, floor_height_m: float, re
 
 
 def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_m: float, region: Region) -> np.ndarray:
-    """Return (height, width) bool: pixels above the floor, in the region, and on an object that is mostly in the
-    region.
-    """
+    """Return (height, width) bool: pixels above the floor, in the region, and on an object mostly in the region."""
     points = transform_points(camera.require_pose(), camera.back_project(room_m).astype(np.float64))
     height = points[..., 1] - floor_height_m
-    lift = abs(camera.position_m[1] - floor_height_m)  # noise a z^2 is a z h across a floor h below
+    lift = abs(camera.position_m[1] - floor_height_m)  # noise a z^2 along the ray becomes a z h across a floor h below
     standing = (room_m > 0) & (height > TOLERANCES_M[0] + FLOOR_SIGMAS * noise * room_m * lift)
     limit = JUMP_M + JUMP_SIGMAS * noise * room_m**2
     supported = _support(room_m, standing, limit) >= SUPPORT
@@ -151,14 +153,16 @@ def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[n
 
 # m, maximum distance from a bar's middle line to its surface; bars are tubes of 3 cm to pads of 9 cm
 BAR_RADIUS_M: Final = 0.055
-SURROUNDINGS_M: Final = 0.10  # m around a bar within which nothing is beside it, in contrast to a strip of a plate
-# maximum ratio of the readings beside a bar to the readings on it, since other bars may start from it
+# m from a bar's middle line; up to this distance, readings beside the bar are counted: few lie beside a real bar, many
+# beside a strip of a plate
+SURROUNDINGS_M: Final = 0.10
+# maximum ratio of the readings beside a bar to the readings on it; not 0, since other bars may start from the bar
 MOST_BESIDE: Final = 0.5
 LEAST_LENGTH_M: Final = 0.15  # m, minimum length of a bar; shorter pieces are handles, screws and corners
 SLENDERNESS: Final = 2.5  # minimum ratio of length to breadth of a bar
 GAP_M: Final = 0.06  # m, maximum length of a stretch of a bar without readings, which another bar may hide
 SEEDS: Final = 120  # number of places from which a bar is searched, drawn again for each bar
-NEAR_M: Final = 0.12  # m, radius around a seed whose points give a direction, twice a thick bar's breadth
+NEAR_M: Final = 0.12  # m, radius around a seed whose points give the bar's first direction, twice a thick bar's breadth
 LEAST_PIXELS: Final = 40  # minimum number of pixels of a bar or plate; fewer give no direction
 PLATE_RADIUS_M: Final = 0.09  # m, radius of a disc that readings can fill on a plate, but never on a bar
 PLATE_FILLED: Final = 0.85  # minimum share of the disc's cells with readings for it to count as filled
@@ -186,7 +190,9 @@ class Found:
 
 
 def find_parts(points_m: np.ndarray) -> list[Found]:
-    """Find plates first, then bars, the largest first; the points of each are removed before the next search."""
+    """Find plates, then bars, in points (n, 3), largest first; the points of each are removed before the next
+    search.
+    """
     rng = np.random.default_rng(0)
     left = np.arange(len(points_m))
     parts: list[Found] = []
@@ -240,7 +246,7 @@ def _grow_line(points: np.ndarray, place: np.ndarray, axis: np.ndarray) -> tuple
         if chosen.sum() < LEAST_PIXELS:
             return None
         middle, axis = points[chosen].mean(axis=0), _main_direction(points[chosen])
-        # a thin tube uses only points within its breadth, so that adjoining bars do not turn it
+        # for a thin bar, only points within its breadth are used, so that adjoining bars do not turn its axis
         radius = float(np.clip(2.5 * np.median(across[chosen]), 0.4 * BAR_RADIUS_M, BAR_RADIUS_M))
     along, across = _cylindrical(points, middle, axis)
     chosen = (across < radius) & (along >= along[chosen].min()) & (along <= along[chosen].max())
@@ -260,7 +266,9 @@ def _cylindrical(points: np.ndarray, middle: np.ndarray, axis: np.ndarray) -> tu
 
 
 def _unbroken(along: np.ndarray, on_line: np.ndarray) -> tuple[float, float] | None:
-    """Return the stretch around 0 without a gap longer than ``GAP_M``."""
+    """Return the ends of the stretch of readings around 0 that has no gap longer than ``GAP_M``; None without
+    readings.
+    """
     places = np.sort(along[on_line])
     if not len(places):
         return None
@@ -308,7 +316,7 @@ def _best_plate(points_m: np.ndarray, left: np.ndarray, rng: np.random.Generator
 
 
 def _filled(offset: np.ndarray, axes: np.ndarray) -> float:
-    """Return the share of a disc's cells that contain a point."""
+    """Return the share of a disc's cells that contain a point. offset (n, 3): points relative to the disc's centre."""
     reach = int(PLATE_RADIUS_M / CELL_M)
     cell = np.rint(offset @ axes[:, 1:] / CELL_M).astype(int)
     cell = cell[(np.abs(cell) <= reach).all(axis=1)] + reach

@@ -17,20 +17,24 @@ from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.calibration.proposal_readings import Readings
 from anchorpose.recording.equipment import Box, Cylinder
 
-LEAST_SIGMA_M: Final = 0.003  # m, minimum sigma of a distance; neither tubes nor camera poses are more accurate
+LEAST_SIGMA_M: Final = 0.003  # m, minimum sigma of a reading; neither tubes nor camera poses are more accurate
 REACH_M: Final = 0.03  # m from a part; readings within this distance belong to it
 BEYOND_M: Final = 0.05  # m; if a ray ends this far behind a part, it has passed the part
 STEP_M: Final = 0.015  # m, step along a ray, half the thickness of a thin plate
 ROWS: Final = 300  # maximum number of readings, and of rays, for one part; faces are then precise to half a millimetre
 TRIALS: Final = 25  # maximum number of iterations of the solver; most fits converge after ten
-# m, usual deviation of a bar's cross-section from a square; if a side is visible, it decides
+# m, sigma of the difference between a bar's two breadths if it is assumed to be square; readings of a visible side
+# outweigh it
 SQUARE_SIGMA_M: Final = 0.02
 PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge is not seen, and its sigma
-ASLANT: Final = 0.4  # sine of 24 degrees; at this angle a 5 cm bar shows three pixels of its side
-ASSUMED: Final = 20.0  # weight of the assumption that a bar is square if no camera sees a side
+# sine of the angle between the line of sight and an axis (24 degrees) below which the extent along this axis counts as
+# unseen; at this angle, a 5 cm bar shows three pixels of its side
+ASLANT: Final = 0.4
+ASSUMED: Final = 20.0  # weight of the assumption that a bar is square, or a plate thin, if no camera sees a side
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, limits of a bar's cross-section; broader parts, such as pads, are plates
-END_SIGMA_M: Final = 0.05  # m, sigma with which an end without further evidence stays at its last reading
-# maximum ratio of costs, of tube to bar, at which the tube is used, since a bar has one more free length
+END_SIGMA_M: Final = 0.05  # m, sigma of a bar's end about the bar's last reading, if nothing else shows the end
+# maximum cost of the fitted tube, divided by that of the bar, at which the tube is used; it is above 1, since a bar has
+# one more free length
 ROUNDER: Final = 1.12
 # minimum number of readings or passing rays at a face; with fewer, the face's place is a guess
 LEAST_SUPPORT: Final = 12
@@ -43,7 +47,7 @@ class Fit:
     rotation (3, 3): from the part's axes to the world; low, high (3,): position of the faces along the axes, relative
     to the world's origin. A round part (tube) has the same breadth along the first two axes. cost: cost of the fit per
     reading; residual_m: robust spread of the readings about the surface; support (3, 2): number of readings and passing
-    rays that determine each face; readings: number of readings on the part.
+    rays that determine each face; readings: number of readings on the part; blind (3,) bool: see ``_blind``.
     """
 
     rotation: np.ndarray
@@ -118,8 +122,8 @@ def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tu
 @dataclass(frozen=True, slots=True, eq=False)
 class _Evidence:
     """The evidence for one part. points_m (n, 3): its readings, with sigma_m (n,); hitting_m (n, k, 3): places on the
-    rays of these readings, which hit the part; passing_m (m, k, 3): places on rays that miss the part. *_sigma_m (n,),
-    (m,): half the breadth of a pixel.
+    rays of these readings, which hit the part; passing_m (m, k, 3): places on rays that miss the part. hitting_sigma_m
+    (n,), passing_sigma_m (m,): half the breadth of a pixel.
     """
 
     points_m: np.ndarray
@@ -152,8 +156,8 @@ def _evidence(fit: Fit, readings: Readings, own: np.ndarray) -> _Evidence:
 
 
 def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
-    """Return (3,) bool: axes along which all cameras that see the part look, so that they do not show its extent; its
-    outline shows the extent along the other axes.
+    """Return (3,) bool: axes along which all cameras that see the part look. The part's extent along them is not seen,
+    since its outline shows only the extent along the other axes.
     """
     view = (np.unique(origins_m, axis=0) - fit.center_m) @ fit.rotation
     blind = np.zeros(3, dtype=bool)
@@ -167,9 +171,7 @@ def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
 
 
 def _along_rays(readings: Readings, rows: np.ndarray, near: np.ndarray, thick_m: float) -> np.ndarray:
-    """Return places (n, k, 3) on the rays around the point nearest to the part; two places are no farther apart than a
-    bar is thick.
-    """
+    """Return places (n, k, 3) on the rays around the point nearest to the part, about ``STEP_M`` apart or less."""
     length = np.linalg.norm(readings.ray[rows], axis=1)
     count = max(5, int(np.ceil(2.0 * thick_m / STEP_M)))
     along = near[rows, None] + np.linspace(-1.0, 1.0, count) * thick_m / length[:, None]
@@ -211,7 +213,7 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
         if fit.round:
             middle, half = x[:2], np.maximum(x[3], THINNEST_M) / 2.0
             low[:2], high[:2] = middle - half, middle + half
-        # the part turns about its middle, so the positions of the faces along the new axes change
+        # low and high are positions along the turned axes, so a turn alone also moves the part about the world's origin
         return replace(fit, rotation=rotation, low=low, high=high)
 
     def rows(x: np.ndarray) -> np.ndarray:

@@ -32,13 +32,14 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording, depths_of
 
-# rad (two degrees), limit of the angle between a measured floor and the world's; it displaces a foot at 1 m by 3.5 cm
+# rad (two degrees); if a measured floor is tilted by more in the world, a doubt is noted; such a tilt displaces a foot
+# at 1 m by 3.5 cm
 TILTED_RAD: Final = 0.035
-# rad (four degrees); floors are level to one degree, and lenses bend them by one; with more than this, the pose is
-# wrong
+# rad (four degrees); if a measured floor is tilted by more in the world, the pose is wrong: floors are level to one
+# degree, and lenses bend them by one degree more
 WORST_FLOOR_TILT_RAD: Final = 0.07
-# m, limits of the difference between one floor's heights in two cameras, each known to 2 cm; at the second limit, each
-# camera is 10 cm off
+# m, difference between one floor's heights in two cameras, each known to 2 cm, above which a doubt is noted, and above
+# which tracking is refused: each camera's height is then 10 cm off
 UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15
 
 
@@ -52,12 +53,12 @@ def find_world(
 ) -> Calibration:
     """Find the poses of all cameras: as given, from the equipment, or from the floor and the people.
 
-    sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without
-    equipment, the world has Y up, the origin on the floor below the patient's first place, and X from the patient
-    towards the camera: the patient is assumed to face the camera, and a note states this assumption. Other cameras are
-    placed relative to the first by the people that both see (``placing``). rough_clocks: whether the clocks are known
-    only to 50 ms, so that these placements may be less accurate. Raises InputError if poses are missing and cannot
-    be found.
+    sample_frames: spread over the recording, in the order of time. With equipment, the world is the equipment's frame
+    (Gamma_0). Without equipment, the world has Y up, the origin on the floor below the patient's first place, and X
+    from the patient towards the camera: the patient is assumed to face the camera, and a note states this assumption.
+    Other cameras are placed relative to the first by the people that both see (``placing``). rough_clocks: whether the
+    clocks are known only to 50 ms, so that these placements may be less accurate. Raises InputError if poses are
+    missing and cannot be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
     equipment_config = equipment_config or EquipmentPoseConfig()
@@ -106,9 +107,7 @@ def _equipment_world(
 
 
 def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[FloorPlane | NoFloor]:
-    """Find the floor that each camera sees in its image of the empty room or, without such an image, in the sampled
-    frames.
-    """
+    """Find the floor that each camera sees in its image of the empty room or, without it, in the sampled frames."""
     return [
         floor_of_room(camera, recording.backgrounds_m[index], depths_of(sample_frames, index))
         for index, camera in enumerate(recording.cameras)
@@ -149,8 +148,8 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
             doubts.append(PoseDoubt(DoubtSource.FLOOR, (camera.name,), sentence, off_m, refuted))
         if tilt > WORST_FLOOR_TILT_RAD:
             continue
-        # Height of the floor in the middle of the camera's view: directly below the camera, a small tilt would act as a
-        # lever.
+        # The floor's height is taken in the middle of the camera's view: extrapolated to the point below the camera, it
+        # would change much with a small error of the tilt.
         ahead = floor.height_m / max(0.2, float(-floor.up @ [0.0, 0.0, 1.0])) * np.array([0.0, 0.0, 1.0])
         on_floor = ahead - (floor.up @ ahead + floor.height_m) * floor.up
         heights[camera.name] = float(transform_points(T_world_camera, on_floor)[1])
@@ -161,9 +160,7 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
 
 
 def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
-    """Return a doubt if cameras see the floor at different heights; it is about the camera that differs most from the
-    others.
-    """
+    """Return a doubt if cameras see the floor at different heights, about the camera that differs most."""
     if len(heights_m) < 2:
         return []
     values = np.array(list(heights_m.values()))
@@ -231,8 +228,8 @@ def _with_other_cameras(
 
 
 def _world_at(origin_camera_m: np.ndarray, up_camera: np.ndarray) -> np.ndarray:
-    """Return T_world_camera (4, 4) with the origin at a camera point, Y along ``up_camera``, X level towards the
-    camera.
+    """Return T_world_camera (4, 4): origin at a point given in the camera frame, Y along ``up_camera``, X level towards
+    the camera.
     """
     towards = -origin_camera_m + (up_camera @ origin_camera_m) * up_camera
     forward = towards / np.linalg.norm(towards)

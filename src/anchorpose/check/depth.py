@@ -1,4 +1,4 @@
-"""Check noise, steps, edges and missing readings of each camera, and whether lens and depth unit are plausible."""
+"""Check each camera's depth images (noise, steps, edges, holes), and whether lens and depth unit are plausible."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from anchorpose.isolation.depth_noise import LIMB_M, measure_detail
 from anchorpose.isolation.room_planes import find_planes
 from anchorpose.isolation.view import View
 
-NOISY_PER_M: Final = 2 * 1.425e-3  # maximum sigma / depth^2; twice a Kinect v1's (Khoshelham and Elberink 2012)
-# shares of the image without readings; indoors, windows and far walls cause shares of 0.05 to 0.35
+NOISY_PER_M: Final = 2 * 1.425e-3  # 1/m, maximum noise sigma / depth^2; twice a Kinect v1's (Khoshelham, Elberink 2012)
+# shares of the image without readings (yellow, red); indoors, windows and far walls cause shares of 0.05 to 0.35
 SOME_GONE, MOST_GONE = 0.40, 0.70
-HOLED: Final = 0.15  # share of the patient's outline without readings; hair and shoes cause a smaller share
-# ratio of a disturbed frame's noise to the usual noise; undisturbed frames deviate by up to 10 %
+HOLED: Final = 0.15  # maximum share of the patient's outline without readings; hair and shoes cause less
+# a frame counts as disturbed if its noise is more than this times the median frame's; others deviate by up to 10 %
 BURST: Final = 1.3
-GONE: Final = 0.05  # share of the image that a disturbance leaves without readings; a passing person covers less
-OFTEN_BURST: Final = 0.25  # share of disturbed frames above which the finding is more severe
-UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # shares of pixels that gain or lose a reading; edges and people cause 0.03
+GONE: Final = 0.05  # extra share of pixels without a reading that makes a frame disturbed; a passer-by adds less
+OFTEN_BURST: Final = 0.25  # share of disturbed frames above which the finding is red instead of yellow
+UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # (yellow, red) shares of pixels that gain or lose a reading per frame; usual 0.03
 SPECK_PX: Final = 7  # pixels; a smaller hole or gap in the patient's pixels is closed to find the outline
 LEAST_SAMPLES: Final = 5  # minimum number of frames for measuring changes between frames
 
@@ -100,8 +100,8 @@ def _missing(depth_m: np.ndarray, camera: Camera) -> float:
 def _steady(
     camera: Camera, frames_m: Sequence[np.ndarray], successive_m: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> OfCamera:
-    """Return findings on frames with more noise or fewer readings than usual, and on readings that appear and disappear
-    between frames.
+    """Return a finding on frames with more noise or fewer readings than usual, and on readings that appear and
+    disappear between frames.
 
     The infrared light of another, unsynchronised camera disturbs the whole image at once.
     """
@@ -117,8 +117,8 @@ def _steady(
 
 
 def _disturbed(camera: Camera, frames_m: Sequence[np.ndarray]) -> np.ndarray:
-    """Return (n,) bool: frames with more noise, or fewer readings, than the others. People change noise and readings
-    only slightly.
+    """Return (n,) bool: True for frames with clearly more noise, or fewer readings, than the median frame. People
+    change noise and readings only slightly.
     """
     noise = np.array([noise_per_m([frame]) if np.count_nonzero(frame) else np.inf for frame in frames_m])
     missing = np.array([_missing(frame, camera) for frame in frames_m])
@@ -148,28 +148,30 @@ def _hole_share(view: View) -> float:
 
 # field of view in degrees; depth cameras have 43 (a cropped RealSense) to 120 (Azure Kinect, wide)
 NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0
-# distance of the principal point from the middle, as a share of the image's size; real lenses have up to 0.03
+# principal point's distance from the middle, as a share of the image's size (yellow, red); real lenses have up to 0.03
 OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25
 UNEQUAL: Final = 0.10  # maximum relative difference of the focal lengths fx and fy; pixels are nearly square
-BENT_M, STRONGLY_BENT_M = 0.03, 0.08  # m; real floors are flat to 2 cm; bending by 8 cm shifts feet by 8 cm
-ON_FLOOR_M: Final = 0.12  # m, maximum distance of a floor reading from the plane; higher readings are objects
-RINGS: Final = 6
+# m, bend of the floor (yellow, red); real floors are flat to 2 cm, and a bend of 8 cm moves feet by 8 cm
+BENT_M, STRONGLY_BENT_M = 0.03, 0.08
+ON_FLOOR_M: Final = 0.12  # m, maximum distance of a floor reading from the floor plane; higher readings are objects
+RINGS: Final = 6  # number of rings about the optical axis into which readings of the floor are divided
 LEAST_READINGS: Final = 300  # minimum number of readings in a ring for computing its median
-LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # a wall's deviation from a right angle with the floor
+LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # degrees (yellow, red), a wall's deviation from a right angle with the floor
 UPRIGHT_DEG: Final = 35.0  # maximum tilt of a wall from the vertical; a more tilted plane is a ramp or a ceiling
-# minimum cosine between a wall's normal and the viewing direction; other walls look upright with any lens
+# minimum cosine between a wall's normal and the viewing direction; walls seen more from the side look upright even if
+# lens parameters are wrong
 FACING: Final = 0.5
-# maximum cosine between a wall's normal and the viewing direction, 5 degrees; the end of the sensor's range looks like
-# a wall at less than 2 degrees
+# maximum cosine between a wall's normal and the viewing direction (an angle of 5 degrees): the end of the sensor's
+# range looks like a wall, but with an angle below 2 degrees
 PARALLEL: Final = 0.996
-SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # a person's height; adults: 1.4 to 2.1 m standing, 1.1 to 1.4 sitting
+SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # m, a person's height; adults have 1.4 to 2.1 (sitting: 1.1 to 1.4)
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"
 NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # m, range in which depth cameras measure
 
 
 def check_lens(material: Material) -> list[Finding]:
-    """Return findings on the field of view, on floor and walls through the lens, and on the size of room and person."""
+    """Return findings on the field of view, on the shape of floor and walls, and on the size of room and person."""
     fields = of_cameras("field of view", [_field_of(camera) for camera in material.cameras])
     return [fields, *_room_through_lens(material), _size(material)]
 
@@ -188,9 +190,7 @@ def _field_of(camera: Camera) -> OfCamera:
 
 
 def _angle_deg(rays: np.ndarray) -> float:
-    """Return the angle from the first to the last ray of a line of pixels (n,), given as tangents; NaN without a
-    ray.
-    """
+    """Return the angle from the first to the last known ray, NaN without a ray. rays (n,): tangents of the angles."""
     known = rays[np.isfinite(rays)]
     return float(np.degrees(np.arctan(known[-1]) - np.arctan(known[0]))) if len(known) else float("nan")
 
@@ -219,7 +219,7 @@ def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
     """Divide the floor into rings about the optical axis, and return the largest difference (m) between the median
     heights of two rings; NaN with too few readings of the floor.
 
-    A wrong lens bends planes, increasingly away from the axis; noise and furniture hardly change the medians.
+    Wrong lens parameters bend planes, the more the farther from the axis; noise and furniture hardly change medians.
     """
     above_m = camera.back_project(room_m) @ floor.up.astype(np.float32) + np.float32(floor.height_m)
     radius = np.linalg.norm(camera.pixel_rays(), axis=-1)
@@ -236,9 +236,9 @@ def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float
     """Return by how many degrees the most upright wall that faces the camera deviates from a right angle with the
     floor; NaN without such a wall.
 
-    A wrong focal length shears a room seen from above; furniture may lean, so one upright wall is enough. Walls
-    parallel to the image are left out: they stay parallel with any lens, and the end of the sensor's range looks like a
-    wall of this kind.
+    A wrong focal length shears the room if the camera looks down; furniture may lean, so one upright wall is enough.
+    Walls parallel to the image are left out: they stay parallel with any focal length, and the end of the sensor's
+    range looks like a wall of this kind.
     """
     planes = find_planes(room.depth_m, camera, room.sensor.noise_per_m, most_beyond=1.0)
     facing = [plane[:3] for plane in planes if FACING < plane[2] < PARALLEL]
@@ -260,7 +260,7 @@ def _size(material: Material) -> Finding:
         return Finding("depth unit", Level.GREEN, measured)
     tall_m = float(np.percentile(tops, 90))
     measured = f"the person is {tall_m:.2f} m tall, shoes and hair included"
-    if np.median(_tallest_m(material)) > TOO_TALL_M or tall_m < TOO_SHORT_M:  # a raised hand is seldom up for long
+    if np.median(_tallest_m(material)) > TOO_TALL_M or tall_m < TOO_SHORT_M:  # median: a hand is seldom raised for long
         return Finding("depth unit", Level.RED, measured, f"{CORRECT_UNIT}, or fx and fy")
     if tall_m < SHORT_M:
         remedy = f"right where they sit all the time; otherwise {CORRECT_UNIT}, or fx and fy"
@@ -269,8 +269,8 @@ def _size(material: Material) -> Finding:
 
 
 def _heights_m(material: Material) -> Sequence[float]:
-    """Return heights above the floor: of the patient where the head is in view, or of the highest person if nobody has
-    a human shape; empty without a floor.
+    """Return heights in m above the floor in sampled frames: of the patient where the head is in view, or of the
+    highest person if no patient was found; empty without a floor.
     """
     floor_m = material.floor_m
     if floor_m is None or material.look is None:
@@ -281,8 +281,8 @@ def _heights_m(material: Material) -> Sequence[float]:
 
 
 def _tallest_m(material: Material) -> Sequence[float]:
-    """Return the height of the highest person in each sampled frame: this measure is needed because the search for the
-    patient may split a person who is too tall into several people.
+    """Return the height in m above the floor of the highest person in each sampled frame; empty without a floor. The
+    height is right even if the search for the patient splits a person who seems too tall into several people.
     """
     if material.floor_m is None or material.look is None:
         return []

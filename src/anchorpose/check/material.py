@@ -1,4 +1,4 @@
-"""Gather the material of the checks (the recording, its sampled frames, the people in them), and state the findings."""
+"""Gather what the checks need (the recording, its sampled frames, the people in them), and define what a finding is."""
 
 from __future__ import annotations
 
@@ -91,18 +91,19 @@ def of_cameras(check: str, parts: Sequence[OfCamera]) -> Finding:
 
 
 LOOKS: Final = 6  # number of frames in which the patient is examined closely; each takes up to 1 s of computing
-PAIRS: Final = 6  # number of pairs of successive frames, to find readings that come and go
+PAIRS: Final = 6  # number of pairs of successive frames that are compared to find readings that come and go
 BODIES: Final = 8  # number of frames in which a body is fitted to each person; 1 s of computing for three people
-SHORT: Final = 300  # maximum number of frames of a recording that is not thinned; 10 s at 30 frames per second
-ENOUGH_HZ: Final = 14.5  # Hz, frame rate needed for clocks and poses; recorders often just miss the guide's 15 Hz
-BORDER_PX: Final = 4  # number of rows that count as the upper border; filters remove the readings of the first rows
-REACH_M: Final = 0.10  # m, maximum distance between a point of skin and a rough body that represents this point
+SHORT: Final = 300  # recordings with fewer frames per camera are not thinned; 10 s at 30 frames per second
+ENOUGH_HZ: Final = 14.5  # Hz, frame rate needed for clocks and poses; recorders often just miss the advised 15 Hz
+BORDER_PX: Final = 4  # pixels, width of a strip that counts as an image's border; filters empty the outermost rows
+REACH_M: Final = 0.10  # m, maximum depth difference between a roughly fitted body's skin point and the pixel on it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPatient:
-    """The patient in one sampled frame: the place on the floor, and the labelled pixels of each camera (None without a
-    frame). hidden (cameras,): share of the skin facing each camera that is hidden; NaN if no body was fitted.
+    """The patient in one sampled frame. person: the patient's place and size; views: labelled pixels of each camera,
+    None without a depth image. hidden (cameras,): share of the skin facing each camera that equipment or people hide;
+    NaN if no body was fitted.
     """
 
     person: Person
@@ -120,9 +121,10 @@ class SeenPatient:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
-    """The material of the checks. recording: has one clock for all cameras if clocks were settled. settled, look: None
-    if the cameras' poses are unknown, for the reason in ``refusal``. successive: pairs of successive frames, between
-    which people hardly move. patient: the patient in some of the sampled frames; empty if nobody was found.
+    """What the checks examine. recording: has one clock for all cameras if ``settled`` is known. settled: clocks and
+    poses; look: empty room and people. ``settled`` and ``look`` are None if the cameras' poses are unknown, for the
+    reason in ``refusal``. successive: pairs of successive frames, between which people hardly move. patient: the
+    patient in some of the sampled frames; empty if nobody was found.
     """
 
     recording: Recording
@@ -135,12 +137,12 @@ class Material:
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """Return the cameras with the poses that are used, if known."""
+        """Return the cameras with the poses that tracking would use, if known."""
         return self.recording.cameras if self.settled is None else self.settled.calibration.cameras
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
-        """Return the scene of each camera; empty if poses are unknown."""
+        """Return each camera with its empty room and equipment; empty if poses are unknown."""
         return () if self.look is None else self.look.scenes
 
     @property
@@ -156,9 +158,7 @@ class Material:
         return None if self.settled is None else self.settled.calibration.floor_height_m
 
     def by_camera(self) -> Iterator[tuple[Camera, list[np.ndarray]]]:
-        """Yield each camera with its sampled depth images (height, width), metres, 0 = no reading; there may be
-        none.
-        """
+        """Yield each camera with its sampled depth images (height, width), metres, 0 = no reading."""
         for index, camera in enumerate(self.cameras):
             yield camera, depths_of(self.samples, index)
 
@@ -173,7 +173,7 @@ class Material:
         return float(np.median(depths)) if depths else float("nan")
 
     def views_of(self, index: int) -> list[View]:
-        """Return one camera's labelled frames of ``patient``."""
+        """Return one camera's labelled pixels in the frames of ``patient`` in which it has an image."""
         return [view for seen in self.patient if (view := seen.views[index]) is not None]
 
 
@@ -198,7 +198,9 @@ def gather_material(recording: Recording, config: TrackConfig) -> Material:
 
 
 def _thinned(recording: Recording) -> Recording:
-    """Keep every n-th frame of cameras faster than clocks and poses need; all frames of a short recording."""
+    """Return the recording with only every n-th frame of cameras that are faster than clocks and poses need; a short
+    recording is returned whole.
+    """
     if min(len(stream.files) for stream in recording.streams) < SHORT:
         return recording
     return replace(recording, streams=tuple(_thinned_stream(stream) for stream in recording.streams))
@@ -233,9 +235,7 @@ def _look_closely(frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[S
 
 
 def _hidden(views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
-    """Return (cameras,) share of a rough body's skin facing each camera that equipment or people hide; NaN without a
-    body.
-    """
+    """Return (cameras,): ``SeenPatient.hidden``, by a body that is fitted roughly to the patient's pixels."""
     hidden = np.full(len(cameras), np.nan)
     person = rough_person(views, cameras, PixelLabel.PATIENT)
     if person is None:

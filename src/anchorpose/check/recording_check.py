@@ -36,10 +36,11 @@ from anchorpose.tracker.look import Look
 from anchorpose.tracker.room import NOBODY_SEEN
 
 TOO_SLOW_HZ: Final = 5.0  # frames per second; at a lower rate, people move by a whole step between two frames
-# shares of missing frames; single gaps are bridged, but if a quarter is missing, the rate is halved in places
+# shares of missing frames (yellow, red); tracking bridges single gaps; above 0.25, the rate is halved in places
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
 SHORT_S: Final = 4.0  # s, minimum duration of a recording for learning the patient's body
-# shares of intervals between frames that deviate from the camera's period; a hand at 2 m/s is then 2 cm off at 30 Hz
+# shares (yellow, red) of frame intervals that deviate from multiples of the camera's period by over a quarter of the
+# period; at 30 Hz, a hand that moves at 2 m/s is then 2 cm off
 SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5
 
 
@@ -88,7 +89,7 @@ def _frames(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
 
 
 def _stamps(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
-    """Return a finding on steps between frames that are not a multiple of the camera's period, and on missing ends."""
+    """Return a finding on frame intervals that are no multiple of the camera's period, and on times without frames."""
     steps = np.diff(stream.time_s)
     uneven = float(np.mean(off_beat(steps, gaps.period_s) > OFF_BEAT)) if len(steps) else 0.0
     level = level_of(uneven, SOME_UNEVEN, MANY_UNEVEN)
@@ -133,8 +134,8 @@ def check_poses(material: Material) -> list[Finding]:
 
 
 def _poses(calibration: Calibration, asked: PosesAsked) -> Finding:
-    """Return a finding on the source of each pose, or on what contradicts the pose; contradictions by other cameras are
-    left to ``_agreement``.
+    """Return a finding on the source of each pose, or on what contradicts the pose. Contradictions between two cameras
+    are reported by ``_agreement``.
     """
     own = [doubt for doubt in asked.doubts if doubt.source is not DoubtSource.CAMERAS]
     parts = []
@@ -148,12 +149,12 @@ def _poses(calibration: Calibration, asked: PosesAsked) -> Finding:
 
 
 def _level(doubt: PoseDoubt | None) -> Level:
-    """Return the severity that tracking gives to a doubt."""
+    """Return the level of a doubt about a pose: red if tracking would refuse the pose."""
     return Level.GREEN if doubt is None else Level.RED if doubt.refuted else Level.YELLOW
 
 
 def _agreement(asked: PosesAsked) -> list[Finding]:
-    """Return a finding on the agreement of all pairs of cameras; no finding where no pair shares enough."""
+    """Return a finding on how well two cameras' poses agree, for all pairs; none if no pair sees enough in common."""
     between = {doubt.cameras: doubt for doubt in asked.doubts if doubt.source is DoubtSource.CAMERAS}
     parts = [
         OfCamera(" and ".join(names := pair.past.cameras), _level(between.get(names)), pair.measured, REMEDY)
@@ -164,7 +165,7 @@ def _agreement(asked: PosesAsked) -> list[Finding]:
 
 
 def _floor(material: Material) -> Finding:
-    """Return a finding on how even the floor is, and how upright the world stands on it."""
+    """Return a finding on how even the floor is, and on its tilt against the horizontal of the given poses."""
     assert material.settled is not None
     calibration = material.settled.calibration
     if not calibration.residuals:
@@ -186,16 +187,16 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 
 SELDOM: Final = 0.5  # minimum share of the sampled frames in which the patient should be found
-CUT_PX: Final = 3  # minimum number of the patient's pixels at a border for a cut-off body; a resolved hand is wider
-SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off; a raised hand is cut off sometimes
-NEAR_M, FAR_M = 1.2, 4.0  # m from the camera; nearer, no lens shows feet and head; farther, a forearm is 10 pixels wide
+CUT_PX: Final = 3  # pixels; a body with more pixels than this at a border is cut off there; even a hand has more
+SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off (yellow, red); a raised hand sometimes is
+NEAR_M, FAR_M = 1.2, 4.0  # m to the patient; nearer, no lens shows feet and head; farther, a forearm has only 10 pixels
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
-# hidden shares of the skin that faces the camera; above the second share, more is inferred than seen
+# shares of the skin facing the camera that are hidden (yellow, red); above the second, more is inferred than seen
 HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8
 
 
 def check_patient(material: Material) -> list[Finding]:
-    """Return the findings on the patient or, where nobody is found, a finding on the reason."""
+    """Return the findings on the patient, other people, mirrors and the empty room."""
     look = material.look
     if look is None:
         return [Finding("patient", Level.YELLOW, "not looked for: the cameras' poses are unknown", "see camera poses")]
@@ -221,8 +222,8 @@ def _found(look: Look) -> Finding:
 
 
 def _whole(material: Material) -> Finding:
-    """Return a finding on borders that cut off the patient. One camera that shows the whole patient suffices for green
-    or yellow.
+    """Return a finding on image borders that cut off the patient. It is red only if every camera cuts off the patient
+    in most frames.
     """
     parts = [_cut_off(material, index, camera) for index, camera in enumerate(material.cameras)]
     worst = Level.RED if all(part.level is Level.RED for part in parts) else Level.YELLOW
@@ -278,7 +279,7 @@ def _distance(material: Material) -> Finding:
 
 
 def _hidden(material: Material) -> Finding:
-    """Return a finding on the skin that equipment or people hide, for the camera that sees most of the patient."""
+    """Return a finding on the share of skin that equipment or people hide, for the best camera in each frame."""
     hidden = np.array([one.hidden for one in material.patient])
     known = hidden[np.isfinite(hidden).any(axis=1)]
     if not len(known):

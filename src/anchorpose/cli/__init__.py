@@ -1,4 +1,4 @@
-"""Define the command line: thin commands. Heavy imports happen inside them, so that help is printed at once."""
+"""Define the command line. Commands import heavy modules only when they run, so that help is printed at once."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ from anchorpose.cli.viewing_verbs import inspect, view
 from anchorpose.errors import AnchorposeError, InputError, is_utf8
 
 EXIT_CANNOT: Final = 2
-EXIT_SIGNAL: Final = 128  # added to the signal's number: 130 after Ctrl+C, 143 if the system ends the process
+EXIT_SIGNAL: Final = 128  # exit code = this + the signal's number: 130 after Ctrl+C, 143 if the system ends the process
 STOPPING: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal that ends the process. As an exception it lets each function on the call stack clean up: half-written
-    folders are removed, or kept for a later run that continues."""
+    """A signal that ends the process, raised as an exception so that each function on the call stack cleans up:
+    half-written folders are removed, or kept for a later run that continues.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -91,7 +92,9 @@ def main(tokens: Sequence[str] | None = None) -> int:
 
 
 def _require_text(tokens: Sequence[str]) -> None:
-    """Raise InputError for bytes that are not text in UTF-8: neither a table nor JSON can name such a file."""
+    """Raise InputError for an argument that is not text in UTF-8: no table or JSON can state the name of such a
+    file.
+    """
     for token in tokens:
         if not is_utf8(token):
             raise InputError(token, "is not text in UTF-8", "rename the file, or write the text in UTF-8")
@@ -105,7 +108,7 @@ def exit_code_of(work: Callable[[], object]) -> int:
         signal.signal(number, _stop)
     try:
         answer = work()
-    except CycloptsError as error:  # names the nearest known option
+    except CycloptsError as error:  # the text of this error names the nearest known option
         return _refuse(" ".join(str(error).split()), error)
     except AnchorposeError as error:
         return _refuse(str(error), error)
@@ -127,7 +130,9 @@ def _refuse(sentence: str, error: Exception) -> int:
 
 
 def _notes(error: BaseException) -> tuple[str, ...]:
-    """Return the notes of an error: which files are left behind, and how to continue (``unfinished_results``)."""
+    """Return the notes of an error: which files are left behind, and how to continue. ``unfinished_results`` adds
+    them.
+    """
     return tuple(getattr(error, "__notes__", ()))
 
 

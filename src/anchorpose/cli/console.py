@@ -1,4 +1,4 @@
-"""Print everything that commands print. Names come from files, so none of their characters may control the terminal.
+"""Print everything that commands print. Names may come from files, so no character of a text may control the terminal.
 
 No other module calls ``print`` or makes a console (``tests/test_structure.py``).
 """
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from rich.table import Column
     from rich.text import Text
 
-ACTING: Final = frozenset(("Cc", "Zl", "Zp", "Cs"))  # Unicode categories: controls, line breaks, undecodable
+# Unicode categories of characters that may control a terminal: controls, line breaks, undecodable bytes
+ACTING: Final = frozenset(("Cc", "Zl", "Zp", "Cs"))
 BIDIRECTIONAL: Final = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 
 
@@ -74,7 +75,8 @@ def plain_console(error: bool = False) -> Console:
 def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
     """Draw a progress bar on the error stream; the yielded function takes (done, total), total None if unknown.
 
-    at_once: whether the bar appears before the first call, which may come late. If not, refused work shows no bar.
+    at_once: whether the bar appears before the first call, which may come late. If not, work that is refused before it
+    begins shows no bar.
     """
     from rich import progress as parts
 
@@ -121,7 +123,7 @@ def _has_display() -> bool:
 
 
 class OnConsole(Watcher):
-    """Draws progress and prints notes."""
+    """A listener to the progress of tracking that draws progress bars and prints notes."""
 
     def working(self, on: str, at_once: bool = True) -> AbstractContextManager[Progress]:
         """Return a progress bar."""
@@ -149,7 +151,8 @@ def counter(what: str) -> Iterator[Callable[[], None]]:
 def log_event(results: Path, what: str, files: Iterable[str], by: str, about: dict[str, Any] | None = None) -> None:
     """Add a line to the results' log. If this fails, as on a read-only disk, print a sentence instead.
 
-    what: the operation, such as "measure"; files: names of the files that it wrote; by: who did it; about: its options.
+    what: the operation, such as "measure"; files: names of the files that it wrote; by: initials of the user; about:
+    options of the operation.
     """
     from anchorpose.results.verify import LOG_FILE, add_event
 
@@ -160,7 +163,7 @@ def log_event(results: Path, what: str, files: Iterable[str], by: str, about: di
 
 
 def print_outcome(results: Path) -> None:
-    """Print the shares of joints seen, inferred and lost, the frames with problems, and where the report is."""
+    """Print the shares of seen, inferred and lost joints, the number of frames with problems, and the report's path."""
     import numpy as np
 
     from anchorpose.joints import LOST

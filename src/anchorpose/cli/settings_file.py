@@ -39,7 +39,9 @@ COMMAND_ONLY: Final = frozenset({"config", "output", "overwrite"})
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SettingsFile:
-    """The option ``--config`` of commands that use only their own table; ``fill_from_file`` reads it beforehand."""
+    """The option ``--config`` of commands that use no settings of tracking, only the file's table with the command's
+    name. ``fill_from_file`` reads the file before the command begins.
+    """
 
     config: Path | None = None
     """A TOML or JSON settings file; its table with the name of this command has defaults for these options."""
@@ -63,7 +65,7 @@ def tracking_settings(path: Path | None) -> TrackConfig:
 
 
 def fill_from_file(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Give options that the command line leaves out their values from the settings file (called by cyclopts).
+    """If the command line leaves out an option, take its value from the settings file (called by cyclopts).
 
     Raises InputError for an unknown option, and if any setting of tracking in the file is refused.
     """
@@ -101,7 +103,7 @@ def require_options(path: Path, verb: str, table: object, options: set[str]) -> 
 def unknown_key(path: Path, place: str, name: str, known: set[str], otherwise: str) -> InputError:
     """Return the error for an unknown name; its remedy is the nearest known name, or ``otherwise`` if none is similar.
 
-    place: the name after that of its table, as in track.threads.
+    place: the name together with its table, such as track.threads.
     """
     from anchorpose.settings import LONGEST_KEY, nearest_key
 

@@ -292,7 +292,7 @@ def _simulate_and_track(out: Path, seconds: float) -> Evaluation:
     from anchorpose.tracker.warm_up import start_warm_up
 
     scene = SimulationConfig(seed=DEMO_SEED, seconds=seconds, fps=DEMO_FPS, cameras=1, therapists=1, speed="slow")
-    start_warm_up()  # on another core, while this process simulates
+    start_warm_up()  # compiles kernels on another core, while this process simulates
     with whole_or_nothing(out) as folder:
         simulated, results = folder / "simulated", folder / "results"
         with progress_bar("Simulating") as progress:

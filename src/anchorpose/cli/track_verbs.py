@@ -55,7 +55,9 @@ class RunOptions:
     """Replace an existing results folder."""
 
     def settings(self, **more: Any) -> TrackConfig:
-        """Return the file's settings, changed by options and ``more``; raises AnchorposeError for a contradiction."""
+        """Return the settings of the settings file, of which some are replaced by the given options and by ``more``.
+        Raises AnchorposeError if the result is contradictory.
+        """
         from anchorpose.settings import sentence_of
 
         place, frame = (None, None) if self.patient is None else parse_patient(self.patient)
@@ -234,7 +236,7 @@ def batch(
         raise InputError(out, "was given no recordings", "give recordings, folders, patterns or a .csv table")
     place = Place(workers, scheduler, {} if slurm is None else read_toml(slurm))
     options = TrackOptions(config=config, smooth=smooth)
-    options.settings()  # refuses a mistake in the file now, once, not in every session
+    options.settings()  # refuses a mistake in the settings file once, before any session begins
     sessions = find_sessions(recordings, options)
     if index is not None and not summary:
         row = run_one(sessions, out, index)

@@ -134,7 +134,9 @@ def _rate(results: Path, recording: Path | None, given: ViewOptions) -> None:
 
 
 def _serve(server: ReviewServer, showing: AbstractContextManager[None], where: str, kept: str) -> None:
-    """Serve the page until Ctrl+C. where, kept: sentences on where entries are saved, printed before and after."""
+    """Serve the page until Ctrl+C. where: sentence on where corrections or scores are saved, printed at the beginning;
+    kept: a clause on when they were saved, printed at the end.
+    """
     try:
         with showing:
             say(f"{where} Stop with Ctrl+C.")

@@ -1,8 +1,9 @@
 """Describe depth images by the learnt descriptor: which pixels show people, and which place on the body each shows.
 
 The paper's descriptor (Definition 3) consists of the geodesic distances from a surface point to the anchors. Measured
-on an image, they are wrong wherever parts are hidden (the error e_3 of Section VI). Here a network that was trained on
-simulated images finds the place on the complete body's skin, where the distances are known. See ``docs/descriptor.md``.
+on an image, these distances are wrong wherever parts of the body are hidden (Section VI calls this error e_3). Here a
+network that was trained on simulated images finds the place of each pixel on the skin of a complete body, where the
+distances are known. See ``docs/descriptor.md``.
 """
 
 from __future__ import annotations
@@ -30,13 +31,14 @@ STEP: Final = 2  # pixels between the network's outputs along rows and columns
 # width and height of the network's image are multiples of this, since the network halves it five times
 MULTIPLE: Final = 32
 SMALLEST_PX: Final = 32  # pixels, minimum width and height of the network's image
-# maximum tangent of a ray's angle to the axis (50 degrees), since training images show no wider view
+# maximum tangent of a ray's angle to the optical axis (50 degrees), since training images show no wider view
 WIDEST: Final = 1.2
 FARTHEST_M: Final = 9.0  # m; a farther value counts as no reading
-NEAREST_M: Final = 0.3  # m; a nearer value is not used
-# windows (pixels) in which relief is measured, and the largest relief (m) in each
+NEAREST_M: Final = 0.3  # m; a nearer value counts as no reading
+# two windows for relief, which is the depth minus its mean in the window: the window's side in pixels, and the limit in
+# m to which its relief is clipped
 WINDOWS: Final = ((9, 0.15), (33, 0.5))
-OFFSET: Final = 0.1  # statures, the unit in which the network gives places within a patch
+OFFSET: Final = 0.1  # in statures: the network gives places within a patch of skin in units of this length
 LARGEST_BYTES: Final = 64_000_000  # bytes, maximum size of a file of weights; the package's file has 4 MB
 LONGEST_LINE: Final = 4096  # bytes, maximum length of the first line of such a file
 REMEMBERED: Final = 8  # number of described images kept in memory, enough for two moments of four cameras
@@ -51,23 +53,24 @@ class Described(NamedTuple):
     """
 
     row: np.ndarray  # (h, w) int64, row of each ray's pixel in the image, 0 without a reading
-    column: np.ndarray  # (h, w) int64, its column
+    column: np.ndarray  # (h, w) int64, column of the same pixel
     read: np.ndarray  # (h, w) bool, whether there is a reading
     person: np.ndarray  # (h, w) float32, probability that the pixel shows a person, 0 without a reading
-    place: np.ndarray  # (h, w, 3) float32, on the standing mean adult of stature 1: X forward, Y up from floor, Z right
+    # (h, w, 3) float32, place on the mean adult, standing, scaled to stature 1: X forward, Y up from the floor, Z right
+    place: np.ndarray
     error: np.ndarray  # (h, w) float32, expected distance of ``place`` from the true place, in statures
-    pelvis_m: np.ndarray  # (h, w, 3) float32, place of this person's pelvis in the camera's frame
+    pelvis_m: np.ndarray  # (h, w, 3) float32, place of the pelvis of the pixel's person, in the camera's frame
 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """A trained network, and the linear map from its features to a pixel's place within a patch of skin
-    (``tools/train_descriptor.py``).
+    """A trained network, and the linear map from the network's features of a pixel to the pixel's place within a patch
+    of skin (``tools/train_descriptor.py``).
     """
 
     session: Any  # the network
     slope: np.ndarray  # (p, 3, f) slope of the map from the f features of a pixel to its offset from the patch's centre
-    base: np.ndarray  # (p, 3) constant of this map
+    base: np.ndarray  # (p, 3) constant term of the same map
     centres: np.ndarray  # (p, 3) centres of the patches
     about: dict[str, Any]  # number of training images, and hashes of the scripts and the network
 
@@ -96,7 +99,7 @@ def read_weights(path: Path) -> Weights:
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Return the file's description and the network; check by its hash that it is the exported network."""
+    """Return the file's description and the network; check by a hash that the network is the exported one."""
     line, _, network = read_whole(path, LARGEST_BYTES, REMEDY).partition(b"\n")
     try:
         head = json.loads(line) if len(line) < LONGEST_LINE else None
@@ -114,7 +117,7 @@ def describe(depth_m: np.ndarray, camera: Camera, weights: Weights | None = None
     package.
 
     A value that is not a number, negative or beyond ``FARTHEST_M`` counts as no reading. Raises ValueError if the image
-    has another size than the camera's images, or shows less than 9 degrees.
+    has another size than the camera's images, or a field of view of less than 9 degrees.
     """
     if depth_m.shape != (camera.height, camera.width):
         raise ValueError(f"the image has {depth_m.shape} pixels, the camera ({camera.height}, {camera.width})")
@@ -148,7 +151,8 @@ _lock: Final = Lock()
 def described(depth_m: np.ndarray, camera: Camera) -> Described:
     """Return ``describe`` of an image. The results for the last images are kept, since several stages need them.
 
-    A described image must not be changed. Raises InputError with the camera's name if ``describe`` raises an error.
+    An image must not be changed after it was described, since it is recognised by its identity and not by its content.
+    Raises InputError with the camera's name if ``describe`` raises an error.
     """
     with _lock:
         known = _remembered.get(id(depth_m))
@@ -162,13 +166,13 @@ def described(depth_m: np.ndarray, camera: Camera) -> Described:
     with _lock:
         while len(_remembered) >= REMEMBERED:
             _remembered.pop(next(iter(_remembered)))
-        # the reference shows whether the id still belongs to this image: once it is freed, another may get the id
+        # the weak reference shows whether the id still belongs to this image; a freed image's id may be used again
         _remembered[id(depth_m)] = (ref(depth_m), camera, found)
     return found
 
 
 def nearest_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return, per pixel (height, width), row and column of the nearest described ray, and whether there is one."""
+    """Return, per pixel (height, width), row and column of the nearest ray of ``Described``; whether there is one."""
     return _nearest_rays(camera.intrinsics, camera.width, camera.height)
 
 
@@ -183,7 +187,7 @@ def _nearest_rays(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.n
 
 
 def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
-    """Return the first ray (2,) of the network's image, and its numbers of rays across and down."""
+    """Return x and y (2,) of the first ray of the network's image, and the image's width and height in rays."""
     flat = rays.reshape(-1, 2)
     low = np.maximum(np.nanmin(flat, axis=0), -WIDEST)
     size = np.floor((np.minimum(np.nanmax(flat, axis=0), WIDEST) - low) * FOCAL_PX).astype(int) + 1
@@ -195,10 +199,10 @@ def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
 
 
 def inputs_of(depth_m: np.ndarray) -> np.ndarray:
-    """Return the network's input (5, h, w) float32 for depth (h, w): range, whether there is a reading, relief relative
-    to two local means, and nearness.
+    """Return the network's input (5, h, w) float32 for depth (h, w): depth, whether there is a reading, relief relative
+    to two local means, and 1 / depth.
 
-    It must give the same values as ``inputs_of`` in the training.
+    It must give the same values as ``inputs_of`` in ``tools/train_descriptor.py``.
     """
     import cv2
 
@@ -230,11 +234,9 @@ def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarr
 
 
 def _probability(classes: np.ndarray) -> np.ndarray:
-    """Return the probability (h, w) that a pixel shows a person, from the scores (p + 1, h, w) of the patches and,
-    last, of nobody.
-    """
+    """Return the probability (h, w) of a person, from the scores (p + 1, h, w) of the patches and, last, of nobody."""
     raised = classes - classes.max(axis=0)
-    np.exp(raised, out=raised)  # in place, since new memory would take half of the time
+    np.exp(raised, out=raised)  # in place, since it takes time to allocate a new array
     return np.asarray(1.0 - raised[-1] / raised.sum(axis=0))
 
 

@@ -14,25 +14,23 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import FOCAL_PX, STEP, Described, described, nearest_rays
 
 APART_M: Final = 0.35
-"""Minimum distance in metres between the pelvises of two people. In 24 new scenes of the generator for training, 96 %
-of the votes are nearer than this to the pelvis of their person.
+"""Minimum distance in metres between the pelvises of two people. In 24 simulated scenes that the network was not
+trained on, 96 % of the votes are nearer than this to the pelvis of their person.
 """
 
-NEAR_M: Final = 0.2  # m, radius around the middle of one person's votes, twice their median error
+NEAR_M: Final = 0.2  # m, radius around a place within which votes count for one pelvis, twice a vote's median error
 STRAY_M: Final = 0.7  # m; a vote farther from every pelvis belongs to nobody
 
 MOST_VOTES: Final = 4000  # maximum number of votes that are counted; three cameras give 20,000
 
 LEAST_AREA_M2: Final = 0.06
-"""Minimum seen surface (m2) of a person: a head with its neck. Clutter that is taken for people can be larger, but has
-a lower certainty.
-"""
+"""Minimum seen surface (m2) of a person: a head with its neck. Clutter can be larger, but has a lower certainty."""
 
 
 LEAST_CERTAINTY: Final = 0.7
 """Minimum mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``), all people
-in plain view have more. So have 0.2 to 3 objects per image; they are rejected later, since no body explains them
-(``tracker.patient_choice.HUMAN``).
+in plain view have a higher mean. So do some objects (0.2 to 3 per image); these are rejected later, since no body
+explains them (``tracker.patient_choice.HUMAN``).
 """
 
 
@@ -42,18 +40,18 @@ class FoundPerson:
 
     pelvis_m: np.ndarray  # (3,) in the common frame of the cameras
     rays: tuple[np.ndarray | None, ...]  # per camera, (h, w) bool, rays that show the person; None without an image
-    area_m2: float  # area of the seen surface, perpendicular to the lines of sight, in all cameras
+    area_m2: float  # area of the seen surface, projected perpendicular to the lines of sight, summed over the cameras
     certainty: float  # mean probability of the pixels, 0.5 to 1
 
 
 def find_people(
     said: Sequence[Described | None], depths_m: Sequence[np.ndarray | None], poses: Sequence[np.ndarray]
 ) -> tuple[FoundPerson, ...]:
-    """Return the people in described images (height, width) of one moment, the most visible first.
+    """Return the people in described images (height, width) of one moment, the one with the largest seen area first.
 
     said, depths_m: one per camera, None without an image; poses: T_common_camera (4, 4) of each camera. A pelvis is
-    where the votes of all cameras are densest, weighted by the area that a pixel shows. The next pelvis is found among
-    the votes at least ``APART_M`` from all earlier pelvises. A pixel belongs to the pelvis nearest to its vote.
+    where the votes of all cameras are densest, weighted by the area that each pixel shows. The next pelvis is found
+    among the votes at least ``APART_M`` from all earlier pelvises. A pixel belongs to the pelvis nearest to its vote.
     """
     votes = [_votes(one, depth, pose) for one, depth, pose in zip(said, depths_m, poses, strict=True)]
     shown = [one for one in votes if one is not None]
@@ -75,14 +73,13 @@ def find_people(
     return tuple(sorted(people, key=lambda person: -person.area_m2))
 
 
-# number of rays added around a person's rays as a rim (6 cm at two metres), since the network leaves out fingers and
-# shoes
+# number of rays added around a person as a rim (6 cm at two metres), since the network leaves out fingers and shoes
 RIM_RAYS: Final = 3
 RIM_M: Final = 0.1  # m, maximum depth difference between the person and pixels of the rim
 
 
 def people_mask(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the pixels (height, width) bool, with a rim, of all people that the descriptor is certain of."""
+    """Return the pixels (height, width) bool of people that the descriptor is certain of, with a rim around them."""
     import cv2
 
     said = described(depth_m, camera)
@@ -104,7 +101,7 @@ class _Votes(NamedTuple):
 
     found: np.ndarray  # (h, w) bool, rays that show a person
     pelvis_m: np.ndarray  # (n, 3) votes of these rays for a pelvis, in the common frame
-    area_m2: np.ndarray  # (n,)
+    area_m2: np.ndarray  # (n,) m2, area of the seen surface that each of these rays stands for
     certainty: np.ndarray  # (n,) probability of a person
 
 
@@ -146,8 +143,8 @@ def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the place (3,) with most weight around it: the best of some votes, moved to the mean of the votes around
-    it until it no longer changes.
+    """Return the place (3,) with most weight of votes around it. The search starts at that one of about 200 votes for
+    which this weight is largest, and moves to the mean of the votes around it until the place no longer changes.
     """
     some = votes_m[:: max(1, len(votes_m) // 200)]
     centre = some[int(np.argmax(_weight_near(some, votes_m, weight, NEAR_M)))]

@@ -40,7 +40,7 @@ _STATE_CODES: Final = ", ".join(f"{code} {state}" for code, state in enumerate(S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel:
-    """A channel: its row in channels.tsv and its values (n,), NaN where missing."""
+    """A channel of motion.tsv: the cells of its row in channels.tsv, and its values (n,), NaN where missing."""
 
     name: str
     component: str
@@ -58,7 +58,7 @@ class Channel:
 
 
 def channels_of(samples: Samples) -> list[Channel]:
-    """Return the channels: first the latency, then joints and angles, each with sigma and state code."""
+    """Return the channels: first the time (latency), then joints and angles, then sigma and state code of each."""
     since_s = samples.time_s - samples.time_s[0]
     latency = Channel("latency", "n/a", "LATENCY", "n/a", "s", "time since the first frame", since_s)
     places = [
@@ -88,7 +88,7 @@ def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, state_code: 
 
 
 def motion_rows(channels: Sequence[Channel]) -> Iterator[tuple[str, ...]]:
-    """Yield the lines of motion.tsv: a cell per channel."""
+    """Yield the rows of motion.tsv, one per frame with a cell per channel."""
     for rows in blocks(len(channels[0].values)):
         columns = (channel.values[rows].tolist() for channel in channels)
         yield from zip(*([rounded_text(value, 6, MISSING) for value in column] for column in columns), strict=True)
@@ -98,9 +98,9 @@ EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "trial", "part", "per
 
 
 def events_of(folder: Path, start_s: float, trials: Trials | None) -> list[tuple[str, ...]]:
-    """Return the event rows of the stored trials, contacts and episodes, sorted by onset, in s since ``start_s``.
+    """Return the rows of events.tsv, one for each trial, contact and episode in a results folder, sorted by onset.
 
-    A row has ``EVENT_COLUMNS``, then the columns that the user added to the trials.
+    A row has ``EVENT_COLUMNS``, then the columns that the user added to the trials; onsets are in s since ``start_s``.
     """
     own = 0 if trials is None else len(trials.columns)
     found: list[tuple[float, float, tuple[str, ...]]] = [] if trials is None else [_trial_row(t) for t in trials.rows]
@@ -128,7 +128,7 @@ def _trial_row(trial: Trial) -> tuple[float, float, tuple[str, ...]]:
 
 
 def events_sidecar(trials: Trials | None) -> dict[str, Any]:
-    """Return units and meaning of the columns and of the event types; conditions keep their names."""
+    """Return the content of the events' JSON file: units and meaning of the columns, meaning of the types of events."""
     conditions = () if trials is None else trials.conditions
     return {
         "onset": {"Description": "start of the event since the first frame of the motion", "Units": "s"},
@@ -181,7 +181,7 @@ Research use only; not a medical device.
 
 
 def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """Write a dataset folder: description, participants, and motion of the subject, with times as recorded."""
+    """Write a BIDS dataset: its description, the participants, and the subject's motion at the recorded times."""
     channels = channels_of(source.samples)
     _dataset(folder, config)
     entities = [f"sub-{config.subject}", *([f"ses-{config.session}"] if config.session else [])]
@@ -209,7 +209,7 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _events(stem: Path, source: Source) -> None:
-    """Write the events; no file where there are no events, as BIDS requires."""
+    """Write events.tsv and its JSON file, or neither if there are no events, as BIDS requires."""
     trials = read_trial_table(source.folder / TRIALS_FILE) if (source.folder / TRIALS_FILE).exists() else None
     events = events_of(source.folder, float(source.samples.time_s[0]), trials)
     if events:

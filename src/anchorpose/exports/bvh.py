@@ -1,4 +1,4 @@
-"""Write BVH: the skeleton as a hierarchy of rotating bones, for Blender and other animation programs."""
+"""Write BVH, a file of the skeleton as a hierarchy of rotating bones, for Blender and other animation programs."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from anchorpose.rotations import unit
 
 ROOT: Final = "SpineBase"
 
-# Each node by name: its parent node, the joint at its origin, and the joint that it points to. Where several bones
-# leave a joint, each has a node there, so that every bone keeps its direction.
+# For each node, by name: its parent node, the joint at its origin, and the joint that it points to. If several bones
+# begin at a joint, each has a node there, so that every bone keeps its direction.
 _TREE: Final = {
     "LowerSpine": ("SpineBase", "SpineBase", "SpineMid"),
     "SpineMid": ("LowerSpine", "SpineMid", "SpineShoulder"),
@@ -49,11 +49,11 @@ _TREE: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
-    """A node of the hierarchy over all frames.
+    """A node of the hierarchy (a bone) over all frames.
 
     parent: index of the parent in the list of nodes, -1 for the root. offset_m (3,): position relative to the parent
     node, in the parent's axes; end_m (3,): the point to which the node points, in the node's axes. axes (n, 3, 3):
-    rotation from the rest pose of the body asset to the world in each frame, NaN where unknown.
+    rotation from the rest pose of the body model to the world in each frame, NaN where unknown.
     """
 
     name: str
@@ -64,17 +64,18 @@ class Node:
 
 
 def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
-    """Build the nodes from joint centres (n, 21, 3). Offsets have median bone lengths.
+    """Build the nodes from joint centres (n, 21, 3). Bone lengths are medians over the frames.
 
-    A bone's rotation relative to its parent is the shortest one, so no rotation about its long axis is invented. Pelvis
-    and chest are rotated by the lines of hips and shoulders.
+    A bone's rotation relative to its parent is the shortest to the bone's direction, so no rotation about its long axis
+    is invented. The lines between the hips and between the shoulders determine the rotation of pelvis and chest.
     """
     rest = shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None]
     nodes, index = [Node(ROOT, -1, np.zeros(3), np.zeros(3), pelvis_axes(position_m))], {ROOT: 0}
     for name, (above, at, to) in _TREE.items():
         parent, points = nodes[index[above]], _along(rest, at, to)[0]
         start = torso_axes(position_m) if name == "SpineMid" else parent.axes
-        # the shortest rotation from the parent's direction
+        # the parent's axes, turned by the shortest rotation that brings the bone from its rest direction to its present
+        # one
         axes = _swing(start @ points, _along(position_m, at, to)) @ start
         nodes.append(Node(name, index[above], parent.end_m, points * _length(position_m, at, to), axes))
         index[name] = len(index)
@@ -92,7 +93,7 @@ def _length(position_m: np.ndarray, start: str, end: str) -> float:
 
 
 def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the shortest rotations (n, 3, 3) of unit vectors ``start`` to ``end``; NaN where it is undetermined."""
+    """Return the shortest rotations (n, 3, 3) of unit vectors ``start`` to ``end``; NaN if they are opposite or NaN."""
     cross = np.cross(start, end)
     angle = np.arctan2(np.linalg.norm(cross, axis=1), np.sum(start * end, axis=1))
     axis = np.where((angle == 0.0)[:, None], 0.0, unit(cross))
@@ -102,7 +103,7 @@ def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return turn
 
 
-# The joints to which the last bones of the limbs point.
+# For head, hands and feet (bones without a child), by name: the joint to which the bone points.
 _ENDS: Final = {
     "Head": "Head",
     "LeftHand": "HandLeft",
@@ -115,10 +116,12 @@ _ENDS: Final = {
 def skeleton_of_poses(
     path: Path, recorded: Samples, frame: np.ndarray, interpolation: Interpolation
 ) -> tuple[list[Node], np.ndarray]:
-    """Build nodes named as the body's bones, which are those of the CMU collection, and the root's path (g, 3), metres.
+    """Build one node per moving bone of the body model from poses.parquet; return the nodes, and the positions (g, 3)
+    of the root in metres at the g times of the grid.
 
-    Offsets come from recorded frames. At grid times between them, a rotation is the normalised mean of its neighbours.
-    Raises InputError if poses.parquet has other frames than the joints, ``frame`` (n,).
+    A node has the bone's name in the CMU motion collection. Offsets are medians over the recorded frames. At a grid
+    time between two recorded frames, a rotation is the normalised, weighted mean of the quaternions in these frames.
+    Raises InputError if the frames in poses.parquet are not ``frame`` (n,), those of the joints.
     """
     poses = read_poses(path)
     if not np.array_equal(poses.frame, frame):
@@ -137,7 +140,7 @@ def skeleton_of_poses(
 
 
 def _parent(name: str) -> int:
-    """Return the index in ``MOVING_BONES`` of the next moving bone above; -1 for the root."""
+    """Return the index in ``MOVING_BONES`` of the next moving bone above a bone in the hierarchy; -1 for the root."""
     asset = load_body_asset()
     above = int(asset.bone_parents[asset.bone(name)])
     while above >= 0 and asset.bone_names[above] not in MOVING_BONES:
@@ -146,7 +149,7 @@ def _parent(name: str) -> int:
 
 
 def _mixed(quaternion: np.ndarray, interpolation: Interpolation) -> np.ndarray:
-    """Interpolate quaternions (n, 4) to (g, 4); NaN where lost or in a gap."""
+    """Interpolate recorded quaternions (n, 4) to grid times (g, 4); NaN in a gap or if the patient is lost."""
     left, right = (quaternion[interpolation.before + step].astype(np.float64) for step in (0, 1))
     same_side = np.where(np.sum(left * right, axis=-1, keepdims=True) < 0, -1.0, 1.0)
     share = interpolation.share[:, None]
@@ -157,7 +160,7 @@ def _mixed(quaternion: np.ndarray, interpolation: Interpolation) -> np.ndarray:
 
 
 def _matrices(quaternion: np.ndarray) -> np.ndarray:
-    """Convert quaternions (n, 4), real part first, to (n, 3, 3); NaN stays NaN."""
+    """Convert quaternions (n, 4), real part first, to rotation matrices (n, 3, 3); NaN stays NaN."""
     axes = np.full((len(quaternion), 3, 3), np.nan)
     known = np.isfinite(quaternion).all(axis=-1)
     axes[known] = Rotation.from_quat(quaternion[known], scalar_first=True).as_matrix()
@@ -165,7 +168,7 @@ def _matrices(quaternion: np.ndarray) -> np.ndarray:
 
 
 def _middle(quaternion: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
-    """Return the median (3,) over the frames (n) of a world vector in a bone's axes; NaN without frames."""
+    """Return the median (3,) over n frames of a world vector (n, 3) in a bone's axes; NaN if these are never known."""
     inside = np.einsum("nji,nj->ni", _matrices(quaternion.astype(np.float64)), vector_m)
     known = inside[np.isfinite(inside).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(3, np.nan)
@@ -177,8 +180,8 @@ _PLACE, _TURN = "Xposition Yposition Zposition", "Zrotation Xrotation Yrotation"
 
 
 def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """Write motion.bvh, or one file for each stretch without a gap; raises AnchorposeError if there is no such
-    stretch.
+    """Write motion.bvh, or one file for each stretch of frames in which all written bones are known; raises
+    AnchorposeError if there is no such stretch.
     """
     regular = regular_samples(source.samples)
     from_poses = (source.folder / POSES_FILE).exists()
@@ -222,7 +225,9 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
 def write_bvh_file(
     path: Path, nodes: list[Node], kept: list[int], root_m: np.ndarray, rows: slice, rate_hz: float
 ) -> None:
-    """Write the file of some ``rows``; kept: indices of the nodes to write, the root first; root_m (n, 3)."""
+    """Write a BVH file of the frames ``rows``. kept: indices of the nodes to write, the root first; root_m (n, 3):
+    positions of the root.
+    """
     order, lines = _hierarchy(nodes, kept)
     values = np.empty((rows.stop - rows.start, 3 + 3 * len(order)))
     values[:, :3] = 100.0 * root_m[rows]
@@ -234,7 +239,7 @@ def write_bvh_file(
 
 
 def _turns_deg(nodes: list[Node], place: int, rows: slice) -> np.ndarray:
-    """Return the turns (r, 3) about Z, X and Y, degrees, in the parent's axes, without jumps by 360 degrees."""
+    """Return a node's rotations (r, 3) about its parent's axes Z, X and Y, degrees, without jumps by 360 degrees."""
     node, axes = nodes[place], nodes[place].axes[rows]
     if node.parent >= 0:
         axes = np.einsum("nji,njk->nik", nodes[node.parent].axes[rows], axes)
@@ -249,7 +254,7 @@ def _skeleton(source: Source, regular: RegularSamples, from_poses: bool) -> tupl
 
 
 def _hierarchy(nodes: list[Node], kept: list[int]) -> tuple[list[int], list[str]]:
-    """Return the indices of the nodes in file order, parents before children, and the lines of the hierarchy."""
+    """Return the indices of the kept nodes in file order, parents before children, and the file's HIERARCHY lines."""
     order, lines = list[int](), list[str]()
 
     def visit(place: int, depth: int) -> None:

@@ -1,4 +1,4 @@
-"""Write C3D by ezc3d: joints as points, angles as points of the type ANGLES, sigma and states as analog channels."""
+"""Write C3D with ezc3d: joints as points, angles as points of the type ANGLES, sigma and states as analog channels."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ NOT_GIVEN: Final = -1.0  # value of a missing sigma, since an analog channel has
 
 
 def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """Write joints.c3d, or joints_001.c3d and so on where the recording is too long for one; MissingPackage without
-    ezc3d.
+    """Write joints.c3d, or joints_001.c3d and so on if the recording is too long for one file; raises MissingPackage if
+    ezc3d is missing.
     """
     regular = regular_samples(source.samples)
     samples = regular.samples
@@ -81,7 +81,7 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _write_file(path: Path, samples: Samples, rate_hz: float, events: tuple[Event, ...]) -> int:
-    """Write one C3D; return its number of events."""
+    """Write one C3D file; return its number of events."""
     file = _new_file()
     _describe_points(file, samples.angles, rate_hz)
     _describe_channels(file, samples.angles, rate_hz)
@@ -124,7 +124,7 @@ def _add(file: Any, group: str, **values: Any) -> None:
 
 
 def _add_frames(file: Any, samples: Samples) -> None:
-    """Add frames, points and channels to the file in the order of their labels."""
+    """Add the values of all points and analog channels to the file, in the order of their labels."""
     angles = np.zeros((*samples.degrees.shape, 3))
     angles[..., 0] = samples.degrees
     places = np.concatenate([1000.0 * samples.position_m, angles], axis=1)
@@ -168,7 +168,7 @@ _NAMES: Final = {
 
 @dataclass(frozen=True, slots=True, order=True)
 class Event:
-    """A moment on the clock of the results; description: the joints' state, or the person who touched."""
+    """An event at a moment on the results' clock. description: the joints' state, or who touched which part."""
 
     time_s: float
     context: str
@@ -177,8 +177,8 @@ class Event:
 
 
 def read_events(folder: Path) -> tuple[Event, ...]:
-    """Return beginnings and ends of a results folder's episodes and contacts, in the order of time; empty without
-    tables.
+    """Return the beginnings and ends of all episodes and contacts in a results folder, in the order of time; empty if
+    the folder has no tables of these.
     """
     return tuple(sorted([*_of_episodes(folder / EPISODES_FILE), *_of_contacts(folder / CONTACTS_FILE)]))
 
@@ -198,10 +198,10 @@ def _of_contacts(path: Path) -> Iterator[Event]:
 
 
 def add_events(file: Any, events: tuple[Event, ...], time_s: np.ndarray) -> int:
-    """Add the group of events to an ezc3d file with frames at time_s (n,); return their number.
+    """Add the C3D group EVENT to an ezc3d file whose frames are at time_s (n,); return the number of events added.
 
-    Events outside the file's time are left out. If more than ``MOST_EVENTS`` remain, events of contacts and posture are
-    left out first.
+    Events before the first and after the last frame are left out. If more than ``MOST_EVENTS`` remain, those with the
+    context ``GENERAL`` (contacts and posture) are left out first.
     """
     inside = [event for event in events if time_s[0] <= event.time_s <= time_s[-1]]
     kept = sorted(sorted(inside, key=lambda event: event.context == GENERAL)[:MOST_EVENTS])

@@ -1,7 +1,7 @@
 """Export a results folder: each format into a separate folder, and either all formats or none. CSV is written here.
 
-CSV has every table of the results, wide tables of joints and angles, a long table of the measures of all trials, and a
-dictionary of all columns.
+The CSV export has every table of the results, wide tables of joints and angles, a long table of the measures of all
+trials, and a dictionary of all columns.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ TRIAL_MEASURE: Final = tuple(field.name for field in MEASURES.schema if field.na
 def _described(
     file: str, name: str, kind: str, column: str, thing: str = "", own: Mapping[str, TrialColumn] | None = None
 ) -> tuple[str, ...]:
-    """Return a row of the dictionary. An unknown column has no unit and no meaning; thing: subject of a wide column;
-    own: the columns that the user added to the trials, by name.
+    """Return a row of the data dictionary; unit and meaning are empty for a column that is in neither ``_MEANING`` nor
+    ``own``. thing: joint or angle of a column in a wide table; own: columns that the user added to the trials, by name.
     """
     unit, meaning = _MEANING.get(column, ("", ""))
     if own and column in own:
@@ -67,9 +67,9 @@ def _described(
 
 
 def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """Write a CSV for each table without images, joints_wide.csv, angles_wide.csv and data_dictionary.csv.
+    """Write a CSV for each table that holds no images, joints_wide.csv, angles_wide.csv and data_dictionary.csv.
 
-    Where there are trials, measures_by_trial.csv has a row per trial and measure.
+    If there are trials, measures_by_trial.csv has a row per trial and measure.
     """
     dictionary, notes, rows = list[tuple[str, ...]](), list[str](), 0
     trials = read_trial_table(source.folder / TRIALS_FILE) if (source.folder / TRIALS_FILE).exists() else None
@@ -106,8 +106,9 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _write_by_trial(path: Path, source: Source, trials: Trials) -> list[tuple[str, ...]]:
-    """Write a row per trial and measure with all data of the trial, for mixed models, and a row per trial and rater;
-    return the dictionary.
+    """Write a table for mixed (statistical) models, and return the rows that describe it in the data dictionary. The
+    table has a row per trial and measure, and rows for the raters' scores of each trial. Every row repeats condition,
+    times and user's columns of its trial.
     """
     names = [*TRIAL_HEAD, *(column.name for column in trials.columns), *TRIAL_MEASURE]
     by_number = {trial.number: trial for trial in trials.rows}
@@ -126,7 +127,7 @@ def _by_trial_row(trial: Trial, measure: Measure) -> list[str]:
 
 
 def _metadata(name: str, schema: pa.Schema) -> list[str]:
-    """Return the metadata of the table, such as its smoothing, for which a CSV has no place."""
+    """Return the metadata of a table, such as its smoothing, as notes, since a CSV has no place for them."""
     texts = {key.decode(): value.decode(errors="replace") for key, value in (schema.metadata or {}).items()}
     return [f"{name}, {key}: {value}" for key, value in texts.items() if key != "pandas"]
 
@@ -140,7 +141,7 @@ def _kind(kind: pa.DataType) -> str:
 
 
 def _cells(column: pa.ChunkedArray) -> list[str]:
-    if pa.types.is_float32(column.type):  # the shortest text of the number in single, not in double precision
+    if pa.types.is_float32(column.type):  # write the shortest text that reads back as the same float32
         return ["" if value is None or value != value else str(np.float32(value)) for value in column.to_pylist()]
     return [_cell(value) for value in column.to_pylist()]
 
@@ -154,7 +155,7 @@ def _cell(value: Any) -> str:
 
 
 def _rows(path: Path) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of a table; raises InputError if it cannot be read."""
+    """Yield the rows of a table as texts; raises InputError if it cannot be read."""
     with opened_parquet(path) as file:
         for piece in pieces(file):
             yield from zip(*(_cells(column) for column in piece.columns), strict=True)
@@ -163,8 +164,8 @@ def _rows(path: Path) -> Iterator[tuple[str, ...]]:
 def _write_wide(
     path: Path, source: Source, things: Sequence[str], parts: dict[str, np.ndarray]
 ) -> list[tuple[str, ...]]:
-    """Write a wide table, with a row per frame and the columns of each subject (joint or angle); return the dictionary
-    of the columns.
+    """Write a wide table, with a row per frame and the columns ``parts`` for each of ``things`` (joints or angles);
+    return its rows of the data dictionary.
     """
     columns = {"frame": source.frame, "time_s": source.samples.time_s}
     dictionary = [_described(path.name, "frame", "whole number", "frame")]
@@ -179,7 +180,7 @@ def _write_wide(
 
 
 def _wide_rows(columns: Sequence[np.ndarray]) -> Iterator[tuple[str, ...]]:
-    """Yield rows of columns (n,): numbers, and state codes (int8), which become their texts."""
+    """Yield the rows of columns (n,) as texts; state codes (int8) become the names of the states."""
     for rows in blocks(len(columns[0])):
         some = (values[rows] for values in columns)
         texts = ([STATES[v] if each.dtype == np.int8 else _cell(v) for v in each.tolist()] for each in some)
@@ -236,7 +237,7 @@ def export_results(
 
 
 def parse_formats(text: str) -> tuple[Format, ...]:
-    """Parse ``trc,csv`` as formats, each once; raises AnchorposeError for an unknown name."""
+    """Parse a text such as ``trc,csv`` as formats, each once; raises AnchorposeError for an unknown name."""
     names = [name.strip().lower() for name in text.split(",")]
     for name in names:
         if name not in tuple(Format):
@@ -247,7 +248,7 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 
 def _own_files(folder: Path) -> tuple[str, ...]:
-    """Return the files of an earlier export in this folder, which may be replaced; empty if there are none."""
+    """Return patterns of the files that an earlier export wrote into a folder (they may be replaced); empty if none."""
     record = folder / RECORD_FILE
     files = read_json(record).get("files", []) if record.is_file() else []
     return (RECORD_FILE, *(escape(str(file)) for file in files)) if files else ()

@@ -1,4 +1,4 @@
-"""Define the input of a format's writer (a results folder and the user's choices), and its result."""
+"""Define what each format's writer gets (the data of a results folder) and returns (a report of what it wrote)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointTable, read
 from anchorpose.results.verify import require_own
 
 STATES: Final = tuple(str(state) for state in JointState)
-"""States in the order of their codes 0 (observed) to 6 (lost), for formats without texts."""
+"""Names of the states in the order of their codes, 0 (observed) to 6 (lost); formats that hold only numbers have the
+codes.
+"""
 
 
 class Format(StrEnum):
@@ -32,7 +34,7 @@ class Format(StrEnum):
 
 
 WITHOUT_ANGLES: Final = frozenset({Format.TRC, Format.MOT, Format.BVH})
-"""Formats that hold joints and poses only, no angles."""
+"""Formats that hold joints or poses only, so that angles are not read for them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +56,7 @@ class Samples:
     angle_state_code: np.ndarray
 
     def rows(self, rows: slice) -> Samples:
-        """Return the samples of some frames."""
+        """Return the samples of the frames ``rows``."""
         arrays = {name: getattr(self, name)[rows] for name in self.__slots__ if name != "angles"}
         return replace(self, **arrays)
 
@@ -69,7 +71,7 @@ class Source:
 
 
 def read_source(folder: Path, kind: Format) -> Source:
-    """Read the joints, and the angles if there are any and the format has them.
+    """Read the joints of a results folder, and the angles if there are any and the format ``kind`` has them.
 
     Raises InputError for tables that cannot be read.
     """
@@ -89,8 +91,8 @@ def _no_angles(joints: JointTable) -> _Angles:
 
 
 def _angles(path: Path, joints: JointTable) -> _Angles:
-    """Read the names in the order of the table, and degrees, sigma and state_code (n, a) at the frames of the
-    joints.
+    """Read the names of the angles, and their degrees, sigma and state code (n, a) in each frame of the joints; a frame
+    without angles gets NaN and the code of the state lost.
     """
     if not path.exists():
         return _no_angles(joints)
@@ -110,7 +112,7 @@ def _angles(path: Path, joints: JointTable) -> _Angles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
-    """The report of a format's writer for export.json. axes, units: descriptions in words.
+    """The report of a format's writer on the files that it wrote, for export.json. axes, units: descriptions in words.
 
     time: how the times were changed; missing: the mark of a missing value; counts: figures to check, such as the frames
     written; notes: further information for people.
@@ -122,11 +124,11 @@ class Product:
     missing: str
     counts: tuple[tuple[str, float], ...] = ()
     notes: tuple[str, ...] = ()
-    tools: tuple[str, ...] = ()  # other packages that wrote the files
+    tools: tuple[str, ...] = ()  # packages besides anchorpose that wrote the files
 
 
 def number_text(value: float) -> str:
-    """Return the shortest decimal that reads back as the same double; empty for NaN."""
+    """Return a number as the shortest decimal that reads back as the same double; empty for NaN."""
     if math.isnan(value):
         return ""
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(float(value))
@@ -148,7 +150,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_rows(path: Path, separator: str, *parts: Iterable[Iterable[str]]) -> None:
-    """Write rows as lines of cells, each ended by a line feed, as they come."""
+    """Write the rows of all ``parts`` one by one, each as a line of cells that ends with a line feed."""
     with path.open("w", encoding="utf-8", newline="\n") as stream:
         for rows in parts:
             stream.writelines(separator.join(row) + "\n" for row in rows)

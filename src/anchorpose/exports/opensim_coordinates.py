@@ -1,7 +1,8 @@
 """Compute joint coordinates with the names, signs and zeros of OpenSim's whole-body models, from joint centres.
 
 Axes are X forward, Y up, Z right, as OpenSim's bodies have them. Joint centres do not determine the rotation of thigh,
-upper arm and forearm about their long axes; the knee and elbow axes of the learnt body do.
+upper arm and forearm about their long axes; the knee and elbow axes of the learnt body determine that of thigh and
+upper arm.
 """
 
 from __future__ import annotations
@@ -26,13 +27,14 @@ from anchorpose.results.tables import POSES_FILE, PoseTable, read_poses
 from anchorpose.rotations import unit
 
 SIDES: Final = (("Right", "r", 1), ("Left", "l", -1))
-"""For each side: its name here, its name in OpenSim, and the sign of its direction on Z."""
+"""For each side: its name in this project, its name in OpenSim, and 1 if Z points to this side, or -1."""
 
 LOWER_SPINE_LEAN_DEG: Final = 4.4
 UPPER_SPINE_LEAN_DEG: Final = 5.2
-"""Leans, in degrees, of the mean body that stands upright: the line from the hips to SpineMid leans back by the first,
-and the line from SpineMid to SpineShoulder forward by the second. They define the zeros of the pelvis and lumbar
-coordinates, as ``SOLE_SLOPE_DEG`` defines that of the ankle; a test compares them with the body asset.
+"""Leans of the spine, in degrees, if the mean body stands upright: the line from the hips to SpineMid leans back by
+``LOWER_SPINE_LEAN_DEG``, the line from SpineMid to SpineShoulder leans forward by ``UPPER_SPINE_LEAN_DEG``. They define
+the zeros of the pelvis and lumbar coordinates, as ``SOLE_SLOPE_DEG`` defines that of the ankle; a test compares them
+with the body model.
 """
 
 
@@ -42,8 +44,8 @@ def joint(position_m: np.ndarray, name: str) -> np.ndarray:
 
 
 def pelvis_axes(position_m: np.ndarray) -> np.ndarray:
-    """Return the axes (n, 3, 3), columns X, Y, Z in the world; Z along the hips, Y towards SpineMid; NaN where a joint
-    is missing.
+    """Return the pelvis's axes (n, 3, 3), columns X, Y, Z in the world: Z from left to right hip, Y towards SpineMid,
+    corrected for the lean of the lower spine; NaN where a joint is missing.
     """
     right = joint(position_m, "HipRight") - joint(position_m, "HipLeft")
     middle = 0.5 * (joint(position_m, "HipRight") + joint(position_m, "HipLeft"))
@@ -54,8 +56,8 @@ def pelvis_axes(position_m: np.ndarray) -> np.ndarray:
 
 
 def torso_axes(position_m: np.ndarray) -> np.ndarray:
-    """Return the axes (n, 3, 3), columns X, Y, Z in the world; Y along the upper spine, turned about it by the
-    shoulders.
+    """Return the trunk's axes (n, 3, 3), columns X, Y, Z in the world: Y along the upper spine, corrected for its lean,
+    Z as near as possible to the line of the shoulders; NaN where a joint is missing.
     """
     right = joint(position_m, "ShoulderRight") - joint(position_m, "ShoulderLeft")
     y = unit(joint(position_m, "SpineShoulder") - joint(position_m, "SpineMid"))
@@ -79,8 +81,8 @@ def rotations_deg(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def limb_angles_deg(direction: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return flexion and adduction (n,) of a limb that hangs along -Y at zero; direction (n, 3) in the axes of the body
-    above it.
+    """Return flexion and adduction (n,) of a limb, which hangs along -Y if both are zero; direction (n, 3): along the
+    limb, in the axes of the pelvis or trunk.
 
     side: 1 right, -1 left; adduction is towards the body's midline on both sides.
     """
@@ -98,7 +100,7 @@ def bend_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _about_z(axes: np.ndarray, degrees: float) -> np.ndarray:
-    """Return the axes, rotated about the Z axis among them."""
+    """Return the axes (n, 3, 3), rotated about their own Z axis."""
     cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return axes @ np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
@@ -117,8 +119,8 @@ class HingeAxes:
 
 
 def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
-    """Read the axes from poses.parquet; None if there is no such table. Raises InputError if its frames are not
-    ``frame`` (n,).
+    """Read the axes of knees and elbows from poses.parquet; None if there is no such table. Raises InputError if its
+    frames are not ``frame`` (n,).
     """
     if not path.exists():
         return None
@@ -127,14 +129,14 @@ def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
         raise InputError(path, "has other frames than joints.parquet", "track the recording again")
     knee, elbow = np.empty((len(frame), len(SIDES), 3)), np.empty((len(frame), len(SIDES), 3))
     for index, (side, _, _) in enumerate(SIDES):
-        # knee axes point to the left here, to the right in OpenSim
+        # knee axes point to the left in the body model, to the right in OpenSim
         knee[:, index] = -_axis(poses, f"{side}UpLeg", f"{side}Leg")
         elbow[:, index] = _axis(poses, f"{side}Arm", f"{side}ForeArm")
     return HingeAxes(knee, elbow)
 
 
 def _axis(poses: PoseTable, upper: str, lower: str) -> np.ndarray:
-    """Return the axis (n, 3) about which the lower bone bends, fixed to the upper bone."""
+    """Return the unit axis (n, 3) in the world about which the lower bone bends; it is fixed to the upper bone."""
     hinge, _ = hinge_axes(load_body_asset(), lower)
     quaternion = poses.quaternion[:, MOVING_BONES.index(upper)].astype(np.float64)
     axis = np.full((len(quaternion), 3), np.nan)
@@ -149,8 +151,8 @@ SHIFTS: Final = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
-    """Coordinates over time. values (n, c): degrees for rotations and metres for ``SHIFTS``; NaN where a joint is
-    missing.
+    """OpenSim's coordinates in all frames. values (n, c): degrees for rotations and metres for ``SHIFTS``; NaN where a
+    joint is missing.
     """
 
     names: tuple[str, ...]
@@ -158,12 +160,13 @@ class Coordinates:
 
 
 def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None) -> Coordinates:
-    """Compute the coordinates of the joints (n, 21, 3), world, metres; undetermined coordinates are left out.
+    """Compute OpenSim's coordinates from joints (n, 21, 3), world, metres; leave out those that joints do not
+    determine.
 
-    hinges: the knee and elbow axes of the learnt body; with them hip_rotation and arm_rot are included. The model that
-    ``opensim_model`` writes has the same axes and zeros: with these coordinates its markers are at the joints. Names,
-    axes and signs: Rajagopal et al. 2016 (doi:10.1109/TBME.2016.2586891), Delp et al. 1990 (doi:10.1109/10.102791) for
-    gait2392, in which a bent knee is negative.
+    hinges: the knee and elbow axes of the learnt body, from which hip_rotation and arm_rot are computed; None leaves
+    both out. The model that ``opensim_model`` writes has the same axes and zeros, so with these coordinates its markers
+    are at the joints. Names, axes and signs are those of Rajagopal et al. 2016 (doi:10.1109/TBME.2016.2586891), or of
+    Delp et al. 1990 (doi:10.1109/10.102791) for gait2392, in which a bent knee is negative.
     """
     pelvis, torso = pelvis_axes(position_m), torso_axes(position_m)
     place, back = joint(position_m, "SpineBase"), np.einsum("nji,njk->nik", pelvis, torso)
@@ -195,8 +198,8 @@ def _leg(
 
 
 def _knee_deg(position_m: np.ndarray, side: str) -> np.ndarray:
-    """Return the knee angle (n,) as in angles.parquet; it is signed where the knee is nearly straight, since a model
-    can overextend it.
+    """Return the knee angle (n,), degrees, as in angles.parquet; it may be negative in a nearly straight knee, since
+    OpenSim's models can overextend the knee.
     """
     names = (f"Hip{side}", f"Knee{side}", f"Ankle{side}", "HipLeft", "HipRight")
     ((radians, lever),) = knee_flexion({name: joint(position_m, name).T for name in names}, side)
@@ -214,8 +217,8 @@ def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: i
 
 
 def _axial_rotation_deg(above: np.ndarray, along: np.ndarray, hinge: np.ndarray, side: int) -> np.ndarray:
-    """Return the inward rotation (n,), degrees, of a limb about its long axis, from the axis of the hinge at its
-    end.
+    """Return the inward rotation (n,), degrees, of a thigh or upper arm about its long axis. above (n, 3, 3): axes of
+    the trunk or pelvis; along, hinge (n, 3): direction of the limb, and axis of the knee or elbow at its end.
     """
     y = -unit(along)
     x = unit(np.cross(y, hinge))
@@ -228,8 +231,8 @@ DIGITS: Final = 6  # number of digits after the point
 
 
 def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """Write motion.mot, or one file for each stretch without a gap; raises AnchorposeError if there is no such
-    stretch.
+    """Write motion.mot, or one file for each stretch of frames without a pause in which all written coordinates are
+    known; raises AnchorposeError if there is no such stretch.
     """
     hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)
     coordinates = opensim_coordinates(source.samples.position_m, config.model, hinges)
@@ -260,18 +263,18 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
-    """Return the values (n, c) without jumps of angles by 360 degrees, as occur where a patient turns past -X.
+    """Return the values (n, c) without the jumps of angles by 360 degrees that occur when a turning patient faces -X.
 
-    Interpolation and filters would otherwise take the longer arc. Lengths stay unchanged.
+    Across such a jump, interpolation and filters would take the longer arc. Lengths stay unchanged.
     """
     unwrapped = values.copy()
-    for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one at a time: all together take four times the memory
+    for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one by one: all columns together take 4 times the memory
         unwrapped[:, column] = np.unwrap(values[:, column], period=360.0)
     return unwrapped
 
 
 def write_mot_file(path: Path, time_s: np.ndarray, names: tuple[str, ...], values: np.ndarray) -> None:
-    """Write the file; values (n, c) without NaN."""
+    """Write a MOT file; values (n, c) without NaN."""
     head = [path.stem, "version=1", f"nRows={len(time_s)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "endheader"]
     body = (
         [repr(float(time)), *(rounded_text(value, DIGITS, "") for value in row.tolist())]

@@ -1,4 +1,4 @@
-"""Write model.osim for OpenSim 4: the patient's bodies, joints and markers, measured over all frames."""
+"""Write model.osim for OpenSim 4: the patient's bodies (segments), joints and markers, measured over all frames."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from anchorpose.options import CoordinateModel
 from anchorpose.results.joint_angles import SOLE_SLOPE_DEG
 
 Places = Mapping[str, np.ndarray]
-"""By joint: its position (3,), metres, in the body that carries it, relative to the joint of that body, with hanging
-limbs.
+"""For each joint, by name: its position (3,), metres, in the axes of the OpenSim body that carries it, relative to the
+origin of that body, while the limbs hang down.
 """
 
 _IN_TRUNK: Final = {
@@ -35,11 +35,13 @@ _LIMBS: Final = {
     "Wrist": "Elbow",
     "Hand": "Wrist",
 }
-"""The joint above each joint of a limb."""
+"""For each joint of a limb: the joint at the upper end of the bone that ends there."""
 
 
 def measure_body(position_m: np.ndarray) -> Places | None:
-    """Return the medians over the frames (n, 21, 3); None if some bone's two ends are never known in the same frame."""
+    """Return each joint's median place over the frames (n, 21, 3); None if the two ends of a bone are never known in
+    the same frame.
+    """
     axes = {"pelvis": pelvis_axes(position_m), "torso": torso_axes(position_m)}
 
     def away(start: str, end: str) -> np.ndarray:
@@ -55,14 +57,14 @@ def measure_body(position_m: np.ndarray) -> Places | None:
         slope, length["Hand"] = (
             np.radians(SOLE_SLOPE_DEG),
             length["Wrist"] + length["Hand"],
-        )  # one body with the forearm
+        )  # the model has one body for forearm and hand
         found |= {f"{end}{side}": np.array([0.0, -length_m, 0.0]) for end, length_m in length.items()}
         found[f"Foot{side}"] = length["Foot"] * np.array([np.cos(slope), -np.sin(slope), 0.0])
     return found if all(np.isfinite(place).all() for place in found.values()) else None
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Return the median (k,) over the rows (n, k) without NaN; NaN where there is none."""
+    """Return the median (k,) over the rows of values (n, k) that have no NaN; NaN if there are no such rows."""
     known = values[np.isfinite(values).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(values.shape[1], np.nan)
 
@@ -70,8 +72,8 @@ def _median(values: np.ndarray) -> np.ndarray:
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 Axis = tuple[float, float, float]
 
-# Segment masses as shares of the body's (de Leva 1996, doi:10.1016/0021-9290(95)00178-6, men). The pelvis is the lower
-# trunk, the torso the upper and middle trunk; the forearm includes the hand.
+# Segment masses as shares of the body's mass (de Leva 1996, doi:10.1016/0021-9290(95)00178-6, men). The pelvis is the
+# lower trunk, the torso is the upper and middle trunk, and the ulna is forearm and hand.
 MASS_SHARE: Final = {
     "pelvis": 0.1117,
     "torso": 0.3229,
@@ -92,7 +94,7 @@ class OsimCoordinate:
     axis: Axis
     range: tuple[float, float]
     default: float = 0.0
-    moves: bool = False  # True: along the axis, False: about it
+    moves: bool = False  # True: translation along the axis, False: rotation about it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +111,7 @@ class OsimBody:
 
 
 def segments(body: Places, model: CoordinateModel) -> tuple[OsimBody, ...]:
-    """Return all bodies, parents first. Coordinates have the names and signs of ``model``."""
+    """Return all OpenSim bodies, parents first. Their coordinates have the names and signs of ``model``."""
     sided = [part for side in SIDES for part in (*_leg(body, *side, model), *_arm(body, *side))]
     return (_pelvis(body), *_trunk(body), *sided)
 
@@ -120,7 +122,7 @@ def _some(body: Places, *names: str) -> Places:
 
 
 def _pelvis(body: Places) -> OsimBody:
-    turns = tuple(  # ranges so wide that a turning patient reaches no limit, where inverse kinematics would stop
+    turns = tuple(  # wide ranges: if a turning patient reached a limit, inverse kinematics would stop
         OsimCoordinate(f"pelvis_{name}", axis, (-4.0 * np.pi, 4.0 * np.pi))
         for name, axis in (("tilt", Z), ("list", X), ("rotation", Y))
     )
@@ -142,7 +144,7 @@ def _trunk(body: Places) -> tuple[OsimBody, OsimBody]:
             ("neck", (("extension", Z), ("bending", X))),
         )
     )
-    # the model has no joint for the shoulder girdle, which moves on the chest: shoulders are markers of the arms
+    # the shoulder girdle moves on the chest, but the model has no joint for it: shoulders are markers of the arms
     top, markers = body["SpineShoulder"], _some(body, "SpineShoulder", "Neck")
     rods = ((zero, top), (top, body["Neck"]), (body["ShoulderRight"], body["ShoulderLeft"]))
     return (
@@ -183,8 +185,8 @@ def _arm(body: Places, side: str, end: str, sign: int) -> tuple[OsimBody, OsimBo
 def _ball(
     names: tuple[str, str, str], end: str, sign: int, limits_deg: tuple[float, float, float, float]
 ) -> tuple[OsimCoordinate, ...]:
-    """Return flexion, adduction and inward rotation, mirrored on the left. limits_deg: least and greatest flexion, then
-    the largest adduction and rotation to either side.
+    """Return a ball joint's coordinates: flexion, adduction and inward rotation, mirrored on the left. limits_deg:
+    least and greatest flexion, then the largest adduction and rotation to either side.
     """
     least, most, aside, about = np.radians(limits_deg)
     ranges = ((least, most), (-aside, aside), (-about, about))
@@ -196,15 +198,15 @@ def _ball(
 
 OSIM_VERSION: Final = "40000"  # version of the file format; every OpenSim 4 reads it
 NOMINAL_MASS_KG: Final = 75.0
-"""Mass of an adult. OpenSim needs a mass to load the model; the patient's is unknown, and kinematics do not depend on
-it.
+"""Mass of an adult. OpenSim needs a mass to load the model; the patient's mass is unknown, and kinematics do not depend
+on the mass.
 """
 
-ROD_RADIUS_M: Final = 0.012
+ROD_RADIUS_M: Final = 0.012  # radius of the cylinders that are drawn for the bodies
 
 
 def xml(tag: str, *content: str | ElementTree.Element, **attributes: str) -> ElementTree.Element:
-    """Return an XML element with a text, or with elements in it."""
+    """Return an XML element that contains a text or other elements."""
     element = ElementTree.Element(tag, attributes)
     for part in content:
         if isinstance(part, str):
@@ -215,17 +217,17 @@ def xml(tag: str, *content: str | ElementTree.Element, **attributes: str) -> Ele
 
 
 def xml_texts(**texts: str) -> list[ElementTree.Element]:
-    """Return an XML element with a text for each tag."""
+    """Return an XML element for each tag, which contains the tag's text."""
     return [xml(tag, text) for tag, text in texts.items()]
 
 
 def xml_set(tag: str, name: str, elements: Iterable[ElementTree.Element]) -> ElementTree.Element:
-    """Return a set of OpenSim's objects."""
+    """Return the XML element of a named set of OpenSim's objects."""
     return xml(tag, xml("objects", *elements), name=name)
 
 
 def document(root: ElementTree.Element) -> str:
-    """Return an indented XML file of OpenSim."""
+    """Return the text of an indented XML file of OpenSim."""
     whole = xml("OpenSimDocument", root, Version=OSIM_VERSION)
     ElementTree.indent(whole, "\t")
     return f'<?xml version="1.0" encoding="UTF-8" ?>\n{ElementTree.tostring(whole, encoding="unicode")}\n'
@@ -258,7 +260,7 @@ def _body(part: OsimBody) -> ElementTree.Element:
     mass = MASS_SHARE[part.name.split("_")[0]] * NOMINAL_MASS_KG
     start, end = part.rods[0]
     length = float(np.linalg.norm(end - start))
-    across, along = mass * (length**2 / 12.0 + 0.05**2 / 4.0), mass * 0.05**2 / 2.0  # a rod of 5 cm radius
+    across, along = mass * (length**2 / 12.0 + 0.05**2 / 4.0), mass * 0.05**2 / 2.0  # inertia of a rod of 5 cm radius
     texts = xml_texts(
         mass=_numbers([mass]),
         mass_center=_numbers(np.array(part.rods[0]).mean(axis=0)),
@@ -274,7 +276,7 @@ def _rod(name: str, start: np.ndarray, end: np.ndarray) -> ElementTree.Element:
     length = float(np.linalg.norm(along))
     sizes = xml_texts(radius=_numbers([ROD_RADIUS_M]), half_height=_numbers([length / 2.0]))
     shape = xml("attached_geometry", xml("Cylinder", *sizes, name=f"{name}_shape"))
-    # body-fixed X then Z rotation (OpenSim's X-Y-Z without a rotation about Y) that brings Y along the rod
+    # body-fixed rotations about X, then Z, which bring Y along the rod (OpenSim's X-Y-Z without a rotation about Y)
     along = along / length if length else np.array(Y)
     turn = (np.arctan2(along[2], along[1]), 0.0, np.arcsin(np.clip(-along[0], -1.0, 1.0)))
     return _offset_frame(name, "..", (start + end) / 2.0, _numbers(turn), shape)
@@ -310,7 +312,7 @@ def _coordinate(coordinate: OsimCoordinate) -> ElementTree.Element:
 
 
 def _transform(coordinates: tuple[OsimCoordinate, ...]) -> ElementTree.Element:
-    """Return six axes: three rotations, then three translations; axes without a coordinate are constant."""
+    """Return a joint's axes: three of rotation, then three of translation, constant if without a coordinate."""
     transform = xml("SpatialTransform")
     for kind, moves in (("rotation", False), ("translation", True)):
         used = [coordinate for coordinate in coordinates if coordinate.moves is moves]

@@ -1,4 +1,4 @@
-"""Write TRC: marker paths as OpenSim reads them, one marker per joint, with a model and set-up files."""
+"""Write TRC, a file of marker positions for OpenSim with one marker per joint, and a model and set-up files for it."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _ORIGINAL: Final = ("OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")
 
 
 def trc_head(regular: RegularSamples) -> list[list[str]]:
-    """Return the lines before the frames."""
+    """Return the cells of the lines before the frames."""
     rate, count = number_text(regular.rate_hz), len(regular.samples.time_s)
     markers = range(1, len(JOINT_NAMES) + 1)
     return [
@@ -62,21 +62,22 @@ def trc_head(regular: RegularSamples) -> list[list[str]]:
 
 
 def trc_body(samples: Samples) -> Iterator[list[str]]:
-    """Yield one line per frame, with recorded times if they are regular."""
+    """Yield the cells of the line of each frame."""
     for number, (time_s, place) in enumerate(zip(samples.time_s.tolist(), samples.position_m, strict=True), 1):
         yield [str(number), repr(time_s), *(rounded_text(x, DIGITS, MISSING) for x in place.ravel().tolist())]
 
 
 SCALED_MODEL: Final = "scaled.osim"
 
-# Weights of markers; other markers have 1. The model has neither shoulder girdle nor wrist, so their markers fit less.
+# Weights of markers; others have the weight 1. The model cannot move shoulder girdle and wrist, so markers there fit
+# less well.
 _MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 
 # Coordinates that are held near zero: markers do not determine the rotation of a straight limb about its long axis.
 _FREE: Final = ("hip_rotation", "arm_rot")
 _FREE_WEIGHT: Final = 1e-4  # so weak that it does not shift coordinates that markers determine
 
-# Each measurement by name: the two markers whose distance is measured, the body that it scales, and the scaled axes.
+# For each measurement, by name: the two markers whose distance is measured, the body to scale, and its scaled axes.
 _MEASUREMENTS: Final = {
     "pelvis_width": (("HipLeft", "HipRight"), "pelvis", "Z"),
     "lower_spine": (("SpineBase", "SpineMid"), "pelvis", "X Y"),
@@ -103,8 +104,8 @@ MODEL_FILE, SCALE_FILE = "model.osim", "scale_setup.xml"
 def ik_setup_xml(name: str, result: str, markers: Sequence[str], period_s: Iterable[float]) -> str:
     """Return a set-up file of OpenSim's inverse kinematics tool for a stretch of frames; markers: the markers to use.
 
-    result: the motion, written beside the set-up file; OpenSim writes marker errors to name_ik_marker_errors.sto.
-    period_s: the first and the last time.
+    result: name of the motion file. OpenSim writes it beside the set-up file, and the marker errors to
+    ``name``_ik_marker_errors.sto. period_s: the first and the last time.
     """
     settings = xml_texts(
         results_directory=".",
@@ -131,8 +132,8 @@ def scale_setup_xml(time_s: np.ndarray) -> str:
     """Return a set-up file of OpenSim's scale tool, for a model whose markers are named like the joints. It uses
     distances between markers in at most the first second of ``time_s`` (n,), in which all markers are known.
 
-    The model beside the file has the patient's lengths already, so its factors are near one. To scale another model,
-    name it in ``model_file``.
+    The model beside the file has the patient's lengths already, so the scale factors are near one. To scale another
+    model, name it in ``model_file``.
     """
     files = xml_texts(
         marker_file=TRC_FILE,
@@ -163,15 +164,15 @@ def _measurement(name: str, pair: tuple[str, str], body: str, axes: str) -> Elem
 
 
 # OpenSim's inverse kinematics stops at a frame with fewer than three markers, and repeats a coordinate's last value
-# where its markers are missing. So it gets only frames in which all joints of trunk and legs are known; an arm or the
-# head that is lost for a while does not split a recording.
+# where the markers that determine it are missing. So it gets only frames in which all joints of trunk and legs are
+# known. Missing arms or head do not split a recording.
 _MAY_BE_MISSING: Final = ("Head", "Shoulder", "Elbow", "Wrist", "Hand")
 
 
 def write_osim_files(folder: Path, samples: Samples, model: CoordinateModel) -> tuple[str, ...]:
-    """Write model.osim, ik_setup.xml and scale_setup.xml as far as the joints allow; return notes for people.
+    """Write model.osim, ik_setup.xml and scale_setup.xml, each if enough joints are known; return notes for users.
 
-    Where trunk or legs are missing for a while there are several set-ups: ik_setup_001.xml and so on.
+    If trunk or legs are missing for a while, inverse kinematics gets several set-up files: ik_setup_001.xml and so on.
     """
     body = measure_body(samples.position_m)
     if body is None:
@@ -212,8 +213,8 @@ def _write_ik(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
 
 
 def _write_scale(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
-    """Write the scale set-up from at most a second in which all markers are known: if a marker is missing, OpenSim
-    skips its measurements with a warning.
+    """Write the set-up of the scale tool, which uses at most a second in which all markers are known: OpenSim warns of
+    a missing marker and skips the measurements that need it.
     """
     runs = runs_where(np.asarray(known.all(axis=1)))
     if not runs:

@@ -1,4 +1,4 @@
-"""Bring samples to a fixed frame rate, and find stretches without a gap, for formats that need them.
+"""Bring samples to a fixed frame rate, and find stretches of frames without a gap, for formats that need these.
 
 Measured samples stay unchanged wherever their times allow it.
 """
@@ -17,8 +17,8 @@ from anchorpose.joints import LOST
 from anchorpose.results.frame_time import LONGEST_STEP, runs_of
 
 NEAR_SHARE: Final = 0.01
-"""Share of the time between frames. A sample whose time differs from a grid time by at most this share is used there
-unchanged. At 30 frames per second, this is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
+"""Maximum difference between the time of a sample and a time of the grid at which this sample is used unchanged, as a
+share of the time between frames. At 30 frames per second, this is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
 """
 
 
@@ -27,7 +27,7 @@ MOST_ROWS: Final = 20
 
 
 class TimeBase(StrEnum):
-    """The way in which the times were changed."""
+    """The way in which the times of the samples were changed for a fixed rate."""
 
     AS_RECORDED = "as recorded"
     GAPS_FILLED_UP = "as recorded; frames that were not recorded are there without values"
@@ -36,10 +36,11 @@ class TimeBase(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Interpolation:
-    """The recorded samples on both sides of each grid time.
+    """The recorded samples between which each time of a regular grid lies.
 
     before (g,): index of the sample before each grid time; share (g,): position of the grid time between this sample
-    (0) and the next (1), exactly 0 or 1 where a sample is used unchanged; bridged (g,) bool: False in a gap.
+    (0) and the next (1), exactly 0 or 1 where a sample is used unchanged; bridged (g,) bool: False in a gap between
+    samples.
     """
 
     before: np.ndarray
@@ -48,13 +49,13 @@ class Interpolation:
 
     @property
     def recorded(self) -> np.ndarray:
-        """Return (g,) bool: grid frames that are unchanged recorded samples."""
+        """Return (g,) bool: True for grid times at which a recorded sample is used unchanged."""
         return self.bridged & ((self.share == 0.0) | (self.share == 1.0))
 
     def values(self, values: np.ndarray, turn: float = np.inf) -> np.ndarray:
-        """Interpolate values linearly to (g, ...), NaN in a gap, and where a sample that is used is NaN.
+        """Interpolate values (n, ...) linearly to (g, ...), NaN in a gap and where a needed sample is NaN.
 
-        turn: a full turn, given for angles, which are interpolated along the shorter arc.
+        turn: a full turn in the unit of the values, if these are angles; angles are interpolated along the shorter arc.
         """
         fit = (slice(None), *[None] * (values.ndim - 1))
         share, left, right = self.share[fit], values[self.before], values[self.before + 1]
@@ -65,7 +66,7 @@ class Interpolation:
         return np.where(self.bridged[fit], mixed, np.nan)
 
     def worse_state(self, state_code: np.ndarray) -> np.ndarray:
-        """Return (g, ...) the worse state of the two neighbours; lost in a gap."""
+        """Return the worse state code of both samples around each grid time, (g, ...); in a gap, the code of lost."""
         share, left, right = self.share[:, None], state_code[self.before], state_code[self.before + 1]
         worst = np.where(share == 0.0, left, np.where(share == 1.0, right, np.maximum(left, right)))
         return np.where(self.bridged[:, None], worst, LOST).astype(np.int8)
@@ -74,7 +75,7 @@ class Interpolation:
 @dataclass(frozen=True, slots=True, eq=False)
 class RegularSamples:
     """Samples at the fixed rate ``rate_hz``. interpolation: how to interpolate other values from the recorded times to
-    these times.
+    the times of ``samples``.
     """
 
     samples: Samples
@@ -84,12 +85,12 @@ class RegularSamples:
 
 
 def regular_samples(samples: Samples) -> RegularSamples:
-    """Bring the samples to a fixed rate, NaN and lost where there are none.
+    """Bring the samples to a fixed rate; at times without samples, values are NaN and every state is ``lost``.
 
-    If all times lie on a grid, they stay bit for bit, and grid frames that were not recorded are added without values.
-    Otherwise all samples are resampled: linearly between the two neighbours if these are near in time and both have the
-    value. The state is the worse of both states. Sigma is interpolated too, as if the errors of both were the same.
-    Raises AnchorposeError if there is one frame only, or if recording paused for long.
+    If all times lie on a regular grid, times and values stay bit for bit, and grid frames that were not recorded are
+    added without values. Otherwise all samples are resampled: linearly between the two around the new time, if these
+    are near in time and both have the value. The state is the worse of theirs. Sigma is interpolated too, as if both
+    samples had the same error. Raises AnchorposeError if there is only one frame, or if recording mostly paused.
     """
     time_s = samples.time_s
     rate_hz, slot, on_grid = _grid(time_s)
@@ -104,31 +105,33 @@ def regular_samples(samples: Samples) -> RegularSamples:
 
 
 def nominal_rate_hz(time_s: np.ndarray) -> float:
-    """Return the frame rate of times (n,), rounded to a usual rate if they allow it; raises AnchorposeError for one
+    """Return the frame rate (Hz) of times (n,), with as few decimals as the times allow; raises AnchorposeError for one
     frame.
     """
     return _grid(time_s)[0]
 
 
 def near_in_time(time_s: np.ndarray) -> np.ndarray:
-    """Return (n - 1,) bool: whether each frame and the next are at most ``LONGEST_STEP`` apart; raises AnchorposeError
-    for one frame.
+    """Return (n - 1,) bool: whether each frame and the next are at most ``LONGEST_STEP`` times the usual interval
+    apart; raises AnchorposeError for one frame.
     """
     return np.asarray(np.diff(time_s) <= LONGEST_STEP / nominal_rate_hz(time_s))
 
 
 def without_gaps(time_s: np.ndarray) -> bool:
-    """Return whether no two neighbours are further apart than ``LONGEST_STEP``."""
+    """Return whether no two successive frames are further apart than ``LONGEST_STEP`` times the usual interval."""
     return bool(near_in_time(time_s).all())
 
 
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
-    """Return the roundest rate that fits, each sample's index on its grid, and whether all samples lie on the grid."""
+    """Return the frame rate (Hz) with the fewest decimals on whose grid all samples lie, each sample's index on this
+    grid, and True; if there is no such rate, a rounded rate, the same indices, and False.
+    """
     if len(time_s) < 2:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
     steps_s = np.diff(time_s)
     step_s = float(np.median(steps_s))
-    for _ in range(3):  # steps are rounded one by one, so that the error of the median does not add up
+    for _ in range(3):  # each step is rounded on its own, so that an error of step_s does not add up
         slot = np.concatenate([[0], np.cumsum(np.rint(steps_s / step_s).astype(np.int64))])
         step_s = float((time_s[-1] - time_s[0]) / max(slot[-1], 1))
     for rate_hz in (*(round(1.0 / step_s, digits) for digits in (0, 1, 2, 3, 6)), 1.0 / step_s):
@@ -143,13 +146,13 @@ def _lies_on_grid(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> bool:
 
 
 def _round_rate(rate_hz: float) -> float:
-    """Round the rate to a usual camera rate within a hundredth of it."""
+    """Round a rate (Hz) to a whole number if the two differ by at most 1 %, otherwise to three decimals."""
     whole = round(rate_hz)
     return float(whole) if whole and abs(rate_hz - whole) <= NEAR_SHARE * rate_hz else round(rate_hz, 3)
 
 
 def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Interpolation]:
-    """Place each sample on the grid; grid times without a sample stay empty."""
+    """Return the grid times, each sample's time at its index ``slot``, and the interpolation; other times are gaps."""
     count = int(slot[-1]) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
     grid_s[slot] = time_s
@@ -163,7 +166,7 @@ def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.n
 
 
 def _resampling(time_s: np.ndarray, rate_hz: float) -> tuple[np.ndarray, Interpolation]:
-    """Return grid times from the first sample to the last, and the samples around each."""
+    """Return grid times from the first sample to the last, and the samples on both sides of each."""
     count = int(np.floor((time_s[-1] - time_s[0]) * rate_hz + NEAR_SHARE)) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
     before = np.clip(np.searchsorted(time_s, grid_s, side="right") - 1, 0, len(time_s) - 2)
@@ -188,15 +191,15 @@ def _at(samples: Samples, grid_s: np.ndarray, interpolation: Interpolation) -> S
 
 
 KEPT_SHARE: Final = 0.5
-"""Minimum share of the frames in which a column must be known to be kept; a column with fewer values would leave too
+"""Minimum share of the frames in which a column has a value; other columns are not written, since they would leave too
 few complete frames.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretches:
-    """The written columns and stretches. kept (c,) bool: columns to write; runs: first and one past the last frame of
-    each stretch with all of them.
+    """The columns and stretches of frames to write. kept (c,) bool: columns to write; runs: the first and one past the
+    last frame of each stretch in which all these columns are known.
     """
 
     kept: np.ndarray
@@ -204,16 +207,15 @@ class Stretches:
 
 
 def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretches:
-    """Find the stretches. known (n, c) bool: columns with a value in each frame; joined as in ``runs_where``.
-
-    ``runs`` is empty if no column is known in half of the frames.
+    """Find the stretches of frames to write. known (n, c) bool: columns that have a value in each frame; joined: as in
+    ``runs_where``. ``runs`` is empty if no column is known in half of the frames.
     """
     kept = known.mean(axis=0) >= KEPT_SHARE
     return Stretches(kept, runs_where(np.asarray(known[:, kept].all(axis=1)), joined) if kept.any() else ())
 
 
 def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tuple[int, int], ...]:
-    """Return the first and one past the last frame of each run of two or more in ``whole`` (n,) bool.
+    """Return the first and one past the last frame of each run of two or more True values in ``whole`` (n,) bool.
 
     joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None if all are.
     """
@@ -221,5 +223,5 @@ def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tup
 
 
 def stretch_name(stem: str, suffix: str, number: int, count: int) -> str:
-    """Return ``motion.mot``, or ``motion_001.mot`` where there are several stretches."""
+    """Return a stretch's file name: ``motion.mot``, or ``motion_001.mot`` if there are several stretches."""
     return f"{stem}{suffix}" if count == 1 else f"{stem}_{number + 1:03d}{suffix}"

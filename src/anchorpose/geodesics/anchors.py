@@ -1,9 +1,10 @@
 """Find and name the anchors: head, hands and feet as extrema of geodesic distance (paper, Definition 2, Section III).
 
-Three kinds of evidence decide which anchor an extremum is. (1) Its place: the distance from the centre, and the height
-and the distance to the left relative to the middle of the body. (2) Its path to the centre: where the path enters the
-trunk, and the distance from the head along the paths; both are valid in any pose. (3) Its distance from the expected
-anchor. This evidence is bounded: it decides only if the rest does not, so a wrong prediction does not confirm itself.
+Three kinds of evidence decide which anchor an extremum is. (1) Its place: the distance from the centre, the height
+above the body's middle, and the distance to the left of the middle. (2) Its path to the centre: where the path enters
+the trunk, and the distance from the head along the paths; both are valid in any pose. (3) Its distance from the
+predicted place. The cost of (3) is bounded: it decides only if place and path do not, so a wrong prediction does not
+confirm itself.
 
 The module also computes the anchor descriptor f (paper, Definition 3): every node's geodesic distance to every anchor.
 """
@@ -28,8 +29,9 @@ HEAD: Final = 0  # index of the head among the anchors
 LIMBS: Final = 4  # number of hands and feet, which follow the head
 
 PLACES: Final = np.array(
-    # five values: distance from the centre along the surface; height above the body's middle and distance to its left,
-    # first of the extremum, then of the place where its path enters the trunk
+    # columns: distance of the extremum from the centre along the surface; height of the extremum above the body's
+    # middle, and its distance to the left of the middle; the same two values of the place where its path enters the
+    # trunk
     [
         [0.42, 0.38, 0.00, 0.19, 0.00],
         [0.55, 0.05, 0.22, 0.15, 0.09],
@@ -38,8 +40,7 @@ PLACES: Final = np.array(
         [0.64, -0.52, -0.07, -0.16, -0.05],
     ]
 )
-"""Usual places of the anchors, divided by the body height: medians of simulated people, in the order ``ANCHOR_NAMES``.
-"""
+"""Usual places of the anchors, in body heights: medians of simulated people, in the order ``ANCHOR_NAMES``."""
 
 TOLERANCES: Final = np.array(
     [
@@ -53,22 +54,25 @@ TOLERANCES: Final = np.array(
 """Spread of each value in ``PLACES``, divided by the body height: arms move a lot, head and feet hardly."""
 
 FROM_HEAD: Final = np.array([0.47, 0.47, 0.92, 0.92])
-"""Distances of hands and feet from the head along their paths, divided by the body height; 0.25 for a hand above the
-head.
-"""
+"""Distances of hands and feet from the head along their paths, in body heights; a hand above the head has 0.25."""
 
-FROM_HEAD_TOLERANCE: Final = 0.20  # spread of these distances, divided by the body height
-# The unit of all costs is one tolerance.
+FROM_HEAD_TOLERANCE: Final = 0.20  # spread of the distances in ``FROM_HEAD``, divided by the body height
+# The unit of all costs is one tolerance: the spread of a value, as in ``TOLERANCES``.
 MISSED: Final = 4.0  # cost of a missed anchor; if every extremum costs more, the anchor is missed
 PREDICTION: Final = 1.5  # maximum cost added for the distance from the predicted place
-UNPREDICTED: Final = 1.0  # cost added without a prediction, so that an anchor is at most 3 tolerances off
-AT_PREDICTION: Final = 3.5  # maximum total cost at the predicted place, so that an end there is the anchor in any pose
-CLEAR: Final = 2.0  # maximum distance from its usual place at which an extremum away from the prediction gets the name
-FARTHEST_OFF: Final = 3.0  # limit of each single measure, since an arm may be crossed or a path may be wrong
+# cost added for an anchor without a prediction; the limit ``MISSED`` then allows 3 tolerances from the usual place
+UNPREDICTED: Final = 1.0
+# the cost of an extremum within the gate of the predicted place is at most this, so it can be the anchor in any pose
+AT_PREDICTION: Final = 3.5
+# tolerances, maximum distance from an anchor's usual place at which an extremum beyond the gate of the prediction can
+# get the anchor's name
+CLEAR: Final = 2.0
+# tolerances; a value that differs more from the usual one counts as this, since an arm may be crossed or a path wrong
+FARTHEST_OFF: Final = 3.0
 # cost added for hands and feet if no head is found, since their distances from the head are then missing
 HEADLESS: Final = 1.5
 ENTRY: Final = 0.20  # distance from the centre, divided by the height, at which a path enters the trunk
-STEP: Final = 0.05  # distance, divided by the height, between the compared places of a path
+STEP: Final = 0.05  # distance, divided by the height, between the places of a path that are compared with other paths
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,8 +87,9 @@ class Frame:
 def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     """Return the distance of each extremum from each anchor's usual place, and the distances between extrema.
 
-    The first result is (k, 5) in squared tolerances, the sum of five bounded measures. The second is (k, k), divided by
-    the body height: along the paths to the centre, and straight across the trunk between the paths.
+    The first result is (k, 5) in squared tolerances: the sum over the five values of ``PLACES``, each limited to
+    ``FARTHEST_OFF``. The second is (k, k), divided by the body height: down the path of one extremum, straight across
+    the trunk, and up the path of the other.
     """
     middle, height = seen_mean(surface), frame.height_m
     reach = np.array([cap.reach_m for cap in caps])
@@ -111,7 +116,7 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
     """Return the distance (k, k) between extrema: along their paths (k, l, 3), and straight from a place on one path to
-    a place on the other. The places with the least distance are used.
+    a place on the other. The two places are those with which this sum is least.
     """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)
@@ -124,10 +129,10 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
     off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance from the anchor's prediction, divided by the
     gate; NaN without prediction. excluded (k, 5) bool: extrema that cannot be the anchor. An anchor costs the root of
-    its squared tolerances (for hands and feet including the distance from the head), plus at most ``PREDICTION`` for
-    the distance from the prediction; a missed anchor costs ``MISSED``. An extremum away from the predicted place gets a
-    name only if it is clear: at most ``CLEAR`` from this name, and more from every other name. Each extremum, and a
-    missed head, is tried as the head.
+    its value in ``off2`` (for hands and feet, that of the distance from the head is added), plus at most ``PREDICTION``
+    for the distance from the prediction; a missed anchor costs ``MISSED``. An extremum beyond the gate gets a name only
+    if it is clear: at most ``CLEAR`` from the usual place of this anchor, and not nearer to that of another. All this
+    is computed with each extremum as the head, and without a head.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -145,7 +150,9 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
 
 def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """Return the cost (k, 5) of distances ``off`` (k, 5), in tolerances, and ``away`` (k, 5), in units of the gate."""
+    """Return the cost (k, 5) of the distances from usual places, ``off`` (k, 5) in tolerances, and from predicted
+    places, ``away`` (k, 5) in units of the gate.
+    """
     cost = off + np.where(np.isnan(away), UNPREDICTED, PREDICTION * np.minimum(away, 1.0))
     cost = np.where(away < 1.0, np.minimum(cost, AT_PREDICTION), cost)
     unclear = (off > CLEAR) | (off > off.min(axis=1, keepdims=True))
@@ -153,14 +160,14 @@ def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
 
 
 def _off_head2(apart: np.ndarray) -> np.ndarray:
-    """Return the deviation (k, 4) of the distances (k,) from the head for each hand and foot, in squared tolerances."""
+    """Return how far the distances (k,) from the head are off each limb's ``FROM_HEAD``, (k, 4) squared tolerances."""
     off: np.ndarray = np.minimum(((apart[:, None] - FROM_HEAD) / FROM_HEAD_TOLERANCE) ** 2, FARTHEST_OFF**2)
     return off
 
 
 def _assign(cost: np.ndarray) -> np.ndarray:
-    """Return (m,) int: the row of cost (k, m) assigned to each column, -1 = none, with the least total cost. No pair
-    costs more than ``MISSED``.
+    """Return (m,) int: the row of cost (k, m) assigned to each column, -1 = none, with the least total cost. A row and
+    a column that cost ``MISSED`` or more are not paired.
     """
     bounded = np.minimum(cost, MISSED)
     chosen = np.full(cost.shape[1], -1)
@@ -174,13 +181,12 @@ def _assign(cost: np.ndarray) -> np.ndarray:
 class Anchors:
     """The five identified anchors of a surface; missed anchors are marked, never guessed."""
 
-    # (5,) int32, index into the surface, -1 = missed: the node of the cap nearest to its centre, From frame to frame
-    # it moves half as much as the extremum, and so do distances measured from it
+    # (5,) int32, index into the surface, -1 = missed: the cap's node nearest to the cap's centre. From frame to frame,
+    # distances from this node change half as much as distances from the extremum.
     node: np.ndarray
     position_m: np.ndarray  # (5, 3) float64 world, centre of the extremal cap; NaN if missed
     sigma_m: np.ndarray  # (5,) float64, standard deviation of the centre per axis; NaN if missed
-    # ends of limbs without a name, which are neither cut off nor continued by hidden skin; the farthest from the centre
-    # first
+    # ends of limbs without a name, neither cut off nor continued by hidden skin; the farthest from the centre first
     free: tuple[Cap, ...] = ()
 
     @property
@@ -195,14 +201,15 @@ class AnchorConfig:
 
     radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
     cap: Positive = 0.06 / 1.75  # depth of the extremal cap below its tip (6 cm, about a fist)
-    # half a forearm; an end within this distance of its prediction is the anchor in any pose
+    # distance from the predicted place within which an extremum can be the anchor in any pose; half a forearm
     gate: Positive = 0.25 / 1.75
 
 
-# gate of the head, divided by the body height; a head moves less than a hand, and a hidden head's neck is 20 cm away
+# gate of the head, divided by the body height; a head moves less than a hand, and the neck of a hidden head, which must
+# not be taken for the head, is 20 cm away
 HEAD_GATE: Final = 0.18 / 1.75
-# divided by the body height; an end within this distance of its prediction is an end even at a cut or before hidden
-# skin
+# divided by the body height; an extremum within this distance of its prediction is the limb's end even if it lies at a
+# cut or hidden skin continues there
 END_GATE: Final = 0.09 / 1.75
 
 
@@ -220,8 +227,8 @@ def find_anchors(
 
     up, facing (3,): unit vectors, world, against gravity and in the direction in which the patient faces; height_m: the
     subject's height. cut (n,) bool: nodes at a border where something else cuts the surface (``surface.border``); an
-    extremum there is not an anchor, unless another camera sees the end. predicted_m (5, 3) world: the expected place of
-    each anchor, NaN if unknown; None without any. missing (5,) bool: anchors of limbs that the patient lacks.
+    extremum there is not an anchor, unless another camera sees the end. predicted_m (5, 3) world: the predicted place
+    of each anchor, NaN if unknown; None without any. missing (5,) bool: anchors of limbs that the patient lacks.
 
     Names are assigned with the least total cost (``name_extrema``). An anchor is missed if every extremum costs too
     much; all are missed on a surface without seen nodes. Left and right follow ``facing``. If it is wrong by half a
@@ -238,7 +245,7 @@ def find_anchors(
     frame = Frame(up, np.cross(up, facing), height_m)
     no_end = _no_end_of_a_limb(surface, center, caps)
     away = _off_prediction(caps, predicted_m) / height_m
-    excluded = no_end & ~(away < END_GATE)  # a hand on a rail ends at a cut, near its expected end
+    excluded = no_end & ~(away < END_GATE)  # unless near the predicted end: a hand on a rail ends at a cut
     excluded |= False if missing is None else missing
     away /= np.array([HEAD_GATE, *[config.gate] * LIMBS])
     chosen = name_extrema(*place_costs(surface, center, caps, frame), away, excluded)
@@ -286,10 +293,11 @@ def no_anchors() -> Anchors:
 
 
 def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap]) -> np.ndarray:
-    """Return (k, 5) bool: caps that cannot be the anchor of a column.
+    """Return (k, 5) bool: whether each cap cannot be each anchor.
 
-    If the cap's piece contains hidden skin, this skin shows whether a hand or foot continues, better than an edge in
-    the depth frame does; the head is then identified by its place.
+    If the cap's piece contains hidden skin, this skin shows whether a limb continues beyond its cap, better than an
+    edge in the depth frame does. In such a piece every cap may be the head, since hidden skin continues beyond every
+    head.
     """
     hidden = np.unique(field.piece[surface.seen_count :])
     closed = np.isin(field.piece[[cap.tip for cap in caps]], hidden)

@@ -1,8 +1,8 @@
 """Compute the geodesic distance field from the body's centre, and follow it from limb ends to the trunk.
 
 The paper measures from a single node, V_c (Section IV-B), so unconnected pieces have no distance and no extremum. Here
-the distance on a separate piece is measured from the place where it is nearest to the rest. So the limb's end is the
-farthest node, not the edge of the cut.
+the distance on a separate piece, such as a forearm beyond a bar, is measured from the node nearest to the other pieces.
+So the farthest node of the piece is the limb's end and not the edge at the bar.
 """
 
 from __future__ import annotations
@@ -81,9 +81,7 @@ def _over_gaps(surface: Surface, center: int, field: np.ndarray) -> CenterField:
 def _join(
     points_m: np.ndarray, piece: np.ndarray, main: int, others: np.ndarray, root: np.ndarray, before: np.ndarray
 ) -> list[int]:
-    """Fill in ``root`` and ``before`` of all other pieces; return these pieces in the order in which they are joined
-    (Prim's algorithm).
-    """
+    """Fill in ``root`` and ``before`` of the pieces ``others``; return these in joining order (Prim's algorithm)."""
     if len(others) == 0:
         return []
     nodes = {number: np.flatnonzero(piece == number) for number in (main, *others.tolist())}
@@ -107,7 +105,7 @@ def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
     """Return the nodes (k,) int32 from ``end`` to the centre, along which the distance from the centre decreases.
 
     From every node the path continues to the neighbour, on the grid or across a link, through which the distance is
-    least; at the edge of a separate piece it continues on the other side of the gap. The path consists of nodes, so it
+    least; at the root of a separate piece it continues on the other side of the gap. The path consists of nodes, so it
     is up to 8 % longer than the geodesic. Raises ValueError if ``end`` is not connected to the centre.
     """
     if not (0 <= end < len(surface) and np.isfinite(field.distance_m[end])):

@@ -4,12 +4,12 @@ The mean error is 3 to 9 mm. A front leaves the source and reaches the nodes in 
 distance from a triangle with two reached neighbours: the triangle and the neighbours' distances are laid flat, which is
 exact where the surface is flat. Across a link, the link's length is added.
 
-Usually nodes are fixed one after the other by a heap, so nothing can be computed in parallel. Here all nodes below a
-round's threshold are active: each computes candidate distances (``fans``) for its ring, eight at a time in the
-processor's vector registers. A node whose distance is reduced waits for a later round, even if it was active before.
-The band of active nodes is narrower than an edge, so that fewer than 2 nodes in 100 are active twice. Within a round no
-node uses another node's new distance, so the result does not depend on the order of the nodes. Source of the rounds:
-Kim 2001 (doi:10.1137/S1064827500367130).
+Usually a heap selects one node after the other, so nothing can be computed in parallel. Here the front advances in
+rounds. All waiting nodes below a round's distance threshold are active: each computes candidate distances (``fans``) of
+its ring (its eight neighbours), in parallel in the processor's vector registers. A node whose distance is reduced waits
+for a later round, even if it was active before. The active nodes form a band along the front; it is narrower than an
+edge, so fewer than 2 nodes in 100 are active twice. Within a round no node uses another node's new distance, so the
+result does not depend on the order of the nodes. Source of the rounds: Kim 2001 (doi:10.1137/S1064827500367130).
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ from anchorpose.geodesics.fans import (
 from anchorpose.surface.surface import MeshArrays, Surface
 
 _BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
-# (256, 8): for each byte, the numbers of all lanes; the lanes of its set bits come first
+# (256, 8), a row per value of a byte: the numbers of all eight bits, those of the set bits first. Bit k stands for lane
+# k, a neighbour of the node (``fans``).
 SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)
 SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set bits per byte
 
@@ -50,7 +51,7 @@ class Front(NamedTuple):
     bend: np.ndarray  # (n + 1,) float32, the distance at which the front last turned around the surface's rim
     queued: np.ndarray  # (n + 1,) uint8, 1 for waiting nodes
     waiting: np.ndarray  # (n + 9,) uint32, the waiting nodes
-    size: np.ndarray  # (1,) int64, their number
+    size: np.ndarray  # (1,) int64, number of waiting nodes
     active: np.ndarray  # (n,) uint32, the active nodes of a round
     fans: Fans
     rows: Rows
@@ -147,7 +148,7 @@ def _meets(stop: Stop, distance: np.ndarray, active: np.ndarray) -> bool:
 def _update_rings(front: Front, active: np.ndarray) -> None:
     """Pass candidate distances to the rings of active nodes; a node whose distance is reduced waits for a later round.
 
-    There are no branches, since half of them would be mispredicted.
+    There are no branches, since the processor would mispredict half of them.
     """
     distance, bend, queued, table = front.distance, front.bend, front.queued, front.rows.table
     end = front.size[0]
@@ -184,9 +185,9 @@ def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
                     front.size[0] += 1
 
 
-# width of the band, divided by the mean edge; narrower bands need more rounds, wider bands activate more nodes twice
+# width of the active band, in mean edge lengths; narrower bands need more rounds, wider ones activate more nodes twice
 BAND: Final = 0.7
-SAMPLED_EDGES: Final = 128  # number of edges sampled for the mean edge, which affects only the speed
+SAMPLED_EDGES: Final = 128  # number of edges sampled for the mean edge length; it affects only the speed
 
 
 def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
@@ -202,9 +203,7 @@ def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: flo
 
 
 def geodesic_distance_to_set(surface: Surface, sources: np.ndarray) -> np.ndarray:
-    """Return the distance (n,) float32 in metres to the nearest of the sources (s,), as in ``geodesic_distance``; inf
-    without sources.
-    """
+    """Return the geodesic distance (n,) float32, metres, to the nearest of the sources (s,); inf without sources."""
     nodes = check_sources(surface, sources, np.inf)
     mesh = surface.arrays
     field: np.ndarray = _fields(mesh, nodes.reshape(1, -1), np.float32(np.inf), band_of(mesh))[0]
@@ -231,7 +230,7 @@ def band_of(mesh: MeshArrays) -> float:
 
 
 def mean_edge_m(mesh: MeshArrays) -> float:
-    """Return the mean distance of neighbours on the grid, from a sample; 1 / ``BAND`` without neighbours."""
+    """Return the mean distance of neighbours on the grid, metres, from a sample; 1 / ``BAND`` without neighbours."""
     points, some = mesh.points_m, np.arange(0, len(mesh.points_m), max(1, len(mesh.points_m) // SAMPLED_EDGES))
     other = mesh.ring[some][:, [0, 2]]
     length = np.linalg.norm(points[other] - points[some][:, None], axis=2)[other >= 0]
@@ -240,8 +239,8 @@ def mean_edge_m(mesh: MeshArrays) -> float:
 
 @njit(cache=True)
 def _fields(mesh: MeshArrays, sets: np.ndarray, max_distance: np.float32, band: float) -> np.ndarray:
-    """Return fields (s, n) float32, one per row of sets (s, k) int32; the row has the field's sources. Fans are filled
-    once for all fields.
+    """Return distance fields (s, n) float32, one per set of sources (a row of ``sets`` (s, k) int32); fans filled for
+    one field are used for the next.
     """
     count = len(mesh.points_m)
     fields, front = np.empty((len(sets), count), np.float32), new_front(count)

@@ -16,18 +16,21 @@ from anchorpose.errors import DegenerateGeometry
 from anchorpose.geodesics.distance import Stop, band_of, geodesic_distance, march_on, new_front, start_at
 from anchorpose.surface.surface import MeshArrays, Surface
 
-# number of farthest nodes whose mean distance is the distance of the end, since a single node has half a centimetre of
-# noise
+# number of farthest nodes of a cap, whose mean distance is taken as the distance of the limb's end; the distance of a
+# single node has half a centimetre of noise
 FARTHEST: Final = 10
-# minimum share of the outer half of a stump's cap that lies at a cut; beside a bar, all of it does
+# a cap is a stump (the limb goes on behind an object in front) if at least this share of the cap's outer half lies at
+# the object's border (a cut). Beside a bar, all of the outer half does.
 STUMP_SHARE: Final = 0.5
-# minimum length, in cap depths (9 cm), by which hidden skin continues a limb; fingers lost by the sensor are shorter
+# minimum length of hidden skin beyond an extremum for the limb to continue there, in cap depths (9 cm); fingers without
+# readings are shorter
 LONGER: Final = 1.5
-LONGER_AT_CUT: Final = 1.0  # the same if an object is in front of the end, such as a bar in front of a wrist
-# area of a hidden node divided by that of a seen node, since skin points are 2.2 cm apart and nodes 1.3 cm
+LONGER_AT_CUT: Final = 1.0  # the same if an object stands in front of the end, such as a bar in front of a wrist
+# skin area that one hidden node stands for, divided by that of a seen node: hidden nodes are 2.2 cm apart, seen nodes
+# 1.3 cm
 HIDDEN_AREA: Final = 3.0
 LEAST_SIGMA_M: Final = 0.003  # m, minimum sigma of a cap's centre, a quarter of the nodes' spacing
-SPREAD: Final = 0.20  # sigma of a cap's centre from frame to frame, as a share of the cap's radius
+SPREAD: Final = 0.20  # standard deviation of a cap's centre over frames, divided by the cap's radius
 
 
 def surface_center(surface: Surface, among: np.ndarray | None = None) -> int:
@@ -79,7 +82,7 @@ def _mean(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
-    """Return the nodes (k,) int32 that exceed all their neighbours on the grid and across links."""
+    """Return the nodes (k,) int32 whose ``field`` exceeds that of all neighbours, on the grid and across links."""
     ring, highest = surface.ring, np.isfinite(field)
     highest &= ((ring < 0) | (field[ring] < field[:, None])).all(axis=1)
     source = np.repeat(np.arange(len(field)), np.diff(surface.link_start))
@@ -89,7 +92,9 @@ def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, radius: float, band: float) -> np.ndarray:
-    """Test each candidate by fast marching, which stops at the first node that is as far from the centre."""
+    """Return (k,) bool: candidates without a node within ``radius`` that is as far from the centre. A front marches
+    from each candidate, and stops at the first such node.
+    """
     stands = np.empty(len(candidates), np.bool_)
     front = new_front(len(mesh.points_m))
     for k in range(len(candidates)):
@@ -100,7 +105,7 @@ def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, ra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cap:
-    """The cap of one extremum: the seen surface down to some depth below it."""
+    """The cap of one extremum: the seen surface at a limb's end, up to some distance nearer to the centre."""
 
     tip: int  # the extremum
     nodes: np.ndarray  # (m,) int, seen nodes
@@ -108,13 +113,13 @@ class Cap:
     reach_m: float  # distance of the extremum from the centre of the surface
     sigma_m: float  # standard deviation of ``center_m`` per axis
     stump: bool  # whether the surface ends because an object is in front
-    continues: bool  # whether hidden skin extends much farther
+    continues: bool  # whether hidden skin extends much farther than the extremum
 
 
 def find_caps(
     surface: Surface, field: np.ndarray, extrema: np.ndarray, depth_m: float, cut: np.ndarray | None = None
 ) -> list[Cap]:
-    """Return the caps of the extrema (k,), seen nodes, in their order.
+    """Return the cap of each extremum. extrema (k,): numbers of seen nodes.
 
     field (n,) float32: distance from the centre; a cap has the nodes at most ``depth_m`` nearer to the centre than the
     mean of its ten farthest nodes. cut (n,) bool: nodes at a border where something else cuts the surface

@@ -1,11 +1,12 @@
-"""Prepare a node's ring for a marching front, and compute the distances that the node can pass on to it.
+"""Prepare the fan of each node (its ring of up to eight neighbours, with edges and triangles), and compute the
+distances that the node can pass on to these neighbours.
 
-Eight edges and sixteen triangles are computed in parallel in the lanes of the processor's vector registers. The lanes
-are the ring places E N W S NE NW SW SE. The four sides of the grid (E N W S) come first, because every triangle through
-which a node passes a distance has its third corner on a side. To NE, these are the triangles with E and with N; to E,
-they are the triangles with N and with S, whose right angle is at the node. So each lane has one triangle to its left
-(counter-clockwise) and one to its right. Sources: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431), with the point
-source of Novotni and Klein 2002.
+The ring is numbered counter-clockwise: places 0 to 7 are E NE N NW W SW S SE. Its eight edges and sixteen triangles are
+computed in parallel, one neighbour per lane of the processor's vector registers, in the order E N W S NE NW SW SE. The
+four sides (E N W S) come first, because every triangle consists of the node, the neighbour that gets a distance, and a
+side. If NE gets the distance, the side is E or N; if E gets it, the side is N or S. So each lane has one triangle to
+its left (counter-clockwise) and one to its right. Sources: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431), with
+the point source of Novotni and Klein 2002.
 """
 
 from __future__ import annotations
@@ -18,18 +19,20 @@ from numba import njit
 from anchorpose.surface.surface import MeshArrays
 
 LANES: Final = 8
-PLACE: Final = np.array([0, 2, 4, 6, 1, 3, 5, 7])  # ring place of each lane
-LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # for each lane, the lane of the third corner of the left triangle
+PLACE: Final = np.array([0, 2, 4, 6, 1, 3, 5, 7])  # for each lane, its neighbour's place in the ring
+LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # for each lane, the lane of the side in its left triangle
 RIGHT: Final = np.array([3, 0, 1, 2, 0, 1, 2, 3])
-# first columns of a fan's squared edges and of their dot products with the sides; the last value is the fan's width
+# first column of each kind of value in a fan, eight columns (lanes) each: squared edge length, dot product of the edge
+# with the edge to the left side, and with that to the right side; FAN is the number of columns
 EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24
 
-# first columns in a row of ``Rows``: the fan; squared edges, distances and bends of the sides (the values of the right
-# triangles begin two columns before the end of the left ones); the ring's distances; the candidates and their bends;
-# the node's own values
+# first columns in a row of ``Rows``, after the fan. Per lane: squared edge, distance and bend of the side in its left
+# and in its right triangle (the first two lanes have the same right sides as the last two have left sides, so these
+# columns are shared); distance of the neighbour; candidate distance and its bend. Then the node's own values, the
+# updated lanes as bits, and the number of columns.
 SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = (np.int64(c) for c in (24, 30, 38, 44, 52, 58))
 BEFORE, CANDIDATE, CANDIDATE_BEND, OWN, OWN_BEND, OWN_RIM, UPDATED, ROW = 66, 74, 82, 90, 91, 92, 93, 96
-WIDE: Final = 4  # number of columns that are copied as one number
+WIDE: Final = 4  # number of float32 columns in a complex128 number, the unit in which rows are copied
 
 AWAY: Any = np.float32(1e6)  # metres; larger than any distance, but its square fits into a float32
 # m2, minimum squared distance of two nodes (a micrometre), to avoid a division by 0
@@ -43,27 +46,29 @@ TWO: Any
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 
 FULL_TURN: Any = np.float32(1.0 / (1.0 - np.cos(np.radians(4.0))))
-"""Minimum sharpness of a turn at the surface's rim from which the front starts again there; pixel steps have less."""
+"""Factor on 1 - cos of the angle by which a path turns at the surface's rim. The product is 1 at 4 degrees; at larger
+angles, the front starts again from the rim as from a source. The pixel steps of a straight rim turn paths by less.
+"""
 
-FUSED: Final = {"contract", "nsz", "arcp"}  # fused and reordered products are allowed, but NaN stays NaN
+FUSED: Final = {"contract", "nsz", "arcp"}  # numba's flags: fused and reordered products are allowed, but NaN stays NaN
 
 
 class Fans(NamedTuple):
     """The rings of all n nodes; each is filled in when a front first reaches it."""
 
     near: np.ndarray  # (n, 8) uint32, the neighbour in each lane; n = missing
-    fan: np.ndarray  # (n, 24) float32, the columns above
+    fan: np.ndarray  # (n, 24) float32, columns from ``EDGE2``, ``DOT_LEFT`` and ``DOT_RIGHT`` on
     rim: np.ndarray  # (n,) uint8, 1 where the surface ends; ``NOT_FILLED`` at first
     edge: np.ndarray  # (8, 3) float32, scratch memory
-    wide: np.ndarray  # (n, 6) complex128, the memory of ``fan`` with four columns per number
+    wide: np.ndarray  # (n, 6) complex128, the same memory as ``fan``; each number holds four of its columns
 
 
 class Rows(NamedTuple):
     """Workspace of a round, one row per active node."""
 
     table: np.ndarray  # (n, 96) float32
-    flat: np.ndarray  # the same memory in one dimension
-    wide: np.ndarray  # (n, 24) complex128, the same memory with four columns per number
+    flat: np.ndarray  # the same memory as ``table``, in one dimension
+    wide: np.ndarray  # (n, 24) complex128, the same memory; each number holds four columns of ``table``
 
 
 @njit(cache=True)
@@ -93,8 +98,9 @@ def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
 def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
     """Fill in the neighbours and edges of one node; return whether the surface ends at it.
 
-    A triangle exists if its three edges exist; otherwise its dot product is NaN, so that every comparison is False. A
-    missing neighbour is ``AWAY``. The function is inlined, since a call would count the references to eleven arrays.
+    A triangle exists if its three edges exist; otherwise its dot product is NaN, so that every comparison with it is
+    False. The edge to a missing neighbour has the length ``AWAY``. The function is inlined, since at each call numba
+    would count the references to eleven arrays, which takes time.
     """
     points, ring = mesh.points_m, mesh.ring
     near, fan, edge = fans.near, fans.fan, fans.edge
@@ -142,7 +148,9 @@ def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarra
 
 @njit(cache=True)
 def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, s: float) -> None:
-    """Copy the values of the four sides to the lanes of their triangles: ``LEFT``, then ``RIGHT``."""
+    """Copy the values of the four sides to the columns from ``at`` on: per lane, the value of the side in its left
+    triangle (``LEFT``), then of that in its right triangle (``RIGHT``).
+    """
     table[k, at], table[k, at + 1], table[k, at + 2], table[k, at + 3] = n, w, s, e
     table[k, at + 4], table[k, at + 5], table[k, at + 6], table[k, at + 7] = n, w, s, e
     table[k, at + 8], table[k, at + 9], table[k, at + 10], table[k, at + 11] = n, w, e, n
@@ -151,7 +159,7 @@ def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, 
 
 @njit(cache=True, error_model="numpy", fastmath=FUSED)
 def find_candidates(table: np.ndarray, count: int) -> None:
-    """Compute, for the first rows of ``Rows.flat``, the candidate distances and which neighbours they may update.
+    """Compute candidate distances for the first ``count`` rows of ``Rows.flat``, and which neighbours they may update.
 
     The inner loop has no branch and one array, so that it is vectorised.
     """
@@ -184,13 +192,14 @@ def find_candidates(table: np.ndarray, count: int) -> None:
 def _through(
     own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
 ) -> tuple:
-    """Return the candidate distance through one triangle, its bend, and the sharpness of the path's turn at the node if
-    the path cannot cross the triangle.
+    """Return the candidate distance through one triangle, its bend (as in ``Front``), and how sharply the path turns at
+    the node if it cannot cross the triangle: 1 - cos of the angle, times ``FULL_TURN``.
 
-    The triangle is laid flat with the node at the origin and the side at (c, 0). The front then comes from the point
-    (x, -y), where ``towards`` = 2 c x and ``beside`` = 2 c y; ``area`` is c times the neighbour's height over the edge.
-    A front that turned around the rim comes from the turning point, so ``own_bend`` is subtracted from the distances
-    and added again at the end. The distance is ``AWAY`` if the straight line misses the edge between node and side.
+    The triangle is laid flat with the node at the origin, the side at (c, 0), and the neighbour above the edge between
+    them. The front then comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and ``beside`` = 2 c y;
+    ``area`` is c times the neighbour's height over the edge. A front that turned around the rim comes from the turning
+    point, so the distance there (``since``) is subtracted first and added again at the end. The candidate is ``AWAY``
+    if the straight line from that point to the neighbour misses the edge.
     """
     since = min(own_bend, side_bend)
     radius = own - since

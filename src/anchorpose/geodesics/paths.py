@@ -51,8 +51,8 @@ def came_from(
 
 @njit(cache=True, error_model="numpy")
 def unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any) -> tuple[float, float]:
-    """Return the distance of a node across the edge a-b, with the triangle laid flat, and the share of the edge at
-    which the path crosses it. The distance is inf if the path misses the edge.
+    """Return the distance of a node across the edge a-b, with the triangle laid flat, and where the path crosses the
+    edge, as a share of the way from a to b. The distance is inf if the path misses the edge.
     """
     c2, p2, dot = 0.0, 0.0, 0.0
     for axis in range(3):
@@ -100,7 +100,7 @@ def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
     """Return whether the edge to a neighbour belongs to no triangle."""
     for k in range(8):
         if ring[node, k] == other:
-            for way in (1, 2, 6, 7):  # a common neighbour is one or two places around the ring
+            for way in (1, 2, 6, 7):  # a neighbour of both is one or two places away in the ring
                 third = np.int64(ring[node, (k + way) % 8])
                 if third >= 0 and adjoin(ring, third, other):
                     return False
@@ -110,8 +110,8 @@ def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def open_nodes(ring: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: rim nodes whose triangles do not close around them. A corner of the ring that is cut off by a
-    triangle counts as closed.
+    """Return (n,) bool: rim nodes whose triangles do not close around them. A missing diagonal neighbour leaves no gap
+    if the two neighbours beside it form a triangle with the node.
     """
     is_open = np.zeros(len(ring), np.bool_)
     for node in range(len(ring)):

@@ -1,10 +1,10 @@
 """Decide which anchor distances of a node can be trusted: behind a hole in the surface, paths are too long.
 
 A path from an anchor is a detour if it touches the rim of the hole and bends towards the hole. All nodes behind the
-bend lie in the anchor's shadow (paper, Definition 5). The length of the detour follows from the path. Laid flat, in a
-plane with the anchor at the origin and the first piece along the first axis, the path is a chain of straight pieces.
-Over the complete skin, the path would be the chord from its beginning to its end. This assumes that the hole is as flat
-as the skin around it.
+bend lie in the anchor's shadow (paper, Definition 5). To find the length of the detour, the path is laid flat into a
+plane, with the anchor at the origin and the path's first piece along the first axis; there the path is a chain of
+straight pieces. Over the complete skin, the path would be the straight line from the anchor to the node, the chord; the
+detour is the path's length minus this chord. This assumes that the hole is as flat as the skin around it.
 """
 
 from __future__ import annotations
@@ -23,18 +23,20 @@ CORNER, ROOT, CHAIN = 0, 1, 2  # columns of ``chain`` (see below), and their num
 """Columns of the arrays in which the kernels keep the values of the n nodes.
 
 Functions that are called for every node take plain arrays and are inlined: with a named tuple of arrays, counting the
-references at every call took four fifths of the time.
+references at every call took four fifths of the computing time.
 
 - skin (n, 6) float32: point and normal.
-- bend (n, 6) float64: how the paths of one field bend around rims. PLACE: place of a shadow node in the plane in which
-  its path is laid out; HEADING: direction of the path's last piece; SIDE: 1 or -1, the side to which a rim node bends.
+- bend (n, 6) float64: how the paths of one field bend around rims. PLACE: place of a shadow's node in the plane into
+  which its path is laid flat; HEADING: direction of the last piece; SIDE: 1 or -1, the side to which a path bends.
 - chain (n, 2) int32. CORNER: the rim node at which the path bends last, -1 outside shadows, -2 so deep in a shadow that
   it is not computed; ROOT: the rim node at which the path bends first, which identifies the plane.
 """
 
 
 def hole_directions(surface: Surface, is_open: np.ndarray) -> np.ndarray:
-    """Return (n, 3) float64: at an open node, the direction away from its neighbours."""
+    """Return (n, 3) float64: at an open node (a rim node with gaps in its ring), a vector away from its neighbours,
+    into the hole; 0 elsewhere.
+    """
     points, hole = surface.points_m, np.zeros((len(surface), 3))
     nodes = np.flatnonzero(is_open)
     for k in range(8):
@@ -57,11 +59,11 @@ def cast_shadow(
     node: int,
     edge: tuple[int, int, float, bool],
 ) -> None:
-    """Find the place of a node in the plane of its path, if the path bends.
+    """Find a node's place in the plane into which its path is laid flat, if the path bends.
 
-    edge: the last edge that the path crosses before the node: its ends a and b, the share of the way from a to b, and
-    whether the edge is a link. is_open (n,) bool: rim nodes whose triangles do not close around them; hole (n, 3)
-    float64: from ``hole_directions``.
+    edge: the last edge that the path crosses before the node: its ends a and b, where the path crosses it as a share of
+    the way from a to b, and whether the edge is a link. is_open (n,) bool: rim nodes whose triangles do not close
+    around them; hole (n, 3) float64: from ``hole_directions``.
     """
     a, b, share, linked = edge
     if chain[a, CORNER] == -2 or chain[b, CORNER] == -2:
@@ -82,7 +84,7 @@ def cast_shadow(
         b, share = a, 0.0
     if chain[a, CORNER] < 0 and chain[b, CORNER] < 0:
         return
-    if chain[a, CORNER] < 0:  # a is the end in the shadow
+    if chain[a, CORNER] < 0:  # make a the end of the edge that lies in the shadow
         a, b, share = b, a, 1.0 - share
     last = np.int64(chain[a, CORNER])
     if chain[b, CORNER] >= 0 and chain[b, ROOT] == chain[a, ROOT] and distance[chain[b, CORNER]] > distance[last]:
@@ -109,7 +111,7 @@ def _behind(
     at_x: float,
     at_y: float,
 ) -> None:
-    """Continue a path behind the last corner at which it still bends.
+    """Enter in ``bend`` a node's place in the plane of its path, and in ``chain`` the last corner where the path bends.
 
     at_x, at_y: a place on the path in its plane; first: the corner at which the path bends first.
     """
@@ -128,7 +130,7 @@ def _behind(
 
 @njit(cache=True, error_model="numpy")
 def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, turn: float, node: int) -> None:
-    """Bend the path by ``turn`` at a rim node."""
+    """Enter the place of a node whose path bends at the rim node ``at``, its last corner, by the angle ``turn``."""
     x, y = _arrival(at, bend, chain)
     reach = distance[node] - distance[at]
     bend[node, PLACE] = bend[at, PLACE] + reach * (x * np.cos(turn) - y * np.sin(turn))
@@ -139,7 +141,7 @@ def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, 
 
 @njit(cache=True, error_model="numpy")
 def _arrival(at: Any, bend: np.ndarray, chain: np.ndarray) -> tuple[float, float]:
-    """Return the direction in which the path reaches a rim node, in the plane."""
+    """Return the direction, in its plane, in which the path reaches a rim node."""
     before = chain[at, CORNER]
     if before < 0:
         return 1.0, 0.0
@@ -185,7 +187,9 @@ def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: i
 
 
 TOLERANCE_M: Final = 0.010
-"""Maximum detour in metres that tracking may ignore: half of the gate's allowance for the jitter of anchors."""
+"""Maximum detour in metres that tracking may ignore: half of what the gate for matches allows for the jitter of anchors
+(``track_tree.hypotheses.GateConfig.anchor_bound_m``).
+"""
 
 
 def trusted_anchors(
@@ -194,11 +198,12 @@ def trusted_anchors(
     """Return (n, k) bool: whether a node's distance to an anchor is the same as without occlusions.
 
     descriptor (n, k) metres, from ``anchor_descriptor``: the distances on this surface. rim (n,) bool: nodes where
-    something else ends the surface, ``surface.border.border(...) == Border.CUT``. A band of some nodes around the rim
-    may be included, since paths bend only at nodes with an open ring of neighbours. The body's own outline is not a
-    rim: it is the same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached (inf)
+    something else ends the surface, ``surface.border.border(...) == Border.CUT``. ``rim`` may include a few nodes
+    beside the border too, since paths bend only at nodes with an open ring of neighbours. The body's own outline is not
+    a rim: it is the same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached (inf)
     anchors are not trusted. If the outline bends a path shortly before a rim does (at a hole beside the armpit), fewer
-    anchors are trusted than possible: the path through the hole would have bent as well.
+    anchors are trusted than possible: the path over the complete skin would have bent at the outline too, so the true
+    detour is shorter than computed.
     """
     if not tolerance_m >= 0:
         raise ValueError(f"tolerance_m must not be negative, got {tolerance_m}")
@@ -211,9 +216,9 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
     filled flat.
 
     The arguments are those of ``trusted_anchors``. The detour is NaN if the distance is not finite. Detours only grow
-    along a path, so nodes behind a detour of more than ``enough_m`` get a lower bound, which saves half of the time.
-    The detour is inf if the path passes a strip without triangles beside the occlusion, where bends are unknown. The
-    direction of each path at a rim is computed from the field, so distances of any solver can be used.
+    along a path, so nodes behind a detour of more than ``enough_m`` get a lower bound, which saves half of the
+    computing time. The detour is inf if the path passes a strip without triangles beside the occlusion, where bends are
+    unknown. The direction of each path at a rim is computed from the field, so distances of any solver can be used.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:
         raise ValueError(
@@ -228,8 +233,8 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
 
 @njit(cache=True, error_model="numpy")
 def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np.ndarray, enough: float) -> np.ndarray:
-    """Return detours (n, k) float32 for fields (k, n), computed node by node in the order of distance. is_open (n,)
-    bool, hole (n, 3): as in ``cast_shadow``.
+    """Return detours (n, k) float32 for distance fields (k, n), computed node by node in the order of distance. is_open
+    (n,) bool, hole (n, 3): as in ``cast_shadow``.
     """
     count, skin = len(mesh.points_m), _skin(mesh)
     ring, link_start, link_node, link_length = mesh.ring, mesh.link_start, mesh.link_node, mesh.link_length_m
@@ -238,7 +243,8 @@ def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np
     for row in range(len(fields)):
         distance, found = fields[row], every[row]
         chain[:] = -1
-        affected = is_open.copy()  # rim nodes, and nodes with a nearer neighbour at a rim or in a shadow
+        # nodes whose path may bend: rim nodes, and nodes next to a nearer node at a rim or in a shadow
+        affected = is_open.copy()
         for number in by_distance(distance):
             node: Any = np.int64(number)
             found[node] = 0.0
@@ -270,7 +276,7 @@ def _skin(mesh: MeshArrays) -> np.ndarray:
     """Return points and normals side by side, (n, 6) float32."""
     skin = np.empty((len(mesh.points_m), SKIN), np.float32)
     for node in range(len(skin)):
-        for axis in range(3):  # slices would compile numba's error texts: four seconds
+        for axis in range(3):  # a slice would take numba four seconds longer to compile
             skin[node, POINT + axis] = mesh.points_m[node, axis]
             skin[node, NORMAL + axis] = mesh.normals[node, axis]
     return skin
@@ -280,7 +286,7 @@ def _skin(mesh: MeshArrays) -> np.ndarray:
 def _set_heading(
     skin: np.ndarray, bend: np.ndarray, node: int, edge: tuple[int, int], share: float, known: bool
 ) -> None:
-    """Set the direction of a path's last piece, which begins between the ends of an edge.
+    """Set the direction of a path's last piece, which begins on the edge between two nodes.
 
     The direction stays 0 after a link, since a path across the hole does not bend around it.
     """
@@ -296,7 +302,7 @@ def _set_heading(
 def _detour_of(
     distance: np.ndarray, found: np.ndarray, bend: np.ndarray, chain: np.ndarray, node: int, before: int
 ) -> np.float32:
-    """Return the detour of a node from its laid-out path; deep in a shadow, that of the node before it."""
+    """Return a node's detour, by its path laid flat; deep in a shadow, the detour of the node before it on the path."""
     if chain[node, CORNER] >= 0:
         chord = np.sqrt(bend[node, PLACE] ** 2 + bend[node, PLACE + 1] ** 2)
         return np.float32(max(distance[node] - chord, 0.0))

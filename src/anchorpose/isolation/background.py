@@ -1,5 +1,5 @@
-"""Describe the empty room and the equipment chi_0 as each camera sees them, and find the foreground (paper, Section
-III).
+"""Describe the empty room and the equipment (the paper's chi_0) as each camera sees them, and find the foreground:
+pixels with a reading in front of the room (Section III).
 """
 
 from __future__ import annotations
@@ -18,17 +18,19 @@ from anchorpose.isolation.components import JUMP_GATE, without_flying_pixels
 from anchorpose.isolation.depth_noise import Sensor
 from anchorpose.recording.equipment import EquipmentModel
 
-# limit for a 3x3 median, in sigmas of a single pixel; the median's sigma is 0.4 of that, so the limit is five of its
-# sigmas
+# sigmas of a single reading; a pixel is foreground if the median of its 3x3 neighbourhood lies in front of the room by
+# more than this. The sigma of such a median is 0.4 of a single reading's, so the gate is five of the median's sigmas.
 BACKGROUND_GATE: Final = 2.0
-EQUIPMENT_GATE: Final = 3.0  # limit in sigmas of a single pixel; no median is used, since thin bars are 3 pixels wide
-# m, error of the equipment model, which was measured by hand and whose pose was estimated
+# sigmas of a single reading, maximum distance of a reading from the equipment that it shows; the median of 3x3 pixels
+# is not used here, since thin bars are no wider than three pixels
+EQUIPMENT_GATE: Final = 3.0
+# m, error of the equipment's expected surface: its model was measured by hand, and its pose was estimated
 EQUIPMENT_TOLERANCE_M: Final = 0.01
 _SQUARE: Final = np.ones((3, 3), np.uint8)
 
 
 class BackgroundSource(StrEnum):
-    """The source of the background; the texts appear in the run's notes."""
+    """The source of a camera's background (its empty room); the texts appear in the run's notes."""
 
     PICTURE = "the given picture of the empty room"
     RECORDING = "what stays in place in the recording"
@@ -40,7 +42,7 @@ class RestingLayer:
     """An object in front of the room that rests in one place for some time."""
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 at pixels without the object
-    sigma_m: np.ndarray  # (height, width) float32, standard deviation of its readings
+    sigma_m: np.ndarray  # (height, width) float32 m, standard deviation of the readings on the object
     from_s: float  # s on the reference clock, time at which the object comes to rest
     until_s: float  # s on the reference clock, time at which the object is moved away
 
@@ -50,18 +52,20 @@ class BackgroundModel:
     """One camera's empty room."""
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 where unknown
-    sigma_m: np.ndarray  # (height, width) float32, standard deviation of readings from ``depth_m`` without people
+    sigma_m: np.ndarray  # (height, width) float32, standard deviation of the empty room's readings about ``depth_m``
     sensor: Sensor
     source: BackgroundSource
     layers: tuple[RestingLayer, ...] = ()  # movable objects, each for the time that it rests
-    usual_share: float = 0.0  # share of the known pixels that show the room in a usual frame (``other_place``)
+    # share of the pixels with a known room depth that show the room, median over frames; 0 = unknown
+    usual_share: float = 0.0
 
 
 def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return (depth_m, sigma_m), (height, width) float32 each, with which the readings of a frame are compared.
+    """Return the background's depth at each pixel of a frame, and the standard deviation of readings of the background,
+    (height, width) float32 metres each.
 
-    They describe the room or, unless the reading lies behind it, a layer that rests there at this time. With None as
-    time_s, they describe only the room.
+    depth_m: the frame's readings. The background at a pixel is the layer (resting object) that rests there at this
+    time, unless the reading lies behind the layer; elsewhere it is the room. If time_s is None, layers are ignored.
     """
     room, sigma = model.depth_m, model.sigma_m
     for layer in model.layers:
@@ -72,15 +76,15 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
 
 
 def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None = None) -> np.ndarray:
-    """Return (height, width) bool: pixels nearer than the room by more than the noise explains, without flying
-    pixels.
+    """Return (height, width) bool: pixels nearer than the room by more than noise explains, without flying pixels.
 
-    time_s: time of the frame on the reference clock; None: without layers.
+    time_s: time of the frame on the reference clock; None: resting layers are ignored.
 
-    The test uses the 3x3 median of the difference in sigmas, so it finds even a sole on the floor: the margin is two
-    sigmas along the ray, which is a centimetre of height at grazing incidence. A pixel that is clearly nearer is tested
-    without a median, since fingers and corners of the outline are smaller than the median's window. Where the
-    background is unknown, every reading counts as foreground; pixels that do not belong to a person are removed later.
+    The test takes the difference between room and reading, in sigmas, and its median over 3x3 pixels. For this median,
+    two sigmas along the ray suffice as a limit. Where rays graze the floor, these are a centimetre of height, so even
+    the sole of a shoe on the floor is found. A pixel that is nearer by ``JUMP_GATE`` sigmas is foreground whatever the
+    median is, since fingers and corners of the outline are smaller than the median's window. Where the background is
+    unknown, every reading counts as foreground; pixels that do not belong to a person are removed later.
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)
@@ -89,8 +93,8 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
 
 @njit(cache=True, nogil=True)
 def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return by how many sigmas each reading lies in front of the room; 1e3 if the room is unknown there, -1e3 without
-    a reading.
+    """Return how many sigmas each reading lies in front of the room: 1e3 if the room is unknown, -1e3 without a
+    reading.
     """
     nearer = np.empty_like(depth)
     for row in range(depth.shape[0]):
@@ -109,9 +113,10 @@ class ExpectedEquipment:
     """One camera's view of the equipment alone."""
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 without equipment on this ray
-    measured: np.ndarray  # (height, width) bool, equipment pixels around which the background shows only equipment
-    low_m: np.ndarray  # (height, width) float32; a reading from low_m to high_m is the equipment; inf without equipment
-    high_m: np.ndarray  # (height, width) float32
+    # (height, width) bool, whether the background shows the equipment at a pixel and at all its eight neighbours
+    measured: np.ndarray
+    low_m: np.ndarray  # (height, width) float32 m; a reading from low_m to high_m is equipment; inf without equipment
+    high_m: np.ndarray  # (height, width) float32 m; 0 without equipment
 
 
 def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
@@ -126,10 +131,10 @@ def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
 
 
 def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> ExpectedEquipment:
-    """Compute which readings show the equipment; once per camera is enough, since it does not move.
+    """Compute which readings show the equipment; once per camera is enough, since the equipment does not move.
 
-    drawn_m: from ``equipment_depth``. The silhouette is made one pixel wider than drawn, since a pixel that lies half
-    on a bar reads the bar.
+    drawn_m: from ``equipment_depth``. The equipment's silhouette is made one pixel wider than it is drawn, since a
+    pixel that lies half on a bar reads the bar.
     """
     sigma = background.sensor.noise.sigma_m(drawn_m)
     reach = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(background.sigma_m, sigma)
@@ -142,12 +147,13 @@ def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> Expect
 
 
 def equipment_mask(depth_m: np.ndarray, nearer: np.ndarray, expected: ExpectedEquipment) -> np.ndarray:
-    """Return (height, width) bool: pixels that show the equipment, so that the patient may be behind it.
+    """Return (height, width) bool: pixels that show the equipment; the patient may be hidden behind it.
 
-    These are pixels that read the equipment, and pixels without a reading where the equipment is drawn; nearer readings
-    are in front of it. nearer (height, width) bool: from ``foreground``. Where the background frame shows the equipment
-    without people, only ``nearer`` decides: fingers around a bar stand out by less than the error of the equipment
-    model, and by less than one pixel's noise.
+    These are pixels whose reading lies between ``low_m`` and ``high_m``, and pixels without a reading where the
+    equipment is expected. nearer (height, width) bool: the foreground, from ``foreground``. Where the background itself
+    shows the equipment (``measured``), a pixel of the foreground is never equipment: fingers around a bar stand out
+    from it by less than the sum of the equipment model's error and one pixel's noise, so their readings may lie between
+    ``low_m`` and ``high_m`` too.
     """
     on_it = (depth_m >= expected.low_m) & (depth_m <= expected.high_m) & ~(expected.measured & nearer)
     mask: np.ndarray = on_it | ((depth_m <= 0) & (expected.depth_m > 0))

@@ -14,16 +14,21 @@ from anchorpose.isolation.ownership import OwnershipLikelihood
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
-SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels; two centimetres at 2.5 m
-CELL_M: Final = 0.05  # m; newly seen skin replaces remembered skin within this distance from it
+SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels; it covers 2 cm at a distance of 2.5 m
+# m, side of the cubes in which newly seen skin replaces remembered skin; remembered skin also counts as hidden if a
+# reading lies at least this far in front of it
+CELL_M: Final = 0.05
 MEMORY_S: Final = 1.0  # s, time for which hidden skin is remembered, as long as a person takes to cross in front of it
-SIGMA_M: Final = 0.012  # m, error of remembered points, due to noise and half of their spacing
-# m/s, growth of the error, for people who hold or stand; region growing finds the skin of walking people
+SIGMA_M: Final = 0.012  # m, standard deviation of remembered points, due to noise and half of their spacing
+# m/s, growth of the standard deviation of remembered points with time, for people who stand or hold the patient.
+# Walking people move faster; region growing finds their skin.
 SPEED_M_S: Final = 0.30
-# m, maximum gap within one cluster: a bar with its margins, so that a head above a rail still belongs to its body
+# m, maximum gap within one cluster of skin points: as wide as the strip that a rail hides, so that a head above a rail
+# still belongs to the body below it
 CLUSTER_GAP_M: Final = 0.10
 CLUSTER_AREA_M2: Final = 0.25  # m2, minimum skin area of a person, seen by all cameras together; an arm has 0.15
-# mean number of cubes of a grid that a surface passes through, per area of one cube face
+# mean number of cubes of a grid through which a surface as large as one face of a cube passes; it converts a number of
+# cubes to an area
 CUBES_PER_FACE: Final = 1.5
 
 
@@ -58,7 +63,7 @@ class BystanderMemory:
         }
 
     def moved(self, steps: Mapping[int, np.ndarray]) -> BystanderMemory:
-        """Return the memory with each person's points of the last frame moved by a step (3,)."""
+        """Move the skin seen in the last frame. steps: a person's displacement (3,), metres, by label; others stay."""
         if not steps:
             return self
         points = self.points_m.copy()
@@ -70,7 +75,7 @@ class BystanderMemory:
         """Predict the remembered skin ``elapsed_s`` after the last frame; its uncertainty grows with the time since it
         was seen.
 
-        doubt_m: added to the skin's standard deviation, if its person label may be wrong.
+        doubt_m: added in quadrature to the skin's standard deviation, for memories whose person labels may be wrong.
         """
         spread = np.hypot(np.hypot(SIGMA_M, doubt_m), SPEED_M_S * (self.age_s + abs(elapsed_s)))
         return OwnershipLikelihood(self.points_m, self.owner, spread.astype(np.float32))
@@ -110,7 +115,7 @@ def update_memory(
     """Update the memory by one more frame.
 
     Skin that is hidden from all cameras is remembered for ``MEMORY_S``; skin that a camera sees past is forgotten.
-    Clusters too small to be a person are dropped, so that an arm or head with a wrong label does not keep it.
+    Clusters too small for a person are dropped, so that an arm or head with a wrong label does not keep the label.
     """
     now = memory_of(pieces, views)
     kept = _hidden_since(before, now.points_m, pieces, cameras, elapsed_s)
@@ -130,7 +135,7 @@ def _hidden_since(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> BystanderMemory:
-    """Return the skin that was seen before, is not seen now, and may still be in its place."""
+    """Return the skin that was seen before, is not seen now, and may still be there since no camera sees past it."""
     age = before.age_s + np.float32(abs(elapsed_s))
     kept = np.flatnonzero((age < MEMORY_S) & ~_near(before.points_m, seen_m))
     points = before.points_m[kept]
@@ -145,7 +150,7 @@ def _hidden_since(
 
 
 def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: points with presently seen skin in their own or a neighbouring cell."""
+    """Return (n,) bool: points in whose cell (a cube with sides of ``CELL_M``) some skin of ``seen_m`` lies."""
     if not len(points_m) or not len(seen_m):
         return np.zeros(len(points_m), dtype=bool)
     low = np.minimum(points_m.min(axis=0), seen_m.min(axis=0)) - CELL_M

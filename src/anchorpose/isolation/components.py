@@ -8,20 +8,20 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-# minimum number of supporting neighbours out of eight; a pixel at a convex outline's corner has three
+# minimum number of a pixel's eight neighbours that lie at its depth; a pixel with fewer is a flying pixel. At the
+# corner of a convex outline, a pixel has three.
 SUPPORT: Final = 3
-JUMP_GATE: Final = 4.0  # sigmas, by which neighbours on one surface may differ in addition to the slope
+# sigmas, maximum depth difference that noise causes between neighbouring pixels of one surface; slope adds to it
+JUMP_GATE: Final = 4.0
 STEEPEST_SLOPE_RAD: Final = 1.40  # rad (80 degrees); steeper surfaces return no reading
 
 
 @dataclass(frozen=True, slots=True)
 class JumpLimit:
-    """The largest depth difference between neighbouring pixels of one surface: ``square z^2 + slope z`` metres at depth
-    z.
-    """
+    """Largest depth difference between neighbouring pixels of one surface: ``square z^2 + slope z`` m at depth z."""
 
-    square: float  # 1/m, part of the limit due to noise
-    slope: float  # part of the limit due to the slope of the steepest surface that returns a reading, per pixel
+    square: float  # 1/m, factor of z^2, due to noise
+    slope: float  # factor of z: change of depth per pixel on the steepest surface that returns a reading
 
     def at(self, depth_m: np.ndarray) -> np.ndarray:
         """Return the limit of every pixel, in the shape of ``depth_m``."""
@@ -29,8 +29,8 @@ class JumpLimit:
 
 
 def jump_limit(noise_per_m: float, focal_px: float) -> JumpLimit:
-    """Return the limit for a sensor with noise ``noise_per_m z^2``: the part of the slope, and ``JUMP_GATE`` standard
-    deviations of the difference between two readings.
+    """Return the limit of depth differences for a sensor with noise ``noise_per_m z^2``: the change of depth per pixel
+    on the steepest surface, plus ``JUMP_GATE`` standard deviations of the difference between two readings.
     """
     return JumpLimit(float(JUMP_GATE * np.sqrt(2.0) * noise_per_m), float(np.tan(STEEPEST_SLOPE_RAD) / focal_px))
 
@@ -64,8 +64,8 @@ def _root(parent: np.ndarray, node: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _label(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> tuple[np.ndarray, int]:
-    """Label the pieces by union-find. The root of a piece is its smallest index, so pieces are numbered by their first
-    pixels.
+    """Label the pieces by union-find. A piece's root is the smallest index of its pixels, so pieces are numbered by
+    their first pixels.
     """
     height, width = depth.shape
     parent = np.empty(height * width, dtype=np.int32)

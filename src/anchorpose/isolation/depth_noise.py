@@ -1,4 +1,5 @@
-"""Describe one camera's depth images: noise, step between grey values, width of edges, false ramps between surfaces.
+"""Describe one camera's depth images: noise, depth step from one stored grey value to the next, width of edges, false
+ramps between surfaces.
 
 Spatial filters (such as librealsense's) connect a person with the wall behind by a false ramp, a decimetre wide.
 
@@ -22,17 +23,18 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.components import JumpLimit, jump_limit
 
 LIMB_M: Final = 0.08  # m, thickness of a forearm, the thinnest limb (25 cm in circumference)
-# pixels, width of a sharp edge, at which neighbouring pixels show both sides, with at most one mixed pixel between them
+# pixels, width of a depth edge that no filter has blurred: at most one pixel with a mixed depth lies between the pixels
+# that show its two sides
 SHARP_EDGE_PX: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class DepthDetail:
-    """The edges and steps of one camera's depth."""
+    """The width of depth edges, and the depth step from one grey value to the next, in one camera's images."""
 
     edge_px: float  # width of the camera's depth edges in pixels
     focal_px: float  # focal length in pixels
-    step_per_m: float = 0.0  # 1/m; the step between grey values is ``step_per_m z^2``; 0 = unknown
+    step_per_m: float = 0.0  # 1/m; the depth step from one grey value to the next is ``step_per_m z^2``; 0 = unknown
 
     @property
     def filtered(self) -> bool:
@@ -44,7 +46,7 @@ class DepthDetail:
         return self.edge_px * distance_m / self.focal_px
 
     def step_m(self, distance_m: float) -> float:
-        """Return the step between neighbouring readings at a distance, metres."""
+        """Return the depth step from one grey value to the next at a distance, metres."""
         return self.step_per_m * distance_m**2
 
     @property
@@ -54,14 +56,16 @@ class DepthDetail:
 
 
 WIDEST_PX: Final = 16  # pixels, maximum width of an edge; a wider ramp is a slanting surface
-# m, minimum depth difference between the sides of a measured edge; clothes, arms and seats have less to what is behind
+# m, minimum depth difference across a measured edge; edges of clothes, arms and seats are left out, since they are
+# nearer than this to the surface behind them
 JUMP_M: Final = 0.40
-FLAT: Final = 0.1  # maximum difference between two pixels on one side of an edge, as a share of the jump
-MIDDLE: Final = (0.2, 0.8)  # shares of the jump between which the ramp's width is measured
-LEAST_EDGES: Final = 1000  # minimum number of edges in all frames together; real recordings have tens of thousands
-SHARP_PX: Final = 2.0  # pixels, maximum width of the middle of a sharp edge; without filters it is at most one pixel
+FLAT: Final = 0.1  # maximum depth change along one side of an edge, as a share of the depth difference across it
+MIDDLE: Final = (0.2, 0.8)  # an edge's width is measured from 20 % to 80 % of the depth difference across it
+LEAST_EDGES: Final = 1000  # minimum number of measured edges in all frames; real recordings have tens of thousands
+SHARP_PX: Final = 2.0  # pixels, maximum width, measured by ``MIDDLE``, of a sharp edge; without filters at most one
 FRAMES: Final = 8  # number of frames that are measured
-ON_RAMP: Final = 0.15  # a pixel that differs from both sides by more than this share of the jump is on the ramp
+# a pixel that differs from both sides of an edge by more than this share of the edge's depth jump is on a false ramp
+ON_RAMP: Final = 0.15
 
 
 def smear_px(frames_m: Sequence[np.ndarray]) -> int:
@@ -78,7 +82,9 @@ def smear_px(frames_m: Sequence[np.ndarray]) -> int:
 
 
 def _middles(depth_m: np.ndarray) -> np.ndarray:
-    """Return the width (e,), in pixels, of the middle of each ramp along the rows that lies between two flat sides."""
+    """Return the widths (e,), pixels, of depth edges with a flat surface on both sides, found along the rows. Widths
+    are measured between the shares ``MIDDLE`` of the depth difference across the edge.
+    """
     beside, width = 4, depth_m.shape[1]
     span = width - WIDEST_PX - 2 * beside
     if span <= 0:
@@ -104,21 +110,21 @@ def smeared(depth_m: np.ndarray, width_px: int) -> np.ndarray:
     return np.asarray(seen & (jump > JUMP_M) & (depth_m > near + ON_RAMP * jump) & (depth_m < far - ON_RAMP * jump))
 
 
-CHANGES: Final = 6  # number of pairs of frames that are compared; they have half a million pixels or more
-# sigmas; readings closer to the background show the background, since people are farther from it
+CHANGES: Final = 6  # number of pairs of frames that are compared; together, they have half a million pixels or more
+# sigmas; a reading that is closer than this to the background shows the background; people stand farther in front of it
 STILL_GATE: Final = 6.0
-OUTLIER_GATE: Final = 4.0  # sigmas; beyond it lies 1 in 16,000 readings of a normal distribution
+OUTLIER_GATE: Final = 4.0  # sigmas; larger noise is an outlier and left out; normal noise exceeds it once in 16,000
 ROUNDS: Final = 3  # number of rounds in which outliers are left out
-# pixels beside a depth edge, where readings may lie between two surfaces; they are counted separately
+# pixels, distance from a depth edge within which readings may lie between two surfaces; these are counted separately
 EDGE_PX: Final = 2
 EDGE_M: Final = 0.10  # m, minimum depth range of 5x5 pixels at an edge; a slanted surface has less
-BIN_M: Final = 0.5  # m, width of a depth bin
-# degrees between ray and surface normal; they separate facing, slanted and steep surfaces
+BIN_M: Final = 0.5  # m, width of the depth bins for each of which noise is measured
+# degrees between ray and surface normal; surfaces are called facing up to the first angle, slanted up to the second,
+# steep beyond it
 SLANTS_DEG: Final = (35.0, 60.0)
-# minimum number of readings per depth and slant; even if 40 readings share one error, their deviation is then known to
-# a tenth
+# minimum number of readings per depth bin and slant; even if 40 readings share one error, sigma is then known to 10 %
 LEAST_READINGS: Final = 2000
-LONGEST_PX: Final = 24  # pixels, maximum distance at which errors of neighbours are compared
+LONGEST_PX: Final = 24  # pixels, maximum distance between two pixels whose errors are compared
 UNRELATED: Final = 0.05  # correlation below which pixels count as independent, since a smaller value may be chance
 SMOOTH_PX: Final = 9  # pixels, side of the window over which a surface normal is computed
 
@@ -129,17 +135,18 @@ class DepthNoise:
 
     at_m: tuple[float, ...]  # m, depths in increasing order
     sigma_at_m: tuple[float, ...]  # m, sigma of a reading at these depths, on a surface that faces the camera
-    # factors on sigma for a slanted surface (35 to 60 degrees between ray and normal) and for a steep surface; None if
-    # not measured
+    # factors on sigma, first for slanted surfaces (35 to 60 degrees between ray and normal), then for steeper ones;
+    # None if not measured
     slants: tuple[float | None, float | None] = (None, None)
     shared_px: float = 1.0  # mean number of pixels that share one error; 1 = pixels are independent
-    flying: float | None = None  # share of the readings beside depth edges that show neither side; None if not measured
-    holes: float | None = None  # share of the pixels on the room's surfaces without a reading; None if not measured
+    # share that shows neither side, of the readings beside depth edges; None if not measured
+    flying: float | None = None
+    holes: float | None = None  # share without a reading, of the pixels on the room's surfaces; None if not measured
     # False if no still background was seen; sigma is then a lower bound, measured between neighbouring readings
     measured: bool = True
 
     def sigma_m(self, depth_m: np.ndarray, slant_deg: np.ndarray | None = None) -> np.ndarray:
-        """Return sigma, metres, at depths of any shape; slant_deg has the same shape, None = facing surfaces.
+        """Return sigma, metres, at each depth of an array; slant_deg: array of the same shape, None = facing surfaces.
 
         sigma / z^2 is linear between measured depths and constant beyond them.
         """
@@ -148,7 +155,9 @@ class DepthNoise:
         return np.asarray(per_square * depth**2 * (1.0 if slant_deg is None else self._times(slant_deg)))
 
     def _times(self, slant_deg: np.ndarray) -> np.ndarray:
-        """Return the factors at a slant; an unmeasured slant has the factor of the next smaller slant."""
+        """Return the factor on sigma at each slant; a class of slants without a measured factor gets that of the next
+        less slanted class.
+        """
         times = [1.0]
         for slant in self.slants:
             times.append(times[-1] if slant is None else slant)
@@ -156,8 +165,8 @@ class DepthNoise:
 
 
 def neighbour_noise(neighbours_per_m: float) -> DepthNoise:
-    """Return the noise for a camera that sees no still background: ``noise_per_m z^2`` of ``calibration.first_frames``,
-    with independent pixels.
+    """Return the noise for a camera that sees no still background: sigma is ``neighbours_per_m z^2``, with the factor
+    from ``calibration.first_frames.noise_per_m``, and the errors of pixels count as independent.
     """
     return DepthNoise((1.0,), (neighbours_per_m,), measured=False)
 
@@ -166,12 +175,13 @@ def neighbour_noise(neighbours_per_m: float) -> DepthNoise:
 class Sensor(DepthDetail):
     """The measured properties of one camera's depth images."""
 
-    noise_per_m: float  # 1/m; the deviation between neighbouring readings of one surface is ``noise_per_m z^2``
+    # 1/m; sigma of a reading is ``noise_per_m z^2``, as measured between neighbouring readings of one surface
+    noise_per_m: float
     noise: DepthNoise  # noise of a single reading
 
     @property
     def jump_limit(self) -> JumpLimit:
-        """Return the largest depth difference between neighbours on one surface in this camera's frames."""
+        """Return the largest depth difference between neighbouring pixels of one surface in this camera's frames."""
         return jump_limit(self.noise_per_m, self.focal_px)
 
     def without_ramps(self, depth_m: np.ndarray) -> np.ndarray:
@@ -180,7 +190,7 @@ class Sensor(DepthDetail):
 
 
 def measure_detail(frames_m: Sequence[np.ndarray], camera: Camera) -> DepthDetail:
-    """Measure edges and steps on frames (height, width) float32 metres of one camera, 0 = no reading."""
+    """Measure edge width and depth steps on one camera's frames (height, width) float32 metres, 0 = no reading."""
     return DepthDetail(max(smear_px(frames_m), SHARP_EDGE_PX), camera.intrinsics.fx, step_per_m(frames_m))
 
 
@@ -189,8 +199,9 @@ def measure_noise(
 ) -> DepthNoise:
     """Measure a camera's noise on frames (height, width) of one recording, 0 = no reading.
 
-    room_m, sigma_m (height, width): the empty room, 0 = unknown, and the deviation of readings from it
-    (``BackgroundModel``). neighbours_per_m: used if too little of the room is seen twice (``neighbour_noise``).
+    room_m, sigma_m (height, width): the empty room, 0 = unknown, and the standard deviation of its readings
+    (``BackgroundModel``). neighbours_per_m: factor of ``neighbour_noise``, used if too little of the room is seen in
+    two frames.
     """
     chosen = np.unique(np.linspace(0, len(frames_m) - 1, CHANGES + 1).astype(int))
     frames = [frames_m[k] for k in chosen]
@@ -215,8 +226,8 @@ def measure_noise(
 
 
 def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest and the farthest depth (height, width) of the room around each pixel; 0 and inf if the room is
-    unknown at any neighbour.
+    """Return the nearest and the farthest depth (height, width) of the room within ``EDGE_PX`` of each pixel; 0 and inf
+    if the room is unknown anywhere in this neighbourhood.
     """
     square = np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
     near, far = cv2.erode(room_m, square), cv2.dilate(room_m, square)
@@ -236,8 +247,8 @@ def _slant_deg(room_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNoise | None:
-    """Fit sigma as a function of depth times a factor for the slant, to the logarithms of all cells; return None
-    without a cell.
+    """Fit the noise law: sigma is a function of depth, multiplied by a factor for the slant. The fit is least squares
+    on the logarithm of sigma in each cell (a depth bin and a class of slant). Return None if no cell is measured.
 
     change_m (n, height, width): noise of each reading, NaN where unknown; slant (height, width): 0 = facing, 1 =
     slanted, 2 = steep.
@@ -260,8 +271,8 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
 
 
 def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return sigma and median depth, metres, by depth bin and slant. Cells with too few readings, or without noise, are
-    left out.
+    """Return (sigma, median depth), metres, of each cell, by (number of the depth bin, slant). Cells with too few
+    readings, or without noise, are left out.
     """
     _, row, column = np.nonzero(np.isfinite(change_m))
     value, depth_m = change_m[np.isfinite(change_m)], room_m[row, column]
@@ -276,8 +287,8 @@ def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[
 
 
 def _deviation(values: np.ndarray) -> float:
-    """Return the root mean square without outliers. A median is not used: with coarse grey values most readings repeat,
-    and it would be 0.
+    """Return the root mean square without outliers. A median is not used: with coarse grey values most readings do not
+    change between frames, and the median would be 0.
     """
     sigma = float(np.sqrt(np.mean(values**2)))
     for _ in range(ROUNDS):
@@ -289,15 +300,15 @@ def _shared(in_sigmas: np.ndarray) -> float:
     """Return how many pixels share one error: the sum of a pixel's correlations with itself and all pixels around it.
 
     in_sigmas (n, height, width): noise divided by its sigma, NaN where unknown. Correlations are summed by rings of
-    equal distance, up to the first ring with a mean correlation below ``UNRELATED``. All lags are computed, by Fourier
-    transforms, since the correlation may be a narrow peak on a broad hill.
+    equal distance, up to the first ring with a mean correlation below ``UNRELATED``. All lags are computed (by Fourier
+    transforms), since a few would not show the correlation if it is a narrow peak on top of a broad one.
     """
     seen = np.abs(in_sigmas) < OUTLIER_GATE
     value = np.where(seen, in_sigmas, 0.0).astype(np.float32)
     related = _at_lags(value) / np.maximum(np.rint(_at_lags(seen.astype(np.float32))), 1.0)
     rows, columns = np.ogrid[: related.shape[0], -LONGEST_PX : LONGEST_PX + 1]
     ring = np.rint(np.hypot(rows, columns)).astype(np.int64)
-    # each lag stands for two opposite lags
+    # opposite lags have the same correlation: half of them are summed and then doubled; lag 0 counts once
     twice = np.where((rows > 0) | (columns > 0), 1.0, 0.5) * ((rows > 0) | (columns >= 0))
     weight = np.bincount(ring.ravel(), twice.ravel())[: LONGEST_PX + 1]
     total = np.bincount(ring.ravel(), (twice * related).ravel())[: LONGEST_PX + 1] / related[0, LONGEST_PX]
@@ -306,8 +317,8 @@ def _shared(in_sigmas: np.ndarray) -> float:
 
 
 def _at_lags(images: np.ndarray) -> np.ndarray:
-    """Return the sums (LONGEST_PX + 1, 2 LONGEST_PX + 1) of the products of pixels at each lag in rows and (signed)
-    columns.
+    """Return, for each lag in rows and (signed) columns, the sum of the products of all pairs of pixels at this lag,
+    (LONGEST_PX + 1, 2 LONGEST_PX + 1).
     """
     size = tuple(cv2.getOptimalDFTSize(side + LONGEST_PX) for side in images.shape[1:])
     power = sum(np.abs(np.fft.rfft2(image, size)) ** 2 for image in images)
@@ -318,7 +329,7 @@ def _at_lags(images: np.ndarray) -> np.ndarray:
 def _flying(
     frames_m: Sequence[np.ndarray], near_m: np.ndarray, far_m: np.ndarray, gate_m: np.ndarray, edge: np.ndarray
 ) -> float | None:
-    """Return the share of the readings beside edges of the room that show neither its near nor its far side."""
+    """Return, of the readings beside the room's depth edges, the share that shows neither the near nor the far side."""
     beside = edge & np.isfinite(far_m) & (far_m - near_m > 2.0 * gate_m + EDGE_M)
     read = [beside & (frame > near_m - gate_m) & (frame < far_m + gate_m) for frame in frames_m]
     between = [(frame > near_m + gate_m) & (frame < far_m - gate_m) for frame in frames_m]
@@ -328,7 +339,7 @@ def _flying(
 
 
 def _holes(frames_m: Sequence[np.ndarray], still: Sequence[np.ndarray], surface: np.ndarray) -> float | None:
-    """Return the share of the pixels on the room's surfaces without a reading; people in front of them do not count."""
+    """Return, of the pixels on the room's surfaces, the share without a reading; pixels on people do not count."""
     lost = sum(int(np.count_nonzero(surface & (frame <= 0))) for frame in frames_m)
     count = lost + sum(int(np.count_nonzero(one)) for one in still)
     return lost / count if count >= LEAST_READINGS else None

@@ -39,19 +39,25 @@ from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
-BLOCK_PX: Final = 16  # pixels, side of the blocks in which noise is measured; noise changes slowly over the image
-READINGS_NEEDED: Final = 32  # minimum number of readings per block; their median then has an error of a sixth
+BLOCK_PX: Final = 16  # pixels, side of the image blocks in which noise is measured; noise changes slowly over the image
+# minimum number of readings in a block; their sigma, computed from a median, is then known to a sixth of its value
+READINGS_NEEDED: Final = 32
 LEAST_READ: Final = 0.15  # minimum share of the frames that agree on a pixel's depth for the room to be known there
-# share of the frames with a reading from which a surface also counts as known; passers-by alone add fewer readings
+# if at least this share of the frames has a reading at a pixel, the room is known there even if the readings differ;
+# where only passers-by are read, fewer frames have a reading
 OFTEN_READ: Final = 0.5
 SAME_SIGMAS: Final = 6.0  # maximum difference between readings of one surface, in sigmas, in addition to ``SAME_M``
-# percentiles that both show the room at a pixel if the pixel is free for a fifth of the time
+# percentiles of a pixel's readings over time; both are readings of the room if at least a fifth of the readings are
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a normal distribution, in sigmas
 
-LEAN_M: Final = 0.25  # m beyond the equipment's outline on the ground, for arms over the rails and the back
-HEAD_M: Final = 2.3  # m above the floor, the height of a raised arm
-SOLE_M: Final = 0.015  # m above the floor, for the plane's error and a third of a foot's height
+# m; a surface up to this far outside the equipment's outline on the ground may be the patient's arms over the rails, or
+# the patient's back
+LEAN_M: Final = 0.25
+HEAD_M: Final = 2.3  # m above the floor, maximum height of a person in the equipment, with a raised arm
+# m above the floor; lower surfaces count as floor. The floor's plane may be off by this much; a foot is three times as
+# high.
+SOLE_M: Final = 0.015
 
 
 def learn_background(
@@ -64,9 +70,9 @@ def learn_background(
     """Learn the background of one camera from a frame of the empty room or, without such a frame, from sampled frames.
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
-    needs a pose. Without an empty frame, the background is the surface that is farthest most of the time; pixels that
-    show people by the learnt descriptor are left out. floor_height_m: None if no floor is seen. The equipment is used
-    only without an empty frame. Raises ValueError without frames.
+    needs a pose. Without an empty frame, the background of a pixel is the farthest surface that it shows in enough
+    frames; readings on people, whom the learnt descriptor finds, are left out. floor_height_m: None if no floor is
+    seen. The equipment is used only without an empty frame. Raises ValueError without frames.
     """
     if not frames_m:
         raise ValueError("a background needs at least one frame of the recording to measure the noise on")
@@ -81,7 +87,7 @@ def learn_background(
         sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
         return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
-    if len(frames_m) > 1:  # with a single frame, room and reading are the same rounded value
+    if len(frames_m) > 1:  # a single frame is the room itself: room and readings are rounded alike
         sigma = _at_least_a_step(sigma, depth, detail.step_per_m)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
     return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.RECORDING)
@@ -98,8 +104,8 @@ def _from_recording(
     equipment: EquipmentModel | None,
     noise: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (depth_m, sigma_m) of the still surfaces without people; behind people who stay, floor and walls are
-    filled in.
+    """Return (depth_m, sigma_m) of the still surfaces; people who stay are replaced by the floor and walls behind
+    them.
     """
     people = np.stack(each(lambda frame: people_mask(frame, camera), frames_m))
     depth, sigma = _what_stays(np.where(people, np.float32(0.0), np.stack(frames_m)), noise)
@@ -111,7 +117,7 @@ def _from_recording(
         margin = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(sigma, noise * drawn**2)
         hidden |= standing & ~((drawn > 0) & (depth > drawn - margin))
     depth = np.where(hidden, behind, depth)
-    # the lower bound applies also where floor and walls were filled in
+    # sigma is at least the sensor's noise, also where floor and walls were filled in
     return depth, np.maximum(sigma, np.float32(noise) * depth**2)
 
 
@@ -128,9 +134,7 @@ def in_equipment(
 
 
 def _outside_m(points_m: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
-    """Return (height, width): how far points (height, width, 3) lie outside the equipment's outline on the ground;
-    negative inside.
-    """
+    """Return how far points (height, width, 3) lie outside the equipment's outline on the ground; negative inside."""
     hull = ConvexHull(equipment.triangles()[0][:, [0, 2]])
     sides = points_m[..., [0, 2]] @ hull.equations[:, :2].T + hull.equations[:, 2]
     distance: np.ndarray = np.where(np.isfinite(points_m[..., 0]), sides.max(axis=-1), np.inf)
@@ -145,10 +149,11 @@ def _fill_specks(depth_m: np.ndarray) -> np.ndarray:
 
 
 def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: float) -> np.ndarray:
-    """Return the deviation of live readings from the background, block by block.
+    """Return the standard deviation (height, width), metres, of readings on the background, measured block by block.
 
-    Only readings *behind* the background are used: nobody can stand there, so they are noise. It has a half-normal
-    distribution, and its median gives the deviation. Blocks that are always covered get the image's typical z^2 law.
+    Only readings *behind* the background are used: nobody can stand there, so their distance from the background is
+    noise. This distance has a half-normal distribution, and its median gives the standard deviation. Blocks that people
+    always cover get the image's median of sigma / z^2.
     """
     known = depth_m > 0
     behind = np.stack([np.where((frame > depth_m) & known, frame - depth_m, np.nan) for frame in frames_m])
@@ -158,9 +163,9 @@ def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: fl
 
 
 def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (depth_m, sigma_m) of the surface that is farthest most of the time, from (n, height, width) frames."""
+    """Return (depth_m, sigma_m) of the farthest surface that each pixel shows in enough frames (n, height, width)."""
     count = (frames_m > 0).sum(axis=0)
-    rising = np.sort(frames_m, axis=0)  # lost readings are 0 and are sorted first
+    rising = np.sort(frames_m, axis=0)  # missing readings are 0, so they are sorted first
     if len(frames_m) < FRAMES_NEEDED:  # a single reading may be a person; the farthest of several readings is the room
         depth = np.where(count >= min(2, len(frames_m)), rising[-1], np.float32(0.0))
         return depth, (np.sqrt(2.0) * noise * depth**2).astype(np.float32)
@@ -170,7 +175,7 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
     free = (far - near < same) & (count > 0)  # both percentiles show the room
     spread = (far - near) / ((FAR_SIGMAS - NEAR_SIGMAS) * square)
     sigma = _as_sigma(_block_median(np.where(free, spread, np.nan)[None]), far, floor=noise)
-    # where the room returns no reading, all readings are of passers-by
+    # a pixel where the room itself returns no reading has readings of passers-by only, which are few and do not agree
     agreeing = (np.abs(rising - far) < same).sum(axis=0)
     known = (agreeing >= LEAST_READ * len(frames_m)) | (count >= OFTEN_READ * len(frames_m))
     return np.where(known, np.maximum(far - FAR_SIGMAS * sigma, 0.0), 0.0).astype(np.float32), sigma
@@ -190,7 +195,7 @@ def _at_least_a_step(sigma_m: np.ndarray, depth_m: np.ndarray, step_per_m: float
 
 
 def _block_median(values: np.ndarray) -> np.ndarray:
-    """Return (rows, columns) block medians of values (n, height, width) with NaN; NaN if a block has too few values."""
+    """Return (rows, columns): the median of values (n, height, width) per image block; NaN if too few are finite."""
     rows, columns = (-(-size // BLOCK_PX) for size in values.shape[1:])
     medians = np.full((rows, columns), np.nan)
     for row in range(rows):
@@ -203,7 +208,9 @@ def _block_median(values: np.ndarray) -> np.ndarray:
 
 
 def _as_sigma(factor: np.ndarray, depth_m: np.ndarray, floor: float) -> np.ndarray:
-    """Convert block factors of z^2 to sigma (height, width) in metres, at least the sensor's own noise ``floor``."""
+    """Convert the blocks' factors of z^2 (NaN = unknown) to sigma (height, width) in metres; factors below ``floor``,
+    the sensor's own noise, are raised to it.
+    """
     typical = float(np.nanmedian(factor)) if np.isfinite(factor).any() else floor
     whole = np.maximum(np.where(np.isfinite(factor), factor, typical), floor).astype(np.float32)
     smooth = cv2.resize(whole, depth_m.shape[::-1], interpolation=cv2.INTER_LINEAR)

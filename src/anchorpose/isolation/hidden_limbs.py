@@ -1,6 +1,4 @@
-"""Label separate pieces of surface as the patient's hidden limbs: for example, a foot below a therapist who kneels in
-front of the patient.
-"""
+"""Label separate pieces of surface as the patient's hidden limbs, such as a foot seen below a kneeling therapist."""
 
 from __future__ import annotations
 
@@ -14,21 +12,22 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# 1/m3, density of pieces of other people and things near a patient in simulated clinics (1 to 3)
+# 1/m3, number per volume, near a patient, of pieces of surface that were given to nobody and show other people or
+# objects; simulated clinics have 1 to 3
 CLUTTER_PER_M3: Final = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HiddenSkin:
-    """The expected skin of limbs whose place is too uncertain to decide the owner of single pixels."""
+    """The predicted skin of limbs whose place is too uncertain to decide which person single pixels show."""
 
     points_m: np.ndarray  # (n, 3) world
     sigma_m: np.ndarray  # (n,) standard deviation of the skin about the point
     part: np.ndarray  # (n,) int, the part of the body to which the point belongs
 
     def density(self, places_m: np.ndarray) -> np.ndarray:
-        """Return (m,) 1/m3: the probability density of the centre of a visible piece of the most likely part, at each
-        place (m, 3). A piece may show any point of its part.
+        """Return (m,) 1/m3: the probability density, at each place (m, 3), that the centre of a visible piece of a limb
+        lies there, for the limb (part) with the highest density. A piece may show any point of its part.
         """
         away2 = ((places_m[:, None] - self.points_m) ** 2).sum(axis=2)
         normal = np.exp(-0.5 * away2 / self.sigma_m**2) / (np.sqrt(2.0 * np.pi) * self.sigma_m) ** 3
@@ -39,10 +38,11 @@ class HiddenSkin:
 def label_hidden_limbs(
     pieces: Sequence[Pieces | None], views: Sequence[View | None], hidden: HiddenSkin
 ) -> tuple[View | None, ...]:
-    """Return the views after separate pieces without a person got the patient's label, where a hidden limb is more
-    probable than an unknown object.
+    """Label separate pieces without a person as the patient where a hidden limb is more probable than an unknown
+    object; return the changed views.
 
-    The label lets the body be registered to the piece. If no pose of the limb explains the piece, it stays uncovered.
+    With this label, the body model is fitted to the piece. If no pose of the limb explains the piece, the fitted body
+    will not cover it.
     """
 
     def labelled(pixels: Pieces | None, view: View | None) -> View | None:

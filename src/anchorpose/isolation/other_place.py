@@ -18,24 +18,26 @@ from anchorpose.recording.recording import FrameSet
 
 SENTENCE: Final = "shows another place than usual: it was covered, or moved, for a moment"
 STEP_PX: Final = 4  # pixels; every fourth pixel of every fourth row is tested
-# maximum difference between the room and a reading of it: SAME_M, since the learnt room may be one step wrong, plus
-# sigmas
+# maximum difference between the room and a reading of it: the larger of SAME_M (metres), since the learnt room may be
+# wrong by one step between depth values, and SAME_SIGMAS standard deviations
 SAME_M, SAME_SIGMAS = 0.05, 6.0
-FRAMES_NEEDED: Final = 3  # minimum number of frames from which the room's usual share is computed
-# minimum share of the image where the room is known; recorders that remove the room leave at most some objects
+FRAMES_NEEDED: Final = 3  # minimum number of frames from which ``usual_share`` is computed
+# minimum share of the image in which the room is known; if a recorder removes the room, only some objects are left
 LEAST_KNOWN: Final = 0.2
-LEAST_USUAL: Final = 0.2  # minimum share of the room's pixels that a camera usually sees; otherwise it is not tested
-# factor on the usual share, below which the camera is covered; a passer-by near the camera leaves half of the share
+LEAST_USUAL: Final = 0.2  # minimum ``usual_share`` of a camera; if it has less, its images are not tested
+# factor on ``usual_share``; if a smaller share of the pixels shows the room, the camera is covered; a passer-by near
+# the camera leaves half of the usual share
 COVERED: Final = 0.05
-# factor on the usual share; with less, an image with many readings behind the room shows another place
+# factor on ``usual_share``; if a smaller share of the pixels shows the room, and many readings lie behind the room, the
+# image shows another place
 MOVED: Final = 0.6
-# minimum share of the room's pixels with readings behind the room; 0.002 if people walk, 0.04 if furniture is moved
+# maximum share of the room's pixels with readings behind the room; walking people cause 0.002, moved furniture 0.04
 MOST_BEHIND: Final = 0.05
 
 
 def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray]) -> float:
-    """Return which share of the room's pixels read the room, the median over frames (height, width) float32; 0 if
-    unknown.
+    """Return the share of the pixels with a known room depth whose reading shows the room, as the median over frames
+    (height, width) float32; 0 if there are too few frames or known pixels.
 
     room_m, sigma_m (height, width) float32: as in ``BackgroundModel``.
     """
@@ -75,7 +77,7 @@ def without_other_places(frame_set: FrameSet, scenes: Sequence[Scene]) -> FrameS
 
 
 def _shares(depth_m: np.ndarray, room_m: np.ndarray, sigma_m: np.ndarray) -> tuple[float, float]:
-    """Return the shares of the room's known pixels that read the room, and that read a depth behind it."""
+    """Return two shares of the pixels with a known room depth: with a reading on the room, and with one behind it."""
     depth, room, sigma = (image[::STEP_PX, ::STEP_PX] for image in (depth_m, room_m, sigma_m))
     known = room > 0
     count = int(np.count_nonzero(known))

@@ -1,4 +1,6 @@
-"""Decide which person's skin a place shows (the place's owner), by the likelihood from all people's expected skin."""
+"""Decide by likelihood the owner of each seen point (place): the person whose skin it shows. The skin of each person is
+expected where it is predicted, or else where it was seen last.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +13,19 @@ from numba import njit
 
 NOBODY: Final = 0
 MIXED: Final = 255  # label of a cell with skin of several people
-# m; skin is searched in the cell of a place and the 26 cells around it, so all skin within this distance is found
+# m, side of a cell; skin is searched in a place's cell and the 26 around it, so all skin within this distance is found
 CELL_M: Final = 0.035
 # m, half the spacing of skin points; a place at this distance from the nearest point may still be on the skin
 SAMPLING_M: Final = 0.01
-GATE: Final = 3.0  # sigmas; a place farther from all expected skin gets its owner by region growing
-LEAST_LEAD: Final = 2.0  # minimum lead of the most likely owner over all other people, in squared standard deviations
+GATE: Final = 3.0  # sigmas; a place farther from every point of skin gets its owner by region growing
+# minimum lead of the most likely owner over all other people, as a difference of (d / sigma)^2 + 2 log(sigma)
+# (``decide_ownership``)
+LEAST_LEAD: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnershipLikelihood:
-    """Samples of people's expected skin, with their uncertainty."""
+    """Points at which people's skin is expected, with their uncertainty."""
 
     points_m: np.ndarray  # (n, 3) float32 world
     owner: np.ndarray  # (n,) uint8 label of the person
@@ -32,7 +36,7 @@ class OwnershipLikelihood:
 
 
 class LikelihoodGrid(NamedTuple):
-    """Expected skin sorted by cells: the points of cell c are start[c] to start[c + 1]."""
+    """The points of an ``OwnershipLikelihood`` sorted by cells: those of cell c are start[c] to start[c + 1]."""
 
     points_m: np.ndarray  # (n, 3) float32
     owner: np.ndarray  # (n,) uint8
@@ -45,7 +49,7 @@ class LikelihoodGrid(NamedTuple):
 
 
 def join_likelihoods(parts: Sequence[OwnershipLikelihood]) -> OwnershipLikelihood:
-    """Join the expected skin of several sets."""
+    """Join the skin points of several likelihoods into one."""
     if not parts:
         return OwnershipLikelihood(np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.float32))
     return OwnershipLikelihood(
@@ -56,7 +60,7 @@ def join_likelihoods(parts: Sequence[OwnershipLikelihood]) -> OwnershipLikelihoo
 
 
 def sort_likelihood(likelihood: OwnershipLikelihood) -> LikelihoodGrid:
-    """Sort expected skin (at least one point) into cells."""
+    """Sort the skin points of a likelihood (at least one) into cells."""
     origin = (likelihood.points_m.min(axis=0) - CELL_M).astype(np.float32)
     cell = np.floor((likelihood.points_m - origin) / np.float32(CELL_M)).astype(np.int64)
     shape = cell.max(axis=0) + 2
@@ -82,7 +86,7 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
         if owner[i] == whose and (cell[i] == before).all():
             continue
         whose = owner[i]
-        for axis in range(3):  # slices would compile numba's error texts: four seconds
+        for axis in range(3):  # a slice would take numba four seconds longer to compile
             before[axis] = cell[i, axis]
         for x in range(cell[i, 0] - 1, cell[i, 0] + 2):
             for y in range(cell[i, 1] - 1, cell[i, 1] + 2):
@@ -100,7 +104,7 @@ def decide_ownership(
 
     If all skin around a place belongs to one person, that person owns the place. Otherwise the most likely owner is
     chosen, but only where ``compared`` (m,) bool is True. This is the person with the least (d / sigma)^2 + 2
-    log(sigma), where d is the distance of the reading from the person's skin. The person must lead all others by
+    log(sigma), where d is the distance of the place from the person's skin. The person must lead all others by
     ``least_lead``; skin farther away than ``gate`` times its sigma does not count.
     """
     return _decide(grid, places_m, compared, gate, least_lead)

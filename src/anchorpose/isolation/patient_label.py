@@ -1,4 +1,4 @@
-"""Correct the patient's pixels: add parts with another person's label, and remove stray pieces of other people."""
+"""Correct the patient's pixels: add parts of the patient labelled as others, and remove stray pieces of others."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel
 
-LEAST_CONTACT_M: Final = 0.05  # m, minimum length of the border between a stray piece and its person, a wrist's width
-# minimum length of that border, as a factor on the piece's width; the border of half a head is its longest side, that
-# of a forearm is shorter
+# m, minimum length of the border between a stray piece and the person whose surface it continues, a wrist's width
+LEAST_CONTACT_M: Final = 0.05
+# minimum length of this border, as a factor on the square root of the stray piece's area; half a head borders on the
+# other half along its longest side, a forearm on the rest of the body along a shorter side
 LEAST_CONTACT: Final = 1.0
-# m2, maximum area of a stray piece, a head's area; a leg below a bar is larger, but may border on people who kneel in
-# front of it
+# m2, maximum area of a stray piece, a head's area; the patient's leg below a bar may border on a person who kneels in
+# front of it, but is larger, so it remains the patient's
 LARGEST_M2: Final = 0.03
 
 
 def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the owners (n,) uint8 of each camera after assigning stray pieces among the patient's pixels to the person
-    whose surface they continue.
+    """Return the owners (n,) uint8 of each camera's foreground (``shown``) after assigning stray pieces among the
+    patient's pixels to the person whose surface they continue.
 
     A stray piece is no larger than a head, is not connected to other pixels of the patient in this camera, and
-    continues another person's surface without a crease: for example, half a therapist's head where the patient's hand
-    was expected. A forearm beyond a bar has no such border and remains the patient's.
+    continues another person's surface without a crease between them: for example, half a therapist's head where the
+    patient's hand was expected. A forearm beyond a bar has no such border and remains the patient's.
     """
     return [_without_strays(pixels, owner) for pixels, owner in zip(shown, owners, strict=True)]
 
@@ -48,7 +49,7 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
         return owner
     piece = piece_of[pixels.row, pixels.column]
     area = np.bincount(piece[mine], pixels.area_m2[mine], minlength=count + 1)
-    which = np.where(mine, piece, np.where(others, 0, -1))  # 0: another person
+    which = np.where(mine, piece, np.where(others, 0, -1))  # 0: another person, -1: nobody
     contact_m = smooth_contact_m(pixels, which, count + 1)[0]
     stray = contact_m > np.maximum(LEAST_CONTACT_M, LEAST_CONTACT * np.sqrt(area))
     stray &= area < LARGEST_M2
@@ -58,18 +59,19 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
     return grow_regions(pixels, np.where(mine & stray[piece], np.uint8(NOBODY), owner))
 
 
-# m, minimum length of the border between a part of the patient and the rest, a wrist's width
+# m, minimum length of the border between a part of the patient and the patient's other pixels, a wrist's width
 PART_CONTACT_M: Final = 0.05
-# m; pixels within this distance of the expected skin are on it, for its spacing, clothes and movement
+# m; pixels this near to a point of predicted skin lie on the skin; this allows for point spacing, clothes and movement
 ON_SKIN_M: Final = 0.05
 LAST_LABEL: Final = 254  # the largest person label
 
 
 def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood) -> list[np.ndarray]:
-    """Return the owners after parts of the patient with another person's label were given back to the patient.
+    """Give parts of the patient that have another person's label back to the patient; return all owners.
 
-    A label stands for another person if a body is fitted to it, or if enough of its pixels for a person lie off the
-    patient's expected skin. Otherwise its pixels are a part of the patient, if they are connected to the patient.
+    A label stands for another person if a body model is fitted to that person (``expected`` then has this person's
+    skin), or if the label's pixels off the patient's predicted skin have enough area for a person. Otherwise its pixels
+    are a part of the patient, if they are connected to the patient.
     """
     bodies = np.unique(expected.owner)
     labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}
@@ -83,8 +85,8 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
 
 def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
-    """Return whether a label's pixels are a part of the patient: most lie on the patient's expected skin (a KD-tree),
-    they are connected to the patient's pixels, and too few pixels for a person lie off this skin.
+    """Return whether a label's pixels are a part of the patient: most lie on the patient's predicted skin (``skin``, a
+    KD-tree), they are connected to the patient's pixels, and those off this skin have too little area for a person.
     """
     on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
     for pixels, owner in zip(shown, owners, strict=True):
@@ -101,7 +103,7 @@ def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, 
 
 def sampled(pixels: Pieces, owner: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points_m (k, 3), owner (k,) and area_m2 (k,) of the ``wanted`` (n,) bool pixels in every third row and
-    column.
+    column; each area is that of nine pixels.
     """
     chosen = pixels.index[::SAMPLE_PX, ::SAMPLE_PX]
     chosen = chosen[chosen >= 0]

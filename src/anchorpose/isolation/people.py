@@ -18,24 +18,25 @@ from anchorpose.threads import each
 
 @settings
 class IsolationConfig:
-    """Settings of how closely people's skin follows its prediction."""
+    """Settings for how far people's skin may be from its predicted place."""
 
-    # m, deviation of the patient's skin from its prediction, due to clothes and body shape
+    # m, standard deviation of the patient's skin from its prediction, due to clothes and body shape
     skin_sigma_m: Positive = 0.02
 
 
 PERSON_AREA_M2: Final = 0.12  # m2, minimum seen surface of a person, a fifth of an adult's frontal area
 FOREGROUND: Final = 0.33
-"""Minimum share of a found person's area that is foreground; it is tested only if the foreground is smaller than
-``LEAST_AREA_M2``. People have 0.5 to 0.9, since rays at outlines have no pixel of their depth; parts of the room that
-were taken for people had 0.1 and 0.16."""
+"""Minimum share of the area of a person, as found by the descriptor, that is foreground; it is tested only if this
+foreground is smaller than ``LEAST_AREA_M2``. People have 0.5 to 0.9 and not 1, since no foreground pixel has the depth
+of a ray at an outline; parts of the room that were taken for people had 0.1 and 0.16.
+"""
 
-EDGE_M: Final = 0.1  # m, maximum depth step from a pixel to its nearest ray; across an outline, depth jumps by more
+EDGE_M: Final = 0.1  # m, maximum depth difference between a pixel and its nearest ray; across an outline, it is larger
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """One person."""
+    """One person, as seen by all cameras at one moment."""
 
     ground_xz_m: np.ndarray  # (2,) float64, place of the pelvis over the ground
     bottom_m: float  # height of the lowest point of the seen surface
@@ -56,9 +57,7 @@ class People:
         return np.concatenate([pixels.points_m[own == number] for pixels, own in shown])
 
     def joined(self, owner: np.ndarray) -> People:
-        """Merge people. owner (k,): the number of the person with whom each person is merged, or the person's own
-        number.
-        """
+        """Merge people. owner (k,): the number of the person with whom each is merged, or each person's own number."""
         kept = np.flatnonzero(owner == np.arange(len(owner)))
         members = [[self.people[k] for k in np.flatnonzero(owner == number)] for number in kept]
         number = np.append(np.searchsorted(kept, owner), -1)  # the last entry means nobody
@@ -79,16 +78,16 @@ class PatientChoice:
     """The place of the patient in a frame, and why this person was chosen."""
 
     ground_xz_m: np.ndarray  # (2,) float64, X and Z
-    reason: str  # end of a sentence that begins with "who"
+    reason: str  # text for users after "who", such as "stands within the equipment"
     sure: bool  # whether the user named the patient, or the patient is in the equipment and nobody else is as likely
-    frame: int | None = None  # number of the frame; None if it does not matter
+    frame: int | None = None  # number of the frame in which the patient is there; None if it does not matter
     rival_xz_m: np.ndarray | None = None  # (2,) place of another person who may be the patient; None if there is none
 
 
 def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> People:
     """Find the people in the foreground of all cameras at one moment by the learnt descriptor.
 
-    A pixel belongs to the person of its nearest ray; it has -1 if the descriptor finds nobody there.
+    A pixel belongs to the person of the descriptor's nearest ray; it has -1 if the descriptor finds nobody there.
     """
     depths = [None if pixels is None else pixels.depth_m for pixels in pieces]
     said = each(lambda depth, camera: None if depth is None else described(depth, camera), depths, cameras)
@@ -108,7 +107,9 @@ def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> Pe
 
 
 def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray | None]) -> np.ndarray:
-    """Return the person (n,) int32 of each foreground pixel, -1 if the nearest ray has no person or another depth."""
+    """Return the person (n,) int32 of each foreground pixel, -1 if the descriptor's nearest ray shows no person, or has
+    another depth. rays: for each person (h, w) bool, the rays that show this person in this camera.
+    """
     said = described(pixels.depth_m, camera)
     owner = np.full(said.person.shape, -1, np.int32)
     for number, own in enumerate(rays):
@@ -121,8 +122,8 @@ def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray 
 
 
 def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, np.ndarray]]) -> Person | None:
-    """Return the person with a number, measured on the person's foreground pixels; None if these are too few: then the
-    descriptor took a part of the room for a person.
+    """Return the found person with this number, measured on the person's foreground pixels; None if these are too few:
+    then the descriptor took a part of the room for a person.
     """
     heights = np.concatenate([pixels.points_m[own == number, 1] for pixels, own in shown])
     area_m2 = sum(float(pixels.area_m2[own == number].sum()) for pixels, own in shown)

@@ -1,4 +1,8 @@
-"""Grow regions: pixels without a clear owner join the person to whom they are connected, up to the nearest crease."""
+"""Grow regions: pixels without a clear owner join the person to whom they are connected, up to the nearest crease.
+
+A valley is a strip of surface farther from the camera than the surface on both sides. A crease is a valley deeper than
+noise explains.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +14,16 @@ from numba import njit
 from anchorpose.isolation.ownership import NOBODY
 from anchorpose.isolation.scene import Pieces
 
-# cost of a valley, in steps per standard deviation of the noise by which it is deeper than CREASE_SIGMAS
+# additional cost of growing into a crease, for each sigma of its depth beyond CREASE_SIGMAS; the unit is the cost of a
+# step to the next pixel
 CREASE_COST: Final = 4.0
-CREASE_PX: Final = 3  # pixels on either side with which a pixel is compared; at 2.5 m a finger's width
+CREASE_PX: Final = 3  # pixels, distance to both pixels that a valley's pixel must lie behind; a finger's width at 2.5 m
 CREASE_SIGMAS: Final = 2.0  # standard deviations of the noise; a deeper valley is a crease
-DEEPEST: Final = 60  # steps, maximum cost of a crease; as many pixels as a forearm is long
+DEEPEST: Final = 60  # maximum additional cost of one step into a crease, in steps; a forearm is as many pixels long
 
 
 def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_COST) -> np.ndarray:
-    """Spread owners over the surface along the cheapest paths, until they meet or the depth jumps.
+    """Spread owners over the surface along the cheapest paths, until two owners' regions meet or the depth jumps.
 
     owner (n,) uint8 for each foreground pixel: ``NOBODY`` if undecided. A step costs 1, and more in a valley, where the
     surface lies behind its neighbours on both sides: two bodies that touch meet in such a valley. Return (n,) uint8;
@@ -53,14 +58,14 @@ class _Surface(NamedTuple):
     column: np.ndarray
     square: float
     slope: float
-    noise: float  # standard deviation of a valley's depth at one metre
+    noise: float  # 1/m; the standard deviation of a valley's depth is ``noise z^2``
 
 
 class _Queue(NamedTuple):
     """A queue of pixels and their new owners, in a ring of buckets by cost; each bucket is a linked list."""
 
     head: np.ndarray  # (buckets,) the first entry of each bucket, -1 = none
-    after: np.ndarray  # (capacity,) the next entry after each entry
+    after: np.ndarray  # (capacity,) the entry that follows each entry in its bucket
     pixel: np.ndarray  # (capacity,) the pixel of each entry
     owner: np.ndarray  # (capacity,) its new owner; ``NOBODY``: the pixel keeps its owner
 
@@ -75,7 +80,7 @@ def _push(queue: _Queue, used: int, bucket: int, pixel: int, owner: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _grow(surface: _Surface, owner: np.ndarray, crease_cost: float) -> None:
-    """Run Dijkstra's algorithm with a ring of buckets; costs are whole steps."""
+    """Run Dijkstra's algorithm with a ring of buckets; costs are whole numbers of steps."""
     ring = DEEPEST + 2
     owned = 0
     for pixel in range(len(owner)):
@@ -140,7 +145,7 @@ def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, 
 
 @njit(cache=True, nogil=True)
 def _valley(index: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c: int) -> float:
-    """Return how far the surface at a pixel lies behind the mean of its two neighbours along a direction, metres."""
+    """Return a pixel's depth minus the mean of the depths ``CREASE_PX`` before and after it, metres; 0 if unknown."""
     height, width = index.shape
     r1, c1, r2, c2 = r - CREASE_PX * d_r, c - CREASE_PX * d_c, r + CREASE_PX * d_r, c + CREASE_PX * d_c
     if min(r1, r2, c1, c2) < 0 or max(r1, r2) >= height or max(c1, c2) >= width:
@@ -152,7 +157,7 @@ def _valley(index: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c:
 
 @njit(cache=True, nogil=True)
 def _contacts(surface: _Surface, owner: np.ndarray, size_per_m: np.ndarray, count: int) -> np.ndarray:
-    """Compute ``smooth_contact_m``; size_per_m (n,): width of a pixel over its depth."""
+    """Compute ``smooth_contact_m``; size_per_m (n,): width of a pixel divided by its depth."""
     index, depth = surface.number, surface.depth
     length = np.zeros((count, count))
     for pixel in range(len(owner)):

@@ -18,8 +18,8 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
 
 PLANES: Final = 6  # maximum number of planes that are searched: floor, ceiling and the walls in view
-TRIALS: Final = 200  # number of trials per plane; a plane with a fifth of the points is drawn once in 125 trials
-VOTERS: Final = 5000  # number of points that vote on a plane
+TRIALS: Final = 200  # draws of three points per plane; a plane with a fifth of the points is hit once in 125 draws
+VOTERS: Final = 5000  # number of sampled points against which each plane is tested
 # minimum share of the image that a plane covers; a smaller plane is furniture, or a person's back
 LEAST_SHARE: Final = 0.03
 MOST_BEYOND: Final = 0.02  # maximum share of the readings on a wall's far side, where nothing should be seen
@@ -39,8 +39,8 @@ def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.
 
 
 def depth_of_plane(plane: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the depth (height, width) float32 along each ray of a plane (4,) from ``find_planes``; inf if the ray does
-    not meet it.
+    """Return the depth (height, width) float32 at which rays meet a plane (4,) from ``find_planes``; inf if they do
+    not.
     """
     rays = np.concatenate([camera.pixel_rays(), np.ones((camera.height, camera.width, 1), np.float32)], axis=-1)
     towards = rays @ plane[:3].astype(np.float32)
@@ -54,7 +54,7 @@ def find_planes(
     """Return planes (4,) in the camera frame, largest first: unit normal away from the camera, then offset, with
     ``normal @ p = offset``.
 
-    room_m: as in ``depth_of_room``; most_beyond: largest share of the readings on the far side of a plane.
+    room_m: as in ``depth_of_room``; most_beyond: maximum share of the readings that may lie on the far side of a plane.
     """
     points = camera.back_project(room_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]
@@ -67,7 +67,7 @@ def find_planes(
 def _planes(
     points_m: np.ndarray, least: float, noise_per_m: float, most_beyond: float, rng: np.random.Generator
 ) -> list[np.ndarray]:
-    """Return the planes with more than ``least`` of the points (n, 3)."""
+    """Return the planes on which more than ``least`` of the points (n, 3) lie."""
     found, left = list[np.ndarray](), points_m
     while len(found) < PLANES and len(left) > max(least, 3):
         plane = _best(left, points_m, least, noise_per_m, most_beyond, rng)
@@ -102,7 +102,7 @@ def _best(
 
 
 def off_plane_m(depth_m: np.ndarray, noise_per_m: float) -> np.ndarray:
-    """Return the largest distance of readings at a depth from the plane that they show."""
+    """Return how far, at most, a reading at each depth may lie from the plane that it shows, metres."""
     return np.asarray(TOLERANCES_M[0] + NOISE_GATE * noise_per_m * depth_m**2)
 
 
@@ -129,7 +129,8 @@ class Wall:
     offset_m: float
     depth_m: np.ndarray  # (height, width) float32, depth of the plane along each ray; inf if the ray does not meet it
     on_it: np.ndarray  # (height, width) bool, pixels of the empty room that show the plane
-    gap: np.ndarray  # (height, width) bool, pixels between these that show something beyond the plane, or nothing
+    # (height, width) bool, pixels in the convex hull of ``on_it`` that show nothing, or something beyond the plane
+    gap: np.ndarray
 
     def beyond_m(self, points_m: np.ndarray) -> np.ndarray:
         """Return (...) the distance of points (..., 3) beyond the plane, negative on the camera's side."""
@@ -140,9 +141,7 @@ class Wall:
         return np.asarray(points_m - 2.0 * self.beyond_m(points_m)[..., None] * self.normal)
 
     def gap_before(self, point_m: np.ndarray) -> np.ndarray | None:
-        """Return (height, width) bool: the connected gap through which a point (3,) is seen; None if it is not seen
-        through a gap.
-        """
+        """Return (height, width) bool: the connected gap through which a point (3,) is seen; None if there is none."""
         _, piece = cv2.connectedComponents(self.gap.astype(np.uint8), connectivity=4)
         _, [own], [inside] = self.camera.look(point_m[None], piece)
         return np.asarray(piece == own) if inside and own else None

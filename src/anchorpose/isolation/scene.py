@@ -29,13 +29,15 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 
 SMALLEST_PIECE_M2: Final = 0.0005  # m2, a fingertip; a smaller piece is not a person
-FEET_M: Final = 0.3  # m above the lowest pixel: the height of an ankle plus the part that is removed with the floor
-# m2; smaller pieces are not tested for flatness, since a patch of a body between bars may be flat
+# m above the lowest pixel of people; up to this height, readings of feet may be missing: the height of an ankle, plus
+# the part of a foot that a recorder removes with the floor
+FEET_M: Final = 0.3
+# m2; only larger pieces may be boards (flat rectangular objects), since a patch of a body between bars may be flat
 LEAST_M2: Final = 0.15
 FLATTEST: Final = 0.025  # maximum deviation of a board from a plane, as a share of its width; trunks bulge by 5 %
 # minimum share of its enclosing rectangle that a board fills; a trunk with thighs fills less
 LEAST_FILLED: Final = 0.85
-SAMPLE: Final = 500  # number of points of a piece that are tested
+SAMPLE: Final = 500  # number of points of a piece that are tested for flatness
 
 
 def flat_pieces(
@@ -55,9 +57,9 @@ def flat_pieces(
         own -= own.mean(axis=0)
         spread, axes = np.linalg.eigh(own.T @ own / len(own))
         across = np.abs(own @ axes[:, 0])
-        thickness = 1.483 * _median(across)  # robust, since a hand at the edge may stick out
+        thickness = 1.483 * _median(across)  # robust, since a hand at the board's edge may stick out
         noise = noise_per_m * _median(depth_m[mine]) ** 2
-        if thickness - noise > FLATTEST * np.sqrt(12.0 * spread[1]):  # the variance over a width w is w^2 / 12
+        if thickness - noise > FLATTEST * np.sqrt(12.0 * spread[1]):  # points over a width w have variance w^2 / 12
             continue
         _, sides, _ = cv2.minAreaRect((own @ axes[:, 1:]).astype(np.float32))
         # area as if the piece faced the camera; it is less than the true area, so a slanting board may be missed
@@ -85,14 +87,15 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """The people's pixels of one camera's frame, all people together."""
+    """The people's pixels of one camera's frame in connected pieces; people are not separated yet."""
 
     depth_m: np.ndarray  # (height, width) float32
-    labels: np.ndarray  # (height, width) uint8 of ``PixelLabel``; CLUTTER where a person may be
+    # (height, width) uint8 of ``PixelLabel``; CLUTTER where a person may be, before people are separated
+    labels: np.ndarray
     index: np.ndarray  # (height, width) int32, number of the foreground pixel, -1 = not foreground
     row: np.ndarray  # (n,) int32, row of each foreground pixel
-    column: np.ndarray  # (n,) int32, its column
-    piece: np.ndarray  # (n,) int32, its connected piece, numbered from 1
+    column: np.ndarray  # (n,) int32, column of each foreground pixel
+    piece: np.ndarray  # (n,) int32, number of each pixel's connected piece, from 1
     piece_count: int
     points_m: np.ndarray  # (n, 3) float32 world
     area_m2: np.ndarray  # (n,) float32, area that the pixel covers on a surface that faces the camera
@@ -133,8 +136,8 @@ def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces
 
 
 def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) -> Pieces:
-    """Remove room and equipment from one frame, and cut the rest at its depth jumps; readings on false ramps are
-    removed.
+    """Remove room and equipment from one frame, and cut the other pixels into pieces where the depth jumps. Readings on
+    false ramps, and boards, are removed too.
 
     time_s: time of the frame on the reference clock; None: resting objects are not part of the room.
     """
@@ -173,9 +176,7 @@ def _first_labels(
 
 @njit(cache=True, nogil=True)
 def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: float) -> np.ndarray:
-    """Return each pixel's label: NO_READING, BACKGROUND, or CLUTTER for a reading in front of the room (which may be a
-    flying pixel).
-    """
+    """Return each pixel's label: NO_READING, BACKGROUND, or CLUTTER for a reading in front of the room."""
     labels = np.zeros(depth.shape, np.uint8)
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):
@@ -187,10 +188,11 @@ def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: floa
 
 
 def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return (height, width) bool: pixels without a reading where nobody is, since a recorder removed them with the
+    """Return (height, width) bool: pixels without a reading at which nobody is, since the recorder removed them as
     room.
 
-    Such recorders remove feet together with the floor, so pixels near the lowest foreground pixel are left out.
+    Such recorders remove feet together with the floor, so pixels up to ``FEET_M`` above the lowest foreground pixel,
+    and all below it, are left out.
     """
     rows = np.flatnonzero(people.any(axis=1))
     feet_px = int(FEET_M * camera.intrinsics.fy / float(np.median(depth_m[people])))

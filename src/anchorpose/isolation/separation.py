@@ -1,5 +1,5 @@
-"""Label the person of every pixel by the likelihood of expected skin, by creases and by distance (transient occlusion;
-paper, Section III).
+"""Label each pixel with its person: with the owner of the most likely skin there, else with the person to whom it is
+connected without a crease, else with the nearest person (transient occlusion; paper, Section III).
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# pixels; between two people, the owner is decided in every second row and column, and region growing fills the rest
+# pixels; near skin of several people, likelihoods decide only every second row and column; regions grow over the others
 DECISION_PX: Final = 2
 # m, maximum distance of a detached piece from its person: a bar's width plus the movement of a hidden forearm
 DETACHED_M: Final = 0.12
-# m, added to the standard deviation of remembered skin without a body, so that it does not beat the predicted skin
+# m, added in quadrature to the standard deviation of the remembered skin of people to whom no body is fitted, so that
+# remembered skin does not win against skin predicted from a body
 UNSUPPORTED_SIGMA_M: Final = 0.04
 FIRST_EARLIER_LABEL: Final = 128  # first label of people who are first seen in the backward pass
 
@@ -53,7 +54,7 @@ def by_distance(people: People, ground_xz_m: np.ndarray) -> np.ndarray:
 def label_people(pieces: Sequence[Pieces | None], people: People, order: np.ndarray) -> tuple[View | None, ...]:
     """Label each camera's pixels by person.
 
-    order (k,): numbers of the people; the first becomes the patient. Pixels in which the descriptor finds nobody join
+    order (k,): numbers of the people; the first becomes the patient. Pixels at which the descriptor finds nobody join
     the person to whom they are connected, up to the creases between touching people.
     """
     label = np.full(len(people.people) + 1, NOBODY, np.uint8)  # the last entry stands for nobody
@@ -72,7 +73,7 @@ def separate(
 ) -> tuple[View | None, ...]:
     """Label each camera's pixels by the people seen ``elapsed_s`` ago and, if given, by predicted skin.
 
-    expected: the likelihood of people with predicted skin; all other people are expected where they were seen last. (1)
+    expected: the skin of those people whose skin is predicted; all others' skin is expected where it was seen last. (1)
     A pixel gets the most likely owner if this owner leads clearly (``decide_ownership``). (2) Other pixels get the
     person to whom they are connected (``grow_regions``). (3) A separate piece, such as a forearm that a bar cuts off,
     gets the person that it nearly touches. (4) A remaining piece that the learnt descriptor takes for a person is a new
@@ -92,7 +93,7 @@ def separate(
 
 
 def first_free(memory: BystanderMemory, elapsed_s: float) -> int:
-    """Return the label of the next new person, ``elapsed_s`` after the frame of the memory."""
+    """Return the next new person's label. elapsed_s: time since the memory's frame, negative in the backward pass."""
     return memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
 
 
@@ -113,7 +114,7 @@ def _grown(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.nda
 
 
 def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np.ndarray]:
-    """Return the owners after pieces without an owner got the person that they nearly touch, seen by any camera."""
+    """Give each piece without an owner the person whose skin, seen by any camera, it nearly touches."""
     cameras = list(zip(shown, owners, strict=True))
     if not any(pixels.area_m2[owner == NOBODY].sum() >= SMALLEST_PIECE_M2 for pixels, owner in cameras):
         return owners
@@ -123,14 +124,14 @@ def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np
     points = np.concatenate([place for place, _, _ in owned])
     if not len(points):
         return owners
-    # a tree of all skin would take longer to build than the search takes
+    # only skin near unowned pixels: a tree of all skin would take longer to build than the search takes
     near = ((points >= low) & (points <= high)).all(axis=1)
     label, tree = np.concatenate([whose for _, whose, _ in owned])[near], cKDTree(points[near])
     return [_to_neighbour(pixels, owner, tree, label) for pixels, owner in cameras]
 
 
 def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.ndarray) -> np.ndarray:
-    """Return (n,) uint8 owners after the unowned pixels of each piece got the nearest person within ``DETACHED_M``."""
+    """Give each piece's pixels without an owner the nearest person within ``DETACHED_M``; return all owners."""
     unowned = np.flatnonzero(owner == NOBODY)
     if not len(unowned):
         return owner
@@ -152,8 +153,9 @@ def _with_newcomers(
     next_label: int,
     memory: BystanderMemory,
 ) -> list[np.ndarray]:
-    """Return the owners with a new label for each person who has mostly unowned pixels; with the patient's label if
-    most of these lie where the patient was seen last, since then the patient's prediction was wrong.
+    """Give newcomers a label; return all owners. A newcomer is a person, found by the descriptor, most of whose pixels
+    have no owner. The label is new, or the patient's if most of these pixels lie where the patient was seen last: then
+    the patient's predicted place was wrong.
     """
     free = [owner == NOBODY for owner in owners]
     if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, free, strict=True)) < PERSON_AREA_M2:
@@ -179,7 +181,9 @@ def _with_newcomers(
 def _where_patient_was(
     shown: Sequence[Pieces], of_pixels: Sequence[np.ndarray], free: Sequence[np.ndarray], memory: BystanderMemory
 ) -> np.ndarray:
-    """Return (k,) bool: people most of whose ``free`` pixels lie on the patient's skin that was seen last."""
+    """Return (k,) bool: people most of whose pixels without an owner lie on the patient's skin as seen last. of_pixels:
+    for each camera (n,), the person at each pixel; free: for each camera (n,), whether the pixel has no owner.
+    """
     skin = cKDTree(memory.points_m[memory.owner == PixelLabel.PATIENT])
     of = np.concatenate([number[own] for number, own in zip(of_pixels, free, strict=True)])
     places_m = np.concatenate([pixels.points_m[own] for pixels, own in zip(shown, free, strict=True)])

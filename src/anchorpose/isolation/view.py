@@ -14,7 +14,7 @@ class PixelLabel(IntEnum):
     NO_READING = 0
     BACKGROUND = 1
     EQUIPMENT = 2  # a separate label, since the patient may be behind the equipment
-    CLUTTER = 3  # foreground that is not part of a person: flying pixels, small components
+    CLUTTER = 3  # foreground that is not part of a person: flying pixels, small pieces
     PATIENT = 4
     OTHER_PERSON = 5
 

@@ -29,12 +29,14 @@ from anchorpose.sources.plan import CameraPlan, folder_name
 WIDTH, HEIGHT, RATE_HZ = 848, 480, 30
 STALL_S: Final = 5.0  # s; a camera without an image for this time counts as unplugged
 GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system_time")
-"""Names of the clock domains whose times are on the computer's clock, so that the age of an image is known."""
+"""librealsense's names of the clock domains that give times on the computer's clock, so that an image's age is
+known.
+"""
 
 
 @dataclass(slots=True, eq=False)
 class RealSense:
-    """A started camera. device, pipeline: objects of pyrealsense2."""
+    """A started RealSense camera. cameras: only this one; about: see ``LiveSource``; pipeline: from pyrealsense2."""
 
     name: str
     cameras: tuple[CameraPlan, ...]
@@ -63,7 +65,7 @@ class RealSense:
 
 
 def open_realsense(serial: str, about: Recording | None) -> RealSense:
-    """Open the camera with this serial number, or the first camera if it is empty.
+    """Open the camera with this serial number, or the first camera if ``serial`` is empty.
 
     about: see ``LiveSource``. Raises MissingPackage without pyrealsense2 or the system's libusb, AnchorposeError if
     no such camera exists.
@@ -105,7 +107,9 @@ def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> Re
 
 
 def _lens(rs: Any, found: Any) -> Intrinsics:
-    """Return the lens without distortion: the depth images of all cameras of this maker are already undistorted."""
+    """Return the lens. This maker's depth images are undistorted; any distortion that is stated must be
+    Brown-Conrady.
+    """
     if any(found.coeffs) and found.model != rs.distortion.brown_conrady:
         raise AnchorposeError(f"The camera's lens model ({found.model}) is not known: record with its own program.")
     coefficients = tuple(float(value) for value in found.coeffs)
@@ -124,18 +128,18 @@ def _taken(depth: Any) -> float:
 
 
 PYTHON_VARIABLE: Final = "ANCHORPOSE_ORBBEC_PYTHON"
-"""The environment variable that names a Python with pyorbbecsdk2; by default the running one is used."""
+"""The environment variable that names a Python with pyorbbecsdk2; by default that of this program is used."""
 
 
 @dataclass(slots=True, eq=False)
 class Orbbec:
-    """A camera that another process reads."""
+    """An Orbbec camera that another process reads (``orbbec_process``). cameras: this camera alone."""
 
     name: str
     cameras: tuple[CameraPlan, ...]
     about: Recording | None
     process: subprocess.Popen[bytes]
-    first: bytes  # header of the first image, which was read to learn the scale
+    first: bytes  # header of the first image; opening the camera read it to learn the depth scale
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
         """Yield images as ``LiveSource`` requires."""
@@ -158,10 +162,10 @@ class Orbbec:
 
 
 def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = ()) -> Orbbec:
-    """Open the camera with this serial number, or the first camera if it is empty.
+    """Open the camera with this serial number, or the first camera if ``serial`` is empty.
 
-    about: see ``LiveSource``; command: replaces the process that reads the camera. Raises AnchorposeError if there is
-    no such camera, or if the Python of the process has no pyorbbecsdk2.
+    about: see ``LiveSource``; command: command line of the process that reads the camera, empty for ``orbbec_process``.
+    Raises AnchorposeError if there is no such camera, or if the Python of the process has no pyorbbecsdk2.
     """
     python = os.environ.get(PYTHON_VARIABLE, sys.executable)
     command = command or (python, str(Path(orbbec_process.__file__)), *([serial] if serial else []))
@@ -198,7 +202,7 @@ def _out(process: subprocess.Popen[bytes]) -> IO[bytes]:
 
 
 def _why_ended(process: subprocess.Popen[bytes]) -> str:
-    """Return why a process ended: its last output."""
+    """Return a sentence on why a process ended, from the last line of its standard error."""
     process.wait(timeout=10.0)
     said = b"" if process.stderr is None else process.stderr.read()
     last = said.decode(errors="replace").strip().splitlines()[-1:] or ["the process that reads it ended"]
@@ -211,11 +215,11 @@ def _why_ended(process: subprocess.Popen[bytes]) -> str:
 
 
 LATE_S: Final = 0.25
-"""Minimum age in s of an image that is dropped, as a camera overwrites images that were not fetched."""
+"""Maximum age in s of an image that is played; older images are dropped, as a camera overwrites unread images."""
 
 
 class Playback:
-    """The images of a recording, each at its time; a damaged image is left out."""
+    """A source that plays a recording: each image comes at its recorded time, and damaged images are left out."""
 
     def __init__(self, recording: Recording) -> None:
         self.name = recording.folder.resolve().name

@@ -1,4 +1,4 @@
-"""Read running cameras in threads, and join the newest images of all to a frame."""
+"""Read running cameras in threads, and join the newest images of all cameras to one set."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from anchorpose.sources.plan import CameraPlan
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveImage:
-    """One depth image. camera: index of the camera; number: count by the source, which also counts images that it lost;
-    time_s: time on the device's clock; taken_s: when it was taken, by ``time.monotonic``; grey (height, width) uint16,
-    0 = no reading.
+    """One depth image. camera: index of the camera; number: the source's running number of the image, in which lost
+    images count, too; time_s: time on the device's clock; taken_s: when it was taken, by ``time.monotonic``; grey
+    (height, width) uint16, 0 = no reading.
     """
 
     camera: int
@@ -47,7 +47,7 @@ class LiveSource(Protocol):
     def images(self, stop: Event) -> Iterator[LiveImage]:
         """Yield the images as they are taken, until the source ends or ``stop`` is set.
 
-        Raises AnchorposeError with the reason where a camera no longer answers.
+        Raises AnchorposeError with the reason if a camera no longer answers.
         """
         ...
 
@@ -64,8 +64,8 @@ class Intake:
     """The threads that read the sources, one per source. If a source fails, only its thread ends; ``failed`` has a
     sentence on each failure.
 
-    cameras: cameras of all sources, in order; feed: the buffer that gets their images; add and remove: further
-    receivers of every image.
+    cameras: cameras of all sources, in order; feed: the buffer that gets their images; ``add`` adds a receiver of every
+    image, and ``remove`` removes it.
     """
 
     def __init__(self, sources: Sequence[LiveSource]) -> None:
@@ -91,7 +91,7 @@ class Intake:
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """Return the failures so far, and how many images could not be recorded, by reason."""
+        """Return sentences on the failures so far, and on how many images could not be recorded for which reason."""
         lost = (f"{count} depth images could not be recorded ({why})" for why, count in self._not_kept.items())
         return (*self.failures, *lost)
 
@@ -127,8 +127,9 @@ class Intake:
                 self.feed.close()
 
     def _hand_on(self, image: LiveImage) -> None:
-        """Pass an image to all receivers. An image that cannot be written is lost; a receiver that refuses one, such as
-        a recorder on a nearly full disk, gets no more. The other receivers get all images.
+        """Pass an image to all receivers. A receiver that cannot write an image (OSError) loses it. A receiver that
+        refuses an image (AnchorposeError), such as a recorder on a nearly full disk, gets no more. The other receivers
+        get all images.
         """
         for taker in self._takers:
             try:
@@ -140,14 +141,16 @@ class Intake:
                 self.failures.append(str(error))
 
 
-KEPT: Final = 4  # images kept per camera; an image of the same time is at most one period older than the newest
+# number of newest images kept per camera; this is enough, since an image of a set is at most one period (time between
+# images) older than its camera's newest image
+KEPT: Final = 4
 SILENT_S: Final = 0.5  # s; the feed does not wait for a camera that has sent no image for this time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveSet:
-    """A set of images, one per camera, taken at about the same time; taken_s: by ``time.monotonic``; skipped: number of
-    images of the reference camera since the previous set that were not used.
+    """A set of images, one per camera, taken at about the same time; taken_s: when the reference camera's image was
+    taken, by ``time.monotonic``; skipped: number of this camera's unused images since the previous set.
     """
 
     images: tuple[LiveImage | None, ...]
@@ -180,8 +183,9 @@ class LiveSet:
 class Feed:
     """A buffer: sources put images in from their threads, and the tracker takes the newest complete set.
 
-    A set is complete when every camera that is not silent has delivered an image of the same time, or when a period has
-    passed since it was taken. The first camera that is not silent is the reference.
+    The first camera that is not silent is the reference camera; the time of its image is the time of the set. A set is
+    complete when every camera that is not silent has delivered an image of that time or later, or when that time is
+    longer ago than the usual interval between images.
     """
 
     def __init__(self, count: int) -> None:
@@ -204,7 +208,7 @@ class Feed:
     def take(self, patience_s: float) -> LiveSet | None:
         """Wait for the newest complete set that is newer than the last one taken, and return it.
 
-        Return None if no more images come, or where no set is complete within ``patience_s``.
+        Return None if no more images come, or if no set is complete within ``patience_s``.
         """
         until_s = time.monotonic() + patience_s
         with self._changed:

@@ -1,6 +1,6 @@
 """Record the first seconds of a patient, and compute from them everything that tracking needs.
 
-For the first patient this includes the room; for a person who becomes the patient later, the room is known.
+For a session's first patient this includes the room; for later patients, the room is known already.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.start import with_best_initial_frame
 
 FIRST_WAIT_S: Final = 10.0  # s, maximum waiting time for the first image of a source
-# minimum score of a later initial frame, as a share of the best score; later frames leave less to catch up
+# share of the best frame's score that the initial frame must reach; the later the initial frame, the fewer recorded
+# frames must be tracked before live tracking begins
 NEARLY_AS_GOOD: Final = 0.5
 
 Say = Callable[[str], None]
@@ -44,9 +45,10 @@ Say = Callable[[str], None]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveOptions:
     """Options of a live session. config: settings of tracking; wait_frames: number of later frames that are awaited
-    before the pose of a frame is given; start_s: duration of the recording from which the body is learnt; calibration:
-    a file of camera poses; record: a folder for all depth images; seconds: duration of tracking, None until ``stop``;
-    markers: the stream whose markers are kept in ``record``.
+    before the pose of a frame is reported; start_s: duration of the recording from which the body is learnt;
+    calibration: a file of camera poses; record: a folder for all depth images; seconds: duration of tracking, None to
+    track until the user stops it; markers: name of the stream of the Lab Streaming Layer whose markers are kept in
+    ``record``.
     """
 
     config: TrackConfig
@@ -58,16 +60,16 @@ class LiveOptions:
     markers: str | None = None
 
     def live(self, config: TrackConfig) -> TrackConfig:
-        """Return the settings with the look-ahead of live tracking."""
+        """Return the settings, changed so that tracking awaits ``wait_frames`` later frames for each frame."""
         return replace(config, follow=replace(config.follow, look_ahead=1 + self.wait_frames))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class User:
     """The user's connections to a running session. say: function that receives sentences; stop: event that ends the
-    session; asked: function that returns the number (``PersonInView``) of a person who is to become the patient, once
-    per request, else None; keep_markers: function that is called when a recording exists, with the function that stores
-    the user's markers in it.
+    session; asked: function that returns the number (``PersonInView``) of a person whom the user chose as the new
+    patient, once per choice, else None; keep_markers: called if the session is recorded, with the function by which the
+    user's markers are stored in the recording.
     """
 
     say: Say
@@ -87,8 +89,9 @@ class Prepared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstSeconds:
-    """The recorder of first seconds. about: a recording folder whose equipment and empty room are valid, None without
-    such a recording; folder: folder for the recordings.
+    """Recorder of a patient's first seconds, which give room and body. about: a recording folder whose equipment and
+    empty room apply to these cameras, None without such a recording; folder: folder for the recordings of first
+    seconds.
     """
 
     intake: Intake
@@ -124,8 +127,8 @@ class FirstSeconds:
                 raise AnchorposeError("Stopped before a patient was found; nothing was written.")
 
     def learn(self, recording: Recording) -> Prepared | None:
-        """Learn room and patient from the first seconds; None if nobody is found. Raises where no more images
-        come.
+        """Learn room and patient from the first seconds; None if nobody is found. Raises AnchorposeError if nobody is
+        found and no further seconds can be recorded.
         """
         inputs, room = new_room(recording, self.options)
         found = self._learn_in(room, inputs)
@@ -136,10 +139,11 @@ class FirstSeconds:
     def learn_named(
         self, recording: Recording, room: Room, place_xz_m: tuple[float, float], before_xz_m: np.ndarray | None
     ) -> Prepared | None:
-        """Learn the body of the person nearest to a place when a person is first seen there, in a known room.
+        """Learn, in a known room, the body of the person who is nearest to ``place_xz_m`` in the first frame in which
+        somebody stands there.
 
-        before_xz_m (2,): where the present patient stands, None if unknown. Return None if nobody stands there,
-        where this person is the present patient, or where no human body explains the person.
+        before_xz_m (2,): where the present patient stands, None if unknown. Return None if nobody stands at the place,
+        if this person is the present patient, or if no human body explains the person.
         """
         inputs, furnished = known_room(recording, self.options, room, place_xz_m)
         if not furnished.initial_frames:
@@ -160,7 +164,9 @@ class FirstSeconds:
 
 
 def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
-    """Learn the patient of a room, with the body; None if nobody is found."""
+    """Learn the body of a room's patient; None if nobody is found, or if the learnt body is not human and no height is
+    given.
+    """
     config = inputs.config
     run = Run(room, config, load_motions(config.motion_file, room.recording.rate_hz, config.motion))
     learnt = learn_patient(run, plan_route(room, config, lambda: None).stretches()) if room.initial_frames else None
@@ -170,13 +176,13 @@ def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
 
 
 def latest_good(frames: Sequence[InitialFrame]) -> InitialFrame:
-    """Return the latest frame that shows the patient nearly as well as the best one."""
+    """Return the latest frame that shows the patient nearly as well as the best frame does."""
     best = max(one.score for one in frames)
     return max((one for one in frames if one.score >= NEARLY_AS_GOOD * best), key=lambda one: one.frame)
 
 
 def new_room(recording: Recording, options: LiveOptions) -> tuple[TrackInputs, Room]:
-    """Prepare the room that the first patient's first seconds show, with this patient in it."""
+    """Prepare the room from the first patient's first seconds, and find this patient in it."""
     inputs = read_inputs(recording.folder, options.config, UserInputs(options.calibration))
     return inputs, prepare_room(inputs.recording, options.config, inputs.review)
 
@@ -184,12 +190,12 @@ def new_room(recording: Recording, options: LiveOptions) -> tuple[TrackInputs, R
 def known_room(
     recording: Recording, options: LiveOptions, room: Room, place_xz_m: tuple[float, float]
 ) -> tuple[TrackInputs, Room]:
-    """Prepare a known room in the first seconds of another patient, who stands at a given place. If nobody is found
-    there, the room has no initial frames.
+    """In a known room, find another patient, who stands at ``place_xz_m`` in the recording of their first seconds. If
+    nobody is found there, the returned room has no initial frames.
     """
     config = replace(options.config, patient_xz_m=place_xz_m, height_m=None)
     inputs = read_inputs(recording.folder, config, UserInputs(options.calibration))
-    # what the recording states about the patient applies to the previous patient
+    # ``subject`` of the room's recording describes the previous patient
     theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)
     chosen, samples = sample_recording(theirs, config)
     settled = Settled(theirs, room.clocks, room.calibration, tuple(chosen), tuple(samples))
@@ -197,25 +203,28 @@ def known_room(
 
 
 def in_room(folder: Path, room: Room) -> Recording:
-    """Return another recording of a room's cameras, with their clocks and poses, and of the same patient."""
+    """Open the recording in ``folder``, with the clocks, camera poses and data about the patient of ``room``."""
     recording = align_clocks(open_recording(folder), room.clocks.clocks)
     return replace(recording, cameras=room.recording.cameras, subject=room.recording.subject)
 
 
-STEP_S: Final = 0.2  # s; within this time a patient in a standing frame moves little
+STEP_S: Final = 0.2  # s, minimum time between two collected sets; a patient in a standing frame moves little meanwhile
 # s, maximum gap between tracked frames; after a longer gap, another person may stand in the patient's place
 MOST_STEP_S: Final = 1.0
-PACE: Final = 2.0  # minimum speed, relative to real time, of processing waiting sets, so that the backlog shrinks
+PACE: Final = 2.0  # minimum speed of tracking collected sets, relative to real time; above 1, the backlog shrinks
 PATIENCE_S: Final = 0.5
 
 
 class Backlog:
-    """A thread that collects image sets from the feed until no set waits any more."""
+    """A thread that collects the image sets that come while the first seconds are analysed, until no set waits any
+    more.
+    """
 
     def __init__(self, feed: Feed, cameras: Sequence[Camera]) -> None:
         self._feed, self._cameras = feed, cameras
         self._packed: deque[LiveSet] = deque()
-        self._last_s, self._taken_at_s = -np.inf, -np.inf  # time of the last set, and when it was fetched
+        # when the last set's images were taken, and when ``take`` returned the set
+        self._last_s, self._taken_at_s = -np.inf, -np.inf
         self._done = Event()
         self._thread = Thread(target=self._collect, daemon=True)
         self._thread.start()
@@ -223,8 +232,9 @@ class Backlog:
     def take(self) -> LiveSet | None:
         """Return the oldest waiting set; None when no set waits, after which nothing more is collected.
 
-        If tracking a set takes longer than the interval between sets, some sets are left out: the next set is later by
-        twice the time spent on the last set, but by at most ``MOST_STEP_S``.
+        If tracking a set takes longer than the interval between sets, some sets are left out so that the backlog
+        shrinks: from one set to the next, ``PACE`` times the time spent on tracking is skipped, but at most
+        ``MOST_STEP_S``.
         """
         now_s = time.monotonic()
         spent_s = now_s - self._taken_at_s if np.isfinite(self._last_s) else 0.0

@@ -1,4 +1,4 @@
-"""Follow the patient live: compute joints of every newest frame, send them at once and store them in blocks."""
+"""Follow the patient live: compute joints of every newest frame, send them at once, store them in blocks of frames."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class LatencyMeter:
 
     @property
     def sentence(self) -> str:
-        """Return the figures as a sentence for the screen and run.json."""
+        """Return the latencies and counts of frames as a sentence for the screen and run.json."""
         if not self.count:
             return "no frame was tracked live"
         return (
@@ -71,7 +71,7 @@ ROUNDING_S: Final = 1e-5  # s, tolerance in comparing times, which are recorded 
 
 @dataclass(slots=True, eq=False)
 class LiveFollower:
-    """The tracker of a live patient, which takes sets in the order of time. blocks: store of tracked frames;
+    """The tracker of a live patient, which takes image sets in the order of time. blocks: store of tracked frames;
     with_labels: whether to store person labels, useful only beside a recording of the depth images; patient: number of
     the patient in the session.
     """
@@ -84,7 +84,7 @@ class LiveFollower:
     with_labels: bool
     latency: LatencyMeter
     patient: int = 1
-    # arrival times by frame number, for frames still in the look-ahead
+    # when images were taken, by frame number, for frames that still wait for later frames (look-ahead)
     _taken_s: dict[int, float] = field(default_factory=dict)
     _kept: list[TrackedFrame] = field(default_factory=list)
     _stored: int = 0
@@ -94,9 +94,9 @@ class LiveFollower:
     _holding: Mapping[str, bool] | None = None
 
     def take(self, live_set: LiveSet, live: bool) -> None:
-        """Track a set. live: whether it is the newest set, so that its latency counts."""
+        """Track an image set. live: whether it is the newest set, so that it is sent and its latency counts."""
         frame_set = without_other_places(live_set.frame_set(self._cameras, self._clocks), self.run.room.scenes)
-        if frame_set.time_s <= self._last_s + ROUNDING_S:  # the last set of the first seconds also comes from the feed
+        if frame_set.time_s <= self._last_s + ROUNDING_S:  # skip the last set of the first seconds, which comes again
             return
         self._last_s = frame_set.time_s
         self._taken_s[frame_set.frame] = live_set.taken_s
@@ -115,7 +115,7 @@ class LiveFollower:
         self._pass_on(self.follower.step(frame_set), live=False)
 
     def finish(self) -> None:
-        """Track the frames that still wait in the look-ahead, then store everything."""
+        """Track the frames that still wait for later frames, then store everything."""
         self._pass_on(self.follower.finish(), live=False)
         self.store()
 
@@ -150,8 +150,8 @@ class LiveFollower:
                 self.store()
 
     def _touch(self, record: FrameRecord) -> None:
-        """Find the present contacts with people and equipment, to send with the next frame: searching now would delay
-        this one.
+        """Find the present contacts with people and equipment. This is done after the frame was sent, since it would
+        delay sending; the contacts are sent with the next frame.
         """
         if self._contacts is None:
             points, parts = body_points(), self.run.room.recording.part_names

@@ -55,7 +55,9 @@ def plain_text(text: str) -> str:
 
 
 def trials_of(markers: Sequence[tuple[float, str]], end_s: float) -> list[Trial]:
-    """Return the trials of markers (onset, text), in the order of time; a trial without end ends at ``end_s``."""
+    """Return the trials that markers (onset in s, text) define, in order of time; a trial without an end marker ends at
+    ``end_s``.
+    """
     found, running = list[Trial](), False
     for onset_s, text in sorted((each for each in markers if each[0] < end_s), key=lambda each: each[0]):
         word, _, rest = text.partition(" ")
@@ -80,9 +82,10 @@ def _rating(text: str) -> float | None:
 
 
 def write_events(folder: Path, end_s: float) -> None:
-    """Write events.tsv from the markers in a recording folder, in the format of BIDS, with the unit of ratings.
+    """Write events.tsv from the markers in a recording folder, in the format of BIDS; if there are ratings, also
+    events.json, which states their unit.
 
-    end_s: seconds from the first frame to the last. Nothing is written where no trial began, or events.tsv exists
+    end_s: seconds from the first frame to the last. Nothing is written if no trial began, or if events.tsv exists
     already.
     """
     if not is_there(folder / MARKERS_FILE) or is_there(folder / EVENTS_FILE):
@@ -103,7 +106,7 @@ def write_events(folder: Path, end_s: float) -> None:
 
 
 class MarkerInlet:
-    """A reader of a stream of markers; it reads in a separate thread from ``start`` to ``stop``."""
+    """A reader of a marker stream (Lab Streaming Layer). It reads in a separate thread from ``start`` to ``stop``."""
 
     def __init__(self, name: str) -> None:
         """Raise MissingPackage without pylsl, AnchorposeError if no stream has this name within ``FIND_S``."""
@@ -142,5 +145,6 @@ class MarkerInlet:
         while not self._stop.is_set():
             sample, stamp = self._inlet.pull_sample(timeout=WAIT_S)
             if sample is not None:
-                sent_s = stamp + self._inlet.time_correction(timeout=FIND_S)  # the first call waits for an answer
+                # ``time_correction`` waits for the sender's reply when it is first called
+                sent_s = stamp + self._inlet.time_correction(timeout=FIND_S)
                 take(str(sample[0]), time.monotonic() - (self._clock() - sent_s))

@@ -18,7 +18,7 @@ STALL_S = 5.0
 
 
 def main() -> int:
-    """Run until standard output is closed."""
+    """Open the camera, and write its images until standard output is closed; return the exit code."""
     import pyorbbecsdk as ob
 
     serial = sys.argv[1] if len(sys.argv) > 1 else ""
@@ -42,7 +42,7 @@ def main() -> int:
 
 
 def stream(pipeline, profile, info) -> int:  # type: ignore[no-untyped-def]
-    """Write the lens, then images; return 2 where the camera delivers no more."""
+    """Write the lens, then images; return exit code 2 if the camera delivers no more."""
     out = sys.stdout.buffer
     lens, bent = profile.get_intrinsic(), profile.get_distortion()
     about = {

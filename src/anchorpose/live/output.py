@@ -1,4 +1,4 @@
-"""Send every frame as it is tracked: to the page, to Lab Streaming Layer, and as OSC messages."""
+"""Send every frame as it is tracked: to the live page, to the Lab Streaming Layer, and as OSC messages."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from pythonosc.osc_bundle_builder import OscBundleBuilder
 
 
-TOP: Final = 0.98  # quantile of the skin's heights taken as the top of the head; the highest point may be an outlier
+TOP: Final = 0.98  # quantile of the heights of a person's points that counts as the top; higher points may be outliers
 
 
 @dataclass(frozen=True, slots=True)
 class PersonInView:
-    """Another person in view. number: counted from 1, the same while the person is followed; place_xz_m: place on the
-    floor, world; top_m: height (Y) of the top of the head.
+    """A person in view who is not the patient. number: counted from 1, the same while the person is followed;
+    place_xz_m: place on the floor, world; top_m: height (Y) of the top of the head.
     """
 
     number: int
@@ -39,7 +39,7 @@ class PersonInView:
 
 
 def people_in(memory: BystanderMemory) -> tuple[PersonInView, ...]:
-    """Return the people in the newest frame of the bystander memory, without the patient."""
+    """Return the people whom ``memory`` has seen in the newest frame, without the patient."""
     return tuple(
         PersonInView(label - PixelLabel.PATIENT, (float(x), float(z)), float(np.quantile(points_m[:, 1], TOP)))
         for label, points_m in memory.seen_last.items()
@@ -55,7 +55,7 @@ _CODES: Final = {state: code for code, state in enumerate(JointState)}
 class LiveFrame:
     """The result for one frame.
 
-    frame, time_s: number and time of the frame, of the first camera; taken_s: when its images were taken, by
+    frame: number of the frame; time_s: its time on the first camera's clock; taken_s: when its images were taken, by
     ``time.monotonic``. joints_m (21, 3) world, sigma_m (21,), NaN where a joint is lost; state_code (21,): index into
     ``JointState``. why_lost: why all joints are lost, else empty. touched: parts of the patient (``REGIONS``) that
     other people touched in the previous frame, and whether the contact was seen; None if unknown. dropped: number of
@@ -79,7 +79,7 @@ class LiveFrame:
 
     @property
     def latency_s(self) -> float:
-        """Return the time from the images to now."""
+        """Return the time that has passed since the images were taken."""
         return time.monotonic() - self.taken_s
 
     @property
@@ -94,9 +94,9 @@ class LiveFrame:
         )
 
 
-@lru_cache(maxsize=2)  # several outputs need the same angles
+@lru_cache(maxsize=2)  # several outputs need the angles of the same frame
 def angles_of(frame: LiveFrame) -> AngleTable:
-    """Return the angles of a frame, a table of one row; computed on demand, so that joints are sent first."""
+    """Return the angles of a frame as a table of one row. They are computed on demand, once for all outputs."""
     return joint_angles(frame.joint_table)
 
 
@@ -106,7 +106,7 @@ class Output(Protocol):
     name: str
 
     def send(self, frame: LiveFrame) -> None:
-        """Send a frame without waiting for its reader; raises OSError if sending is no longer possible."""
+        """Send a frame without waiting for the receiver; raises OSError if sending is no longer possible."""
         ...
 
     def close(self) -> None:
@@ -115,7 +115,7 @@ class Output(Protocol):
 
 
 def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
-    """Return the sent values of an estimate; taken_s as in ``LiveFrame``."""
+    """Return the values of an estimate (the result of tracking a frame) that are sent; taken_s as in ``LiveFrame``."""
     frame_set = estimate.frame_set
     codes = np.array([_CODES[state] for state in estimate.states], np.int8)
     return LiveFrame(
@@ -130,7 +130,7 @@ def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
 
 
 class Outputs:
-    """All receivers of frames. A receiver that fails gets no more frames, and the user gets a sentence."""
+    """All receivers of frames. A receiver that fails gets no more frames, and ``failed`` has a sentence about it."""
 
     def __init__(self, outputs: Sequence[Output]) -> None:
         self._outputs = list(outputs)
@@ -158,14 +158,14 @@ PARTS: Final = (
     ("sigma", "Sigma", "meters"),
     ("state", "State", "code"),
 )
-"""The channels of a joint: suffix, type and unit; state is the index in ``JointState``, 0 is observed."""
+"""Suffix, type and unit of each channel of a joint; state is an index into ``JointState``, where 0 is observed."""
 
 ANGLE_PARTS: Final = (("", "Angle", "degrees"), ("sigma", "Sigma", "degrees"), ("state", "State", "code"))
 
 
 class LslOutput:
-    """Two streams, anchorpose (type Mocap) and anchorpose-angles; each sample has the time at which its images were
-    taken.
+    """Two streams of the Lab Streaming Layer, anchorpose (type Mocap) and anchorpose-angles; each sample has the time
+    at which its images were taken.
     """
 
     name = "LSL"
@@ -190,7 +190,7 @@ class LslOutput:
         self._angles.push_sample(angles.ravel().tolist(), stamp)
 
     def close(self) -> None:
-        """Do nothing: the streams end with their objects."""
+        """Delete the streams' objects, which ends the streams."""
         del self._joints, self._angles
 
     def _outlet(self, pylsl: Any, name: str, kind: str, things: tuple[str, ...], parts: Any) -> Any:
@@ -220,7 +220,8 @@ _STATES = tuple(state.value for state in JointState)
 
 class OscOutput:
     """OSC messages: /anchorpose/frame number seconds; /anchorpose/joint name x y z sigma state, in metres;
-    /anchorpose/angle name degrees sigma state. A lost joint, or an angle without a value, has only its name and state.
+    /anchorpose/angle name degrees sigma state; /anchorpose/patient number. A lost joint, or an angle without a value,
+    has only its name and state.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -236,7 +237,7 @@ class OscOutput:
         self._now = osc_bundle_builder.IMMEDIATELY
 
     def send(self, frame: LiveFrame) -> None:
-        """Send a frame, see ``Output``: UDP does not wait."""
+        """Send a frame, see ``Output``; UDP does not wait for a receiver."""
         bundle = self._bundle(self._now)
         self._add(bundle, "/anchorpose/frame", int(frame.frame), float(frame.time_s))
         for row, name in enumerate(JOINT_NAMES):

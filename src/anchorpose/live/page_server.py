@@ -1,4 +1,4 @@
-"""Serve the newest frames to browsers: a page, and the events that the page reads.
+"""Serve the newest frames to browsers: the live page, and the stream of events from which the page reads them.
 
 Each client is served by a thread, which takes the newest frame when the previous frame has been sent: a slow client
 misses frames, and a client that never reads is dropped after some seconds. The tracker never waits for clients.
@@ -33,9 +33,9 @@ from anchorpose.viewer.guarded_server import LIVE_PAGE, GuardedHandler, GuardedS
 @dataclass(frozen=True, slots=True)
 class Standing:
     """The state of the patient's standing. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN`` in this frame;
-    upright_s: total time upright so far. load_left: the left foot's share of the load, 0 to 1, with load_sigma; both
-    are None if the patient is not upright or ``feet_load`` is unknown. inferred, load_inferred: whether a joint on
-    which upright, or the load, depends was not seen.
+    upright_s: total time upright so far. load_left: the left foot's share of the load, 0 to 1; load_sigma: its standard
+    deviation; both are None if the patient is not upright or ``feet_load`` is unknown. inferred: whether any joint that
+    determines ``upright`` was not seen; load_inferred: whether any joint that determines the load was not seen.
     """
 
     upright: int
@@ -47,11 +47,11 @@ class Standing:
 
 
 class UprightClock:
-    """A clock of upright time that takes frames in order. It uses the definition of ``anchorpose measure``, but no
-    later frames.
+    """A clock of upright time that takes frames in order. It defines upright as ``anchorpose measure`` does, but uses
+    no later frames.
 
-    The length of the leg is taken from the joints of each frame. Time counts between two upright frames that are no
-    farther apart than half a second.
+    The leg length that this definition needs is taken from the joints of each frame. Time counts between two upright
+    frames that are no farther apart than half a second.
     """
 
     def __init__(self, config: UprightConfig) -> None:
@@ -59,7 +59,7 @@ class UprightClock:
         self._upright, self._upright_s, self._last_s = UNKNOWN, 0.0, float("-inf")
 
     def push(self, joints: JointTable) -> Standing:
-        """Add the joints of one frame."""
+        """Add the joints of one frame, and return the state of standing after it."""
         body, time_s, before = centre_of_mass(joints), float(joints.time_s[0]), self._upright
         shown = stance(joints, body.position_m)
         limits = upright_limits(shown, self._config)
@@ -89,7 +89,8 @@ EVENTS: Final = "events"
 STREAM: Final = "text/event-stream"
 SIGN_OF_LIFE_S: Final = 1.0  # s; something is sent at least this often, to show the page that the program still runs
 CLIENT_PATIENCE_S: Final = 5.0  # s; a client that reads nothing for this long is dropped
-# bytes of the socket's buffer, enough for some frames; from a larger buffer, frames would arrive seconds late
+# bytes of the socket's buffer, enough for some frames; from a larger buffer, a slow client would get frames seconds
+# late
 BUFFER_BYTES: Final = 32 * 1024
 EXACT: Final = 4  # number of decimal places of positions in metres (0.1 mm)
 
@@ -97,8 +98,8 @@ EXACT: Final = 4  # number of decimal places of positions in metres (0.1 mm)
 class PageOutput:
     """A running server of the page, in separate threads; see ``Output``. address: the address to open, with the token.
 
-    has_markers: whether the page has keys for conditions and ratings, which only a recording can store. Raises
-    AnchorposeError if it cannot listen on ``host`` and ``port``.
+    has_markers: whether the page has keys and buttons for conditions and ratings, which only a recording can store.
+    Raises AnchorposeError if it cannot listen on ``host`` and ``port``.
     """
 
     name = "the page"
@@ -112,17 +113,17 @@ class PageOutput:
 
     @property
     def address(self) -> str:
-        """Return the address with the token, which every request must have."""
+        """Return the address with the secret token that every request must have."""
         return self._server.address
 
     def send(self, frame: LiveFrame) -> None:
         """Send a frame, see ``Output``."""
-        if frame.patient != self._patient:  # the upright time belongs to this patient
+        if frame.patient != self._patient:  # the upright time of a new patient begins at 0
             self._clock, self._patient = UprightClock(UprightConfig()), frame.patient
         self._newest.put_frame(frame, self._clock.push(frame.joint_table))
 
     def say(self, sentence: str) -> None:
-        """Show a sentence about the session until the next one."""
+        """Show a sentence about the session until the next sentence comes."""
         self._newest.put_sentence(sentence)
 
     def asked(self) -> int | None:
@@ -132,7 +133,7 @@ class PageOutput:
         return self._newest.take_asked()
 
     def keep_markers(self, take: TakeMarker) -> None:
-        """Pass the text of each marker of the page, and its time, to ``take`` from now on."""
+        """Pass the text and time of each marker that a user sets on the page to ``take`` from now on."""
         self._server.take_marker = take
 
     def close(self) -> None:
@@ -240,12 +241,16 @@ class _Newest:
             self._changed.notify_all()
 
     def begin(self) -> tuple[int, bytes]:
-        """Return a new client's starting number, and the sentence as an event; older frames are not sent."""
+        """Return, for a new client, the number of the newest event (the client gets all later events), and the present
+        sentence as an event.
+        """
         with self._changed:
             return self._count, _event("sentence", self._sentence[1])
 
     def take(self, after: int, patience_s: float) -> tuple[int, bytes]:
-        """Return events newer than the number ``after``, and their number; no events if none come in time."""
+        """Wait for events newer than the number ``after``; return the newest number and the events, empty if none
+        came.
+        """
         with self._changed:
             self._changed.wait_for(lambda: self.ended or self._count > after, patience_s)
             count, frame, sentence = self._count, self._frame, self._sentence
@@ -282,13 +287,15 @@ class _Handler(GuardedHandler):
             self.refuse(HTTPStatus.NOT_FOUND, "There is nothing of this name here.")
 
     def answer_post(self, name: str, body: dict[str, Any]) -> Response:
-        """Answer a POST. ``patient``: the person with a number becomes the patient. ``marker``: its text is kept."""
+        """Answer a POST. ``patient``: the person with the given number becomes the patient. ``marker``: the given text
+        is stored as a marker in the recording.
+        """
         if name == "marker":
             return self._keep_marker(body.get("text"))
         if name != "patient":
             raise KeyError(name)
         number = body.get("person")
-        if type(number) is not int:  # True is an int, too
+        if type(number) is not int:  # isinstance would accept True
             raise ValueError("Give the number of a person who is in view; the patient is as before.")
         self.server.newest.ask(number)
         return json_response({"person": number})
@@ -306,7 +313,7 @@ class _Handler(GuardedHandler):
         self.connection.settimeout(CLIENT_PATIENCE_S)
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.close_connection = True  # end the connection with the stream
+        self.close_connection = True  # when the stream ends, the connection ends, too
         newest = self.server.newest
         seen, events = newest.begin()  # before the answer begins, so that the client gets all later events
         self.send_head(HTTPStatus.OK, STREAM, {})

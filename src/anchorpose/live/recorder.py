@@ -28,12 +28,12 @@ from anchorpose.results.folder import naming_place, write_text_whole
 from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
 
 UNFINISHED_FILE: Final = "recording.unfinished.json"
-"""Name of the future recording.json while the folder is not a whole recording."""
+"""Name of recording.json until the recording is finished."""
 
 EMPTY_ROOM_FILE: Final = "background.png"
 IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
 SYNC_S: Final = 1.0  # s, maximum duration of the data that are lost in a power cut
-ROOM_EVERY: Final = 100  # number of images between two checks of the free space
+ROOM_EVERY: Final = 100  # number of images between two checks of the free disk space
 LEAST_FREE_BYTES: Final = 500_000_000  # minimum free disk space; the system and the results also need space
 
 
@@ -41,8 +41,9 @@ class Recorder:
     """A recorder that writes every image it gets; ``finish`` turns the folder into a recording."""
 
     def __init__(self, folder: Path, cameras: Sequence[CameraPlan], about: Path | None = None) -> None:
-        """folder: absent or empty; about: a recording folder whose equipment, images of the empty room and patient are
-        valid here, too. Raises InputError if it cannot be written."""
+        """Prepare ``folder``, which must be absent or empty. about: a recording folder whose equipment, images of the
+        empty room and patient are valid here, too. Raises InputError if ``folder`` cannot be written.
+        """
         self.folder, self._stack = folder, ExitStack()
         _make_room(folder)
         document = {"format": "rgbd-recording", "version": 1, "cameras": [camera.document() for camera in cameras]}
@@ -79,13 +80,15 @@ class Recorder:
             self._require_free()
 
     def mark(self, text: str, at_s: float) -> None:
-        """Write a marker, sent at ``at_s`` by ``time.monotonic``; it is written to the disk at once."""
+        """Write a marker, sent at ``at_s`` by ``time.monotonic``; it is written to the disk at once, or when the first
+        image is recorded.
+        """
         with naming_place(self.folder), self._marking:
             self._waiting.append((plain_text(text), at_s))
             self._write_markers()
 
     def _begin(self, taken_s: float) -> None:
-        """Note that the first image of the first camera was taken."""
+        """Note when the first camera's first image was taken, and write the markers that waited for it."""
         self._document["start"] = start_of(taken_s)
         self._write_document()
         with self._marking:
@@ -137,7 +140,7 @@ class Recorder:
 
     def _sync_often(self) -> None:
         while not self._done.wait(SYNC_S):
-            with suppress(OSError):  # tried again next time, or at the end
+            with suppress(OSError):  # these files are synced again after ``SYNC_S``, or at the end
                 self._sync()
 
     def _sync(self) -> None:
@@ -145,18 +148,18 @@ class Recorder:
         for path in (*self._unsynced[:count], *(writer.folder / "timestamps.csv" for writer in self._writers)):
             with open_regular(path) as file:
                 os.fsync(file.fileno())
-        del self._unsynced[:count]  # keep images that came meanwhile
+        del self._unsynced[:count]  # images that were written meanwhile are synced next time
 
 
 def start_of(taken_s: float) -> dict[str, Any]:
     """Return the entry of recording.json about the start. taken_s: time of the first image, by ``time.monotonic``.
 
-    The clock of the Lab Streaming Layer is left out where pylsl is not installed.
+    The time on the clock of the Lab Streaming Layer is left out if pylsl is not installed.
     """
     ago_s = time.monotonic() - taken_s
     utc = datetime.now(UTC) - timedelta(seconds=ago_s)
     found: dict[str, Any] = {"utc": utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")}
-    with suppress(ImportError, RuntimeError):  # RuntimeError: its library does not load on this system
+    with suppress(ImportError, RuntimeError):  # RuntimeError: pylsl's library does not load on this system
         import pylsl
 
         found["lsl_s"] = round(pylsl.local_clock() - ago_s, 6)
@@ -244,8 +247,8 @@ def record_live(
 ) -> Path:
     """Record all sources into ``out`` until they end, ``stop`` is set or ``seconds`` have passed.
 
-    empty_room_s: seconds for which the empty room is recorded first; 0: it is not recorded. markers: the stream whose
-    markers are kept. Raises AnchorposeError if no camera gives an image, or if the stream does not exist.
+    empty_room_s: seconds for which the empty room is recorded first; 0: it is not recorded. markers: name of the marker
+    stream to keep. Raises AnchorposeError if no camera gives an image, or if the stream does not exist.
     """
     about = about_folder(sources)
     check_place(out, about)

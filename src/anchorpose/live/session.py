@@ -35,7 +35,7 @@ from anchorpose.tracker.following import Follower
 
 PATIENCE_S: Final = 0.5
 REPORT_S: Final = 10.0  # s between two messages about latency
-MOST_THREADS: Final = 4  # maximum number of threads; more threads would wait for Python's lock
+MOST_THREADS: Final = 4  # maximum number of threads; more threads would wait for Python's global lock
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,8 +91,8 @@ def _stop(inlet: MarkerInlet | None) -> None:
 
 
 def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
-    """Return the finished recording; None without a recording, or if it cannot be finished; then the session notes the
-    reason.
+    """Finish the recording and return its folder. Return None without a recording, or if it cannot be finished; then
+    ``intake.failures`` gets a sentence with the reason.
     """
     try:
         return None if recorder is None else recorder.finish()
@@ -115,7 +115,9 @@ class _Session:
     latency: LatencyMeter = field(default_factory=LatencyMeter)
 
     def prepare(self) -> tuple[Prepared, Backlog]:
-        """Return the first seconds in which a patient is found, and the backlog of images that arrived since then."""
+        """Record first seconds until a patient is found in them. Return the room and the patient's body as learnt from
+        them, and the images that came since.
+        """
         self.intake.start()
         for attempt in count(1):
             recording = self.first_seconds.record(f"start-{attempt}", "the room and the patient")
@@ -128,7 +130,7 @@ class _Session:
         raise AssertionError("counting does not end")
 
     def begin(self, prepared: Prepared) -> Followed:
-        """Follow the patient from a good frame of the first seconds to their end."""
+        """Begin to follow a patient: track the first seconds, beginning with a frame that shows the patient well."""
         room, learnt = prepared.run.room, prepared.learnt
         initial = latest_good(room.initial_frames)
         body = build_body(body_points(), learnt.shape)
@@ -162,7 +164,7 @@ class _Session:
         return patients
 
     def write(self, results: Path, patients: Sequence[Followed], recorder: Recorder | None) -> None:
-        """Write the results of all patients, with the session's notes."""
+        """Write the results of all patients, with notes on the session's latency and failures."""
         self.user.say("Writing the results.")
         recorded = _finish(recorder, self.intake)
         notes = (f"tracked live: {self.latency.sentence}", *self.outputs.failed, *self.intake.failed)
@@ -176,8 +178,8 @@ class _Session:
         self.user.say("Tracking live.")
 
     def _change_patient(self, now: Followed, number: int) -> Followed | None:
-        """Return the person with a number as the new patient, learnt in new first seconds; None if this fails, with
-        nothing changed.
+        """Return the person with this number as the new patient, whose body is learnt from newly recorded first
+        seconds. If this fails, return None; the present patient is then still followed.
         """
         before, patient = now.follower, now.patient.number + 1
         places = {one.number: one.place_xz_m for one in people_in(before.follower.memory)}
@@ -221,6 +223,6 @@ class _Session:
 
 
 def _take_recorded(follower: LiveFollower, recording: Recording, first: int) -> None:
-    """Track the recorded first seconds from a position on."""
+    """Track the recorded first seconds from the frame at position ``first`` on."""
     for position in range(first, len(recording.streams[0].files)):
         follower.take_recorded(read_frame(recording, position))

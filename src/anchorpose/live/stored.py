@@ -85,7 +85,7 @@ LEARNT: Final = "learnt"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredPatient:
     """A patient as stored in ``session.json``. first_seconds: name of the folder with the recording of their first
-    seconds; place_xz_m: x and z at which this person stood when chosen as the patient.
+    seconds; place_xz_m: x and z at which this person stood when chosen as the patient, None for the first patient.
     """
 
     first_seconds: str
@@ -104,7 +104,9 @@ class StoredSession:
 
 
 class SessionStore:
-    """The journal of a new session, in its future results folder."""
+    """The stored data of a new session, in its future results folder; ``finish_session`` reads them if the session ends
+    early.
+    """
 
     def __init__(self, results: Path, options: LiveOptions) -> None:
         self._results = results
@@ -114,7 +116,7 @@ class SessionStore:
         self._session = StoredSession(options=_with_own_files(options, self.first_seconds))
 
     def add(self, prepared: Prepared) -> LivePatient:
-        """Add one more patient, with an empty store of frames."""
+        """Store a new patient, and return this patient with an empty store of frames."""
         place_xz_m, folder = prepared.inputs.config.patient_xz_m, prepared.inputs.recording.folder
         number = len(self._session.patients) + 1
         journal = self._journal.inside(f"patient-{number}")
@@ -138,7 +140,7 @@ class SessionStore:
 
 @contextmanager
 def on_this_disk() -> Iterator[None]:
-    """Give a journal error a remedy for live sessions, which cannot be resumed."""
+    """Replace the remedy in a storage error: a live session cannot be resumed, but --finish can write its results."""
     try:
         yield
     except InputError as error:
@@ -156,7 +158,7 @@ def read_session(results: Path) -> StoredSession:
 
 
 def read_patients(results: Path, session: StoredSession) -> Iterator[LivePatient]:
-    """Yield the patients of a stored session. Each room is found again in the patient's first seconds; bodies and
+    """Yield the patients of a stored session. Each room is computed again from the patient's first seconds; bodies and
     frames are read as stored.
     """
     journal = _journal(results / JOURNAL)
@@ -184,7 +186,7 @@ def _journal(folder: Path) -> Journal:
 
 
 def _with_own_files(options: LiveOptions, folder: Path) -> LiveOptions:
-    """Return the options with a copy of the calibration, named relative to ``folder``, and other paths absolute.
+    """Return the options, with the calibration copied and named relative to ``folder``, and other paths absolute.
 
     Raises InputError if the calibration cannot be used.
     """
@@ -207,8 +209,8 @@ BEGIN_AGAIN: Final = "begin again with 'anchorpose live' and --overwrite"
 def finish_session(results: Path, overwrite: bool) -> None:
     """Make the results folder of an unfinished session from all stored frames.
 
-    Nothing is tracked again; the room is found again in the first seconds. Raises InputError if the session does not
-    exist or has no frames.
+    Nothing is tracked again; the room is computed again from the first seconds. Raises InputError if the session does
+    not exist or has no frames.
     """
     if not is_live_session(results):
         remedy = "give the name that 'anchorpose live' was given with -o"
@@ -227,7 +229,7 @@ def finish_session(results: Path, overwrite: bool) -> None:
 
 @contextmanager
 def _remedy_of_live(folder: Path) -> Iterator[None]:
-    """Replace the remedy of an error about stored values by one for live sessions, which cannot be tracked again."""
+    """Replace the remedy in an error about a file in ``folder``: a live session cannot be tracked again."""
     try:
         yield
     except InputError as error:

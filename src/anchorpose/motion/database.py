@@ -1,13 +1,15 @@
 """Read and index reference movements: from the shipped file, from files of ``motions build``, and from skeletons of
 other trackers.
 
-A pose vector theta does not depend on where the patient stands and faces. It has 21 x 3 joint positions relative to
-SpineBase in the trunk's heading frame (X where the trunk faces, Y up, Z to its right), then 4 numbers for the path. The
-first three are the distance travelled by SpineBase along X, Y and Z of the *momentary* heading frame, summed over all
-steps; the fourth is the heading, radians, unwrapped. Only differences of these 4 numbers have a meaning.
+A pose vector theta does not depend on where the patient stands or which way the patient faces. It has 21 x 3 joint
+positions relative to SpineBase in the trunk's heading frame (X where the trunk faces, Y up, Z to its right), then 4
+numbers for the path. The first three are the distances travelled by SpineBase along X, Y and Z of each moment's heading
+frame, summed over all frames so far; the fourth is the heading, radians, unwrapped. Only differences of these 4 numbers
+have a meaning.
 
-The scaled set D_s (paper, Section IV) is never stored: a sub-list is a place in the recorded clips and a speed (frames
-of the clip per frame of the recording), and its poses are interpolated on demand.
+A sub-list is a short series of poses in a reference movement. The scaled set D_s of all sub-lists (paper, Section IV)
+is never stored: a sub-list is given by a place in the recorded clips and a speed (frames of the clip per frame of the
+recording), and its poses are interpolated on demand.
 """
 
 from __future__ import annotations
@@ -27,9 +29,11 @@ from anchorpose.recording.writable import whole_file
 COMPARED: Final = 3 * JOINT_COUNT
 """Number of columns of a pose vector that measure how similar two poses are."""
 
-# number of sub-lists, successive in time, that share a bound; larger groups have looser bounds and cost more tests
+# number of successive sub-lists (short series of poses) in a segment. The search has one lower bound for the costs
+# (differences from the patient's last poses) of a whole segment; in larger segments it is looser, so more sub-lists
+# must be tested
 SEGMENT: Final = 4
-COLUMNS: Final = 16  # number of principal columns used for the bounds; these then reach nine tenths of the cost
+COLUMNS: Final = 16  # number of principal components for the lower bounds, which then reach nine tenths of the costs
 _SAMPLES: Final = 5000  # number of poses from which the principal directions are computed
 
 _ROOT: Final = JOINT_INDEX["SpineBase"]
@@ -38,32 +42,33 @@ _RIGHT: Final = [JOINT_INDEX["HipRight"], JOINT_INDEX["ShoulderRight"]]
 
 
 class SubLists(NamedTuple):
-    """All w sub-lists; sub-lists of one clip and speed are contiguous, in the order of time."""
+    """All w sub-lists; those of one clip and speed are contiguous, in the order of time."""
 
-    place: np.ndarray  # (w,) float64, row of theta of the newest pose, possibly between two rows
-    stride: np.ndarray  # (w,) float64, rows per frame
-    followed: np.ndarray  # (w,) int32, number of frames after the newest pose in its clip
-    summary: np.ndarray  # (w, 2, COLUMNS) float32, mean pose and displacement, in the leading columns of ``turned``
-    segment: np.ndarray  # (s + 1,) int64, index at which each segment (group of neighbours) begins
-    centre: np.ndarray  # (s, 2, COLUMNS) float32, mean of the segment's summaries
-    radius: np.ndarray  # (s, 2) float32, maximum distance of its mean poses, and of its displacements, from the centre
+    place: np.ndarray  # (w,) float64, row of ``theta`` at which the newest pose is, possibly between two rows
+    stride: np.ndarray  # (w,) float64, number of rows of ``theta`` per frame of the recording
+    followed: np.ndarray  # (w,) int32, number of frames of the recording from the newest pose to the clip's end
+    summary: np.ndarray  # (w, 2, COLUMNS) float32, mean pose and displacement of each sub-list, as from ``summarise``
+    # (s + 1,) int64, number of the first sub-list of each segment (group of neighbours); last entry: w
+    segment: np.ndarray
+    centre: np.ndarray  # (s, 2, COLUMNS) float32, mean of the summaries in each segment
+    radius: np.ndarray  # (s, 2) float32, maximum distances of mean poses and of displacements from those of the centre
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionDatabase:
-    """Reference movements D, one after another, and the sub-lists of D_s."""
+    """The reference movements D, one after another in ``theta``, and the sub-lists of D_s."""
 
-    theta: np.ndarray  # (n, d) float32, pose vectors at their recorded rates
-    # number of the first columns, which decide how similar two poses are; the other columns, the path, are only
-    # predicted
+    theta: np.ndarray  # (n, d) float32, pose vectors of all clips at their recorded rates
+    # number of the first columns of a pose vector, by which similar poses are found; the other columns, the path, are
+    # predicted but not compared
     compared: int
-    turned: np.ndarray  # (n, compared) float32 = theta[:, :compared] @ basis; distances are mostly in its first columns
-    basis: np.ndarray  # (compared, compared) orthonormal
+    turned: np.ndarray  # (n, compared) float32 = theta[:, :compared] @ basis; poses differ mostly in its first columns
+    basis: np.ndarray  # (compared, compared) orthonormal, principal directions of the poses
     sublists: SubLists
 
 
 def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
-    """Return the pose vectors (t, 67) float64 of consecutive frames of joints (t, 21, 3), world, metres; NaN stays."""
+    """Return the pose vectors (t, 67) float64 of successive frames' joints (t, 21, 3), world, metres; NaN stays NaN."""
     heading = heading_rad(joints_m)
     root = joints_m[:, _ROOT]
     relative = _turned(joints_m - root[:, None], -heading)
@@ -76,7 +81,9 @@ def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
 
 
 def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Return the world joints (steps, 21, 3) of pose vectors (steps, 67) that follow the frame ``last_m`` (21, 3)."""
+    """Return the world joints (steps, 21, 3) of the pose vectors ``theta`` (steps, 67). They follow a frame with the
+    joints ``last_m`` (21, 3) and the pose vector ``last_theta``.
+    """
     headings = theta[:, -1]
     before = np.concatenate([last_theta[-1:], headings[:-1]])
     steps = np.diff(np.concatenate([last_theta[None, -4:-1], theta[:, -4:-1]]), axis=0)
@@ -86,8 +93,8 @@ def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) 
 
 
 def heading_rad(joints_m: np.ndarray) -> np.ndarray:
-    """Return the angle (t,) about Y from world X to the trunk's heading. The heading is perpendicular to the lines
-    between hips and between shoulders; one of both lines is enough.
+    """Return the angle (t,) about Y from world X to the trunk's heading, which is perpendicular to the line between the
+    hips and to the line between the shoulders. One of the two lines is enough; NaN if both are unknown.
     """
     across = joints_m[:, _RIGHT] - joints_m[:, _LEFT]
     across = np.where(np.isfinite(across).all(axis=(2,), keepdims=True), across, 0.0).sum(axis=1)
@@ -113,9 +120,9 @@ def build_database(
 ) -> MotionDatabase:
     """Build D_s for a recording of ``at_hz`` from clips, (n_i, d) each, whose rates are ``rate_hz``.
 
-    history: poses per sub-list; past: frames that a clip must have before the newest pose of a sub-list (at least its
-    other poses). Raises ValueError if a clip has missing values, or if no clip is long enough for ``past`` frames and
-    one step.
+    compared: as in ``MotionDatabase``; speeds: factors on the speed of the clips; history: number of poses of a
+    sub-list; past: number of frames that a clip must have before the newest pose of a sub-list (at least ``history`` -
+    1). Raises ValueError if a clip has missing values, or if no clip is long enough for ``past`` frames and one step.
     """
     if any(not np.isfinite(clip).all() for clip in clips):
         raise ValueError("a clip of the motion database has missing values; cut it there")
@@ -143,8 +150,8 @@ def poses_at(theta: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def summarise(turned: np.ndarray, place: np.ndarray, stride: np.ndarray, history: int) -> np.ndarray:
-    """Return (w, 2, COLUMNS) float32: mean pose and displacement of sub-lists of ``history`` poses, in the leading
-    columns of ``turned``.
+    """Return (w, 2, COLUMNS) float32: mean pose and displacement (newest minus oldest pose) of sub-lists of ``history``
+    poses, in the first columns of ``turned``.
     """
     leading = turned[:, :COLUMNS].astype(np.float32)
     total = poses_at(leading, place)
@@ -156,16 +163,14 @@ def summarise(turned: np.ndarray, place: np.ndarray, stride: np.ndarray, history
 
 
 def _principal(poses: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis (d, d) float32; poses differ most along its first direction."""
+    """Return an orthonormal basis (d, d) float32 of principal directions, by decreasing variance of the poses."""
     some = poses[:: max(1, len(poses) // _SAMPLES)].astype(np.float64)
     apart = some - some.mean(axis=0)
     return np.linalg.eigh(apart.T @ apart)[1][:, ::-1].astype(np.float32)
 
 
 def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: int, past: int) -> SubLists:
-    """List the sub-lists of runs. A run is a clip at one speed: its first row, its rows per frame, its number of
-    frames.
-    """
+    """List the sub-lists of all runs. A run is one clip at one speed: (first row, rows per frame, number of frames)."""
     place, stride, followed, segment = [], [], [], [np.zeros(1, dtype=np.int64)]
     listed = 0
     for first, rows, frames in runs:
@@ -182,7 +187,7 @@ def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: i
 
 
 def _enclose(summary: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the centre and radius of the summaries of each segment."""
+    """Return the centre and radius of each segment, as in ``SubLists``."""
     size = np.diff(segment)
     centre = (np.add.reduceat(summary, segment[:-1], axis=0) / size[:, None, None]).astype(np.float32)
     away = np.linalg.norm(summary - np.repeat(centre, size, axis=0), axis=2)
@@ -190,7 +195,7 @@ def _enclose(summary: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 SHIPPED: Final = Path(__file__).parent / "data" / "motions.npz"
-"""Movements of stand training by the simulator's people; made by ``tools/build_motion_database.py``."""
+"""Movements of simulated people in stand training; written by ``tools/build_motion_database.py``."""
 
 FORMAT: Final = "anchorpose-motions 1"
 _MOTION_ARRAYS: Final = ("joints_mm", "start", "names", "rate_hz", "notes")
@@ -200,7 +205,8 @@ _SKELETON_ARRAYS: Final = ("joints_mm", "offsets", "names", "joint_names", "rate
 _SKELETON_REMEDY: Final = (
     "give joints_mm (frames, joints, 3) with Y up, offsets (clips + 1), names (clips) and joint_names (joints)"
 )
-FARTHEST_MM: Final = 10_000  # mm, maximum distance from the first frame; larger values are not in millimetres
+# mm, maximum coordinate of a joint relative to the first joint in the clip's first frame; larger ones are not in mm
+FARTHEST_MM: Final = 10_000
 
 _TRUNK: Final = {"SpineBase": "Waist", "SpineMid": "Spine", "SpineShoulder": "Chest"}
 _LIMBS: Final = {
@@ -222,18 +228,19 @@ DERIVED: Final = {
     "HandRight": ("ElbowRight", "WristRight", 1.15),
     "Neck": ("SpineShoulder", "Head", 0.31),
 }
-"""Joints that a file may lack, and how they are derived: as a share of the way from the first joint to the second. The
-shares are those of the shipped mean adult."""
+"""Joints that a file may lack. Each is placed on the line through two other joints, at this share of the way from the
+first to the second. The shares are those of the shipped body model's mean adult.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceClips:
     """Movements without gaps, each with a name and a rate."""
 
-    joints_m: tuple[np.ndarray, ...]  # (n_i, 21, 3) m each, Y up, any place and heading
+    joints_m: tuple[np.ndarray, ...]  # (n_i, 21, 3) metres each, Y up, at any place and with any heading
     names: tuple[str, ...]
     rate_hz: tuple[float, ...]
-    notes: tuple[str, ...] = ()  # sentences about the origin, and about derived or omitted joints
+    notes: tuple[str, ...] = ()  # sentences about the source of the clips, and about derived or omitted joints
 
     @property
     def frame_count(self) -> int:
@@ -252,7 +259,7 @@ def join_clips(parts: Sequence[ReferenceClips]) -> ReferenceClips:
 
 
 def write_motions(path: Path, clips: ReferenceClips) -> None:
-    """Write the clips in millimetres, each moved to the origin. ``path`` is either completely written or unchanged."""
+    """Write the clips in mm, each beginning at the origin; ``path`` is either completely written or unchanged."""
     root = JOINT_INDEX["SpineBase"]
     millimetres = [np.rint(1000.0 * (clip - clip[0, root])).astype(np.int16) for clip in clips.joints_m]
     with whole_file(path) as partial, partial.open("wb") as stream:
@@ -291,8 +298,8 @@ def read_skeletons(path: Path, rate_hz: float | None) -> ReferenceClips:
     """Read the clips of a skeleton file and convert them to our 21 joints.
 
     rate_hz: frames per second, if the file has no ``rate_hz``. Joints are found by our names, or by the names of bones
-    that begin there; hands and neck may be derived, and a note states this. Raises InputError if a joint is missing or
-    the file is not valid.
+    that begin there; hands and neck may be derived from other joints, as a note then states. Raises InputError if a
+    joint is missing or the file is not valid.
     """
     arrays = read_arrays(path, _SKELETON_ARRAYS, _SKELETON_REMEDY)
     missing = [name for name in _SKELETON_ARRAYS[:-1] if name not in arrays]
@@ -326,7 +333,7 @@ def _check_skeletons(path: Path, joints: np.ndarray, offsets: np.ndarray, clips:
 
 
 def _in_our_joints(path: Path, joints: np.ndarray, columns: list[str]) -> tuple[np.ndarray, list[str]]:
-    """Return the joints (n, 21, 3) and the names of derived joints."""
+    """Return our joints (n, 21, 3), and the names of the joints that were derived from others (``DERIVED``)."""
     found: dict[str, np.ndarray] = {}
     for name in JOINT_NAMES:
         # Neck and Head are the same joints in both namings; LHand is the bone that begins at the wrist

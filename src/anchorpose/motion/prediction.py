@@ -1,5 +1,5 @@
-"""Predict the next joints by scaled motion dynamics from the most similar movements (paper, Section IV). The search for
-these movements is exact.
+"""Predict the joints of the next frames by scaled motion dynamics: continue the movements in the database that are most
+similar to the last frames (paper, Section IV). The search for these movements is exact.
 """
 
 from __future__ import annotations
@@ -29,37 +29,38 @@ from anchorpose.motion.database import (
 )
 from anchorpose.settings import Count, NotNegative, Positive, settings
 
-_SEEDS: Final = 16  # number of segments that are searched first, to get a cost to which bounds are compared
-# factor on bounds, and metres subtracted from them, since single precision may round a bound up
+_SEEDS: Final = 16  # number of segments (groups of sub-lists) searched first, to get a first limit of the cost
+# factor on lower bounds, and metres subtracted from them, since single precision may round a bound up
 _ROUNDED: Final = np.float32(0.9999)
 _SLACK_M: Final = np.float32(1e-5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """The most similar sub-lists, the best first."""
+    """The sub-lists that are most similar to the last poses, the best first."""
 
     place: np.ndarray  # (m,) database row of the newest pose, as in ``SubLists``
-    stride: np.ndarray  # (m,) rows per frame
-    distance_m: np.ndarray  # (m,) root-mean-square distance over the joints, mean over the frames
+    stride: np.ndarray  # (m,) database rows per frame of the recording
+    distance_m: np.ndarray  # (m,) cost, as root-mean-square distance over the joints per frame
 
     def poses(self, database: MotionDatabase, frames: np.ndarray) -> np.ndarray:
-        """Return the pose vectors (m, f, d) of each match, ``frames`` (f,) after its newest pose; negative = before."""
+        """Return the pose vectors (m, f, d) of each match, ``frames`` (f,) after its newest pose; negative: before."""
         return poses_at(database.theta, self.place[:, None] + frames * self.stride[:, None])
 
 
 def best_sublists(
     history: np.ndarray, database: MotionDatabase, steps: int, count: int, displacement_weight: float
 ) -> Matches | None:
-    """Return the ``count`` sub-lists most similar to the last poses; None if no column is known or no clip is long
-    enough.
+    """Return the ``count`` sub-lists most similar to the last poses; None if no column of these poses is known or no
+    clip is long enough.
 
-    The cost is the paper's sum over v of ed(theta^(t-v), theta_s^(j-v)), plus ``displacement_weight`` k times the
-    distance between the displacements over the history, since one pose occurs in movements of any direction and speed.
-    history (k, d): the newest pose last. Only sub-lists that are followed by ``steps`` more frames are used. Sub-lists
-    with too high a lower bound are skipped. The result is still exact, since k distances sum up to at least k times the
-    distance of the means, and omitted columns only lower this bound. Of equal sub-lists, the earlier is taken. A column
-    that is missing anywhere in the history is not compared; then every sub-list is tested.
+    The cost is the paper's sum over v of ed(theta^(t-v), theta_s^(j-v)), the Euclidean distances of k poses, plus
+    ``displacement_weight * k`` times the distance between the displacements over the history, since the same pose
+    occurs in movements of any direction and speed. history (k, d): the newest pose last. Only sub-lists that are
+    followed by ``steps`` more frames are used. Sub-lists whose lower bound exceeds the best costs are skipped. The
+    result is still exact, since k distances sum up to at least k times the distance of the means, and omitted columns
+    only lower this bound. Of equal sub-lists, the earlier is taken. A column that is missing anywhere in the history is
+    not compared; then every sub-list is tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
@@ -89,7 +90,9 @@ def _rank(
     count: int,
     displacement_weight: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best sub-lists by increasing cost. query: summary of the history; without it no bounds are used."""
+    """Return the best sub-lists by increasing cost, and the costs. query: mean pose and displacement of ``history``
+    (``summarise``), for the lower bounds; None: every sub-list is tested, without bounds.
+    """
     best, cost = np.full(count, -1, dtype=np.int64), np.full(count, np.inf)
     place, stride, followed, segment = sublists.place, sublists.stride, sublists.followed, sublists.segment
     found = 0
@@ -115,7 +118,7 @@ def _rank(
 
 @njit(cache=True)
 def _insert(best: np.ndarray, cost: np.ndarray, found: int, w: int, total: float) -> int:
-    """Insert a sub-list among the best if its cost is low enough; return the number of best sub-lists."""
+    """Insert a sub-list w among the best if its cost is low enough; return the number of sub-lists found so far."""
     if found == len(best):
         if total > cost[-1] or (total == cost[-1] and w > best[-1]):
             return found
@@ -141,8 +144,8 @@ def _apart(summary: np.ndarray, query: np.ndarray, weight: np.float32) -> np.flo
 def _bound_segments(
     centre: np.ndarray, radius: np.ndarray, query: np.ndarray, scale: np.float32, weight: np.float32, bound: np.ndarray
 ) -> np.ndarray:
-    """Fill ``bound`` with a lower bound per segment on the costs of its sub-lists; return the segments with the nearest
-    centres.
+    """Fill ``bound`` with a lower bound, per segment, of the costs of its sub-lists; return the segments with the
+    nearest centres, which are searched first.
     """
     nearest = np.full(min(_SEEDS, len(centre)), -1, dtype=np.int64)
     reach = np.full(len(nearest), np.float32(3.4e38), dtype=np.float32)
@@ -195,12 +198,12 @@ def _cost(
 
 
 SPANS: Final = (1, 2, 4)  # numbers of frames over which the patient's velocity is measured
-DAMPING: Final = 0.85  # factor on the velocity per frame, since a limb reverses within a few tenths of a second
-# share of the velocity difference (patient minus matches) that is added; 1 would add all of its noise
+DAMPING: Final = 0.85  # factor on the velocity per frame ahead, since a limb reverses within a few tenths of a second
+# share of the velocity difference (patient minus matches) that is added; 1 would add all noise of the difference
 OWN_VELOCITY: Final = 0.8
-# number of one-frame predictions on which each span is tested; each has about 60 columns
+# number of past frames, each predicted from those before, by whose errors (of about 60 columns) a span is weighted
 _CHECKED_STEPS: Final = 6
-# exponent of the weights; if the squared error of a span is larger by a fifth, the span gets half the weight
+# a span's weight is 1 / (its squared error to this power), so a fifth more squared error halves the weight
 _SHARPNESS: Final = 4
 
 
@@ -210,7 +213,7 @@ class MotionRule(StrEnum):
     BLEND = "blend"  # several similar sub-lists and the patient's own velocity, weighted by their reliability
     BEST_SUBLIST = "best_sublist"  # the paper's rule: the change that follows the single most similar sub-list
     VELOCITY = "velocity"  # the patient's own damped velocity, without reference movements
-    STANDSTILL = "standstill"  # no motion dynamics at all
+    STANDSTILL = "standstill"  # the last pose is repeated, without motion dynamics
 
 
 @settings
@@ -221,14 +224,14 @@ class MotionConfig:
     """
 
     rule: MotionRule = MotionRule.BLEND
-    # number of frames that are compared; at 30 Hz, they show the direction of a movement
+    # number of past frames that are compared; at 30 Hz, five show the direction of a movement
     history: Annotated[int, Field(ge=2, strict=True)] = 5
     # factors on the speed of reference movements, in steps of half an octave
     speeds: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.71, 1.0, 1.41, 2.0)
     displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0 = the paper's equation
     # number of similar sub-lists that are averaged; a single one would add its noise, and 64 are no better
     neighbours: Count = 32
-    checked: Count = 7  # number of frames since the tested predictions were made; the tests weight matches and velocity
+    checked: Count = 7  # predictions by matches and by velocity, made this many frames ago, are tested to weight them
 
     @property
     def uses_database(self) -> bool:
@@ -245,17 +248,17 @@ class PredictionSource(StrEnum):
     """The source of a prediction."""
 
     DATABASE = "database"
-    OWN_VELOCITY = "own_velocity"  # there are no reference movements, or the history is too short to compare
-    STANDSTILL = "standstill"  # prediction from one frame of history: the velocity is unknown
+    OWN_VELOCITY = "own_velocity"  # by velocity: there are no reference movements, or the history is too short
+    STANDSTILL = "standstill"  # the last pose is repeated: the velocity is unknown, or the rule asks for it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """A prediction of pose vectors."""
+    """The predicted pose vectors of the next frames."""
 
     theta: np.ndarray  # (steps, d) float64, NaN where the last pose is unknown
     source: PredictionSource
-    matches: Matches | None  # None if no matches were searched for or found
+    matches: Matches | None  # the similar sub-lists; None if none were searched for or found
     trust: float  # from 0 (only the patient's own velocity) to 1 (only the continuation of the matches)
 
 
@@ -311,10 +314,11 @@ def predict(
     """Predict the next ``steps`` poses after ``history`` (k, d), newest last. Raises ValueError on an empty history.
 
     compared: number of columns that count in a prediction's error, as in the database. The paper's rule is theta^(t+h)
-    = theta^t + theta_s^(j+h) - theta_s^j. Our rule takes the mean of this over several sub-lists and adds most of the
-    difference between the patient's velocity and the sub-lists' velocity. The result is mixed with a prediction by the
-    patient's velocity alone. The weights follow from the squared errors that both predictions, made ``checked`` frames
-    ago, would have today. So a movement that the database does not contain is predicted by its velocity.
+    = theta^t + theta_s^(j+h) - theta_s^j, where j is the newest pose of the best sub-list s. Our rule takes the mean
+    change theta_s^(j+h) - theta_s^j of several sub-lists and adds most of the difference between the patient's velocity
+    and the sub-lists' velocity. The result is mixed with a prediction by the patient's velocity alone. The weights
+    follow from the squared errors that both predictions of the newest pose would have had if they had been made
+    ``checked`` frames ago. So a movement that the database does not contain is predicted by its velocity.
     """
     if not len(history):
         raise ValueError("a prediction needs at least one pose")
@@ -342,7 +346,7 @@ def _similar(history: np.ndarray, steps: int, database: MotionDatabase, config: 
 def _blend(
     history: np.ndarray, steps: int, database: MotionDatabase, matches: Matches, config: MotionConfig
 ) -> Prediction:
-    """Return the mean of the matches' continuation and the patient's own velocity, weighted by trust."""
+    """Return the mean of two predictions, weighted by trust: by the matches and by the patient's own velocity."""
     weight = (1e-6 + matches.distance_m[0]) ** 2 / (1e-6 + matches.distance_m) ** 2
     before = config.past
     matched = np.tensordot(weight / weight.sum(), matches.poses(database, np.arange(-before, steps + 1)), axes=1)
@@ -359,8 +363,8 @@ def _blend(
 
 
 def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compared: int, checked: int) -> float:
-    """Return the trust, 0 to 1: the squared error of a prediction by velocity, made ``checked`` frames ago, divided by
-    the sum of its and the matches' squared errors.
+    """Return the trust in the matches, 0 to 1. It compares predictions of the newest pose, made ``checked`` frames
+    before: the squared error by velocity, divided by the sum of this error and the matches' squared error.
     """
     back = min(checked, len(history) - 2)
     known = np.flatnonzero(np.isfinite(history[:, :compared]).all(axis=0))
@@ -372,7 +376,9 @@ def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compare
 
 
 def _travelled(steps: int) -> np.ndarray:
-    """Return (steps,) the distance travelled after each step, in units of the velocity per frame."""
+    """Return (steps,) the distance covered after each frame by a movement that slows down by ``DAMPING``, as a multiple
+    of its first velocity per frame.
+    """
     return np.cumsum(DAMPING ** np.arange(steps))
 
 
@@ -400,7 +406,7 @@ def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
 
 def velocity(poses: np.ndarray, spans: Sequence[int], shares: np.ndarray, at: int = -1) -> np.ndarray:
     """Return the velocity (..., d) per frame at pose ``at`` (negative: counted from the end) of poses (..., k, d),
-    newest last. Spans that are too long are shortened.
+    newest last, as a mean over ``spans`` weighted by ``shares``. Spans that are too long are shortened.
     """
     total = np.zeros(poses.shape[:-2] + poses.shape[-1:])
     for span, share in zip(spans, shares, strict=True):

@@ -44,11 +44,11 @@ from anchorpose.surface.links import links
 from anchorpose.tracker.inspection import InspectedCamera
 from anchorpose.tracker.observation import Observation
 
-ISO_M: Final = 0.1  # m between two lines of equal distance along the skin
-MAGNIFIED: Final = 3.0  # factor on arrows; the nine pixels by which a hand moves in a frame are too few to see
-LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # direction to the light, camera frame; it comes from above left
-SEEN_ONCE: Final = (235.0, 235.0, 235.0)
-SEEN_TWICE: Final = (255.0, 200.0, 130.0)
+ISO_M: Final = 0.1  # m, spacing of the contour lines of distance along the skin
+MAGNIFIED: Final = 3.0  # factor on arrows' length; the nine pixels that a hand moves in a frame are too few to see
+LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # direction towards the light, camera frame; it comes from above left
+SEEN_ONCE: Final = (235.0, 235.0, 235.0)  # colour of surface that one camera sees
+SEEN_TWICE: Final = (255.0, 200.0, 130.0)  # colour of surface that is linked with another camera's surface
 
 Projection = Callable[[np.ndarray], np.ndarray]
 SurfaceDrawing = Callable[[InspectedCamera, Observation, np.ndarray], np.ndarray | None]
@@ -60,7 +60,7 @@ def draw_reading(one: InspectedCamera) -> np.ndarray:
 
 
 def draw_background(one: InspectedCamera) -> np.ndarray:
-    """Draw the empty room that isolation uses."""
+    """Draw the depth of the empty room, with which the frame is compared to find the foreground."""
     return draw_depth(one.scene.background.depth_m, one.camera)
 
 
@@ -71,7 +71,9 @@ def draw_foreground(one: InspectedCamera) -> np.ndarray:
 
 
 def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
-    """Draw where the equipment is expected, and which pixels it removed or hides; None without equipment."""
+    """Draw where the equipment is expected, which pixels were removed as equipment, and where it hides what is behind;
+    None without equipment.
+    """
     expected = one.scene.equipment
     if expected is None:
         return None
@@ -84,7 +86,7 @@ def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
 
 
 def draw_people(one: InspectedCamera) -> np.ndarray:
-    """Draw the person label of each pixel; without a patient, the pieces that isolation found."""
+    """Draw the person label of each pixel; if the patient was not found, the separate pieces of the foreground."""
     labels = _labels(one)
     people = [int(label) for label in np.unique(labels) if label >= PixelLabel.PATIENT]
     masks = [labels == label for label in people]
@@ -96,8 +98,8 @@ def draw_people(one: InspectedCamera) -> np.ndarray:
 
 
 def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray | None]:
-    """Turn a drawing of surface nodes into a drawing of one camera. The latter gets the nodes that the camera saw
-    (``own``), and returns None if the camera saw no node.
+    """Turn ``draw``, a function that draws nodes of the patient's surface, into one that draws a camera's picture.
+    ``draw`` gets the mask ``own`` of the nodes that the camera saw; if it saw none, there is no picture (None).
     """
 
     @wraps(draw)
@@ -113,7 +115,9 @@ def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray 
 
 @_of_surface
 def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """Draw the shaded surface, its links across gaps and cameras, and its rim where another object hides it."""
+    """Draw the shaded surface, its links across gaps and to other cameras' surfaces, inferred hidden skin, and the
+    surface's rim where the patient's own body, an object or the image's edge cuts it off.
+    """
     picture, to_pixel = _canvas(one)
     surface, pairs = seen.surface, links(seen.surface)[0]
     draw_dots(picture, to_pixel(seen.whole.points_m[len(surface) :]), Ink.GREEN, 1, rim=False)
@@ -135,7 +139,7 @@ def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.nd
 
 @_of_surface
 def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """Draw the distance along the skin from the centre, with a line every ``ISO_M``."""
+    """Draw the distance along the skin from the body's centre, with a contour line every ``ISO_M``."""
     picture, to_pixel = _canvas(one)
     field, centre = _field(seen)
     reached = field[np.isfinite(field)]
@@ -148,8 +152,8 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
 
 @_of_surface
 def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """Draw all extrema, the names of extrema that were identified as head, hands and feet, and a note on the missed
-    anchors.
+    """Draw all extrema of the surface, name those that were identified as head, hands or feet (the anchors), and list
+    the anchors that were missed.
     """
     picture, to_pixel = _canvas(one)
     extrema = geodesic_extrema(
@@ -169,8 +173,8 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
 
 @_of_surface
 def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw for each node the number of subsets of the anchors by which it has a match in the next frame; None without a
-    next frame.
+    """Draw for each node how many hypotheses gave it a match in the next frame. There is one hypothesis for each subset
+    of the anchors (head, hands, feet). The result is None without a next frame.
     """
     if (following := one.inspection.next) is None:
         return None
@@ -184,7 +188,7 @@ def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) ->
 
 @_of_surface
 def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw where the skin moves according to the best branches; None without a next frame."""
+    """Draw where the skin moves, by the best chain of hypotheses in the track tree; None without a next frame."""
     if (following := one.inspection.next) is None:
         return None
     picture, to_pixel = _canvas(one)
@@ -226,13 +230,13 @@ def _canvas(one: InspectedCamera) -> tuple[np.ndarray, Projection]:
 
 
 def _field(seen: Observation) -> tuple[np.ndarray, int]:
-    """Return (n,) geodesic distance from the centre, and the centre, as ``find_anchors`` computes them."""
+    """Return each node's geodesic distance (n,) from the centre, and the centre's node, as in ``find_anchors``."""
     whole = center_field(seen.whole)
     return whole.distance_m[: len(seen.surface)], whole.center
 
 
 def person_name(label: int) -> str:
-    """Return the name on pictures of the person with this pixel label."""
+    """Return the name that pictures show for the person with this pixel label."""
     return "patient" if label == PixelLabel.PATIENT else f"person {label - PixelLabel.OTHER_PERSON + 2}"
 
 

@@ -1,4 +1,4 @@
-"""Write the page of one inspected frame: every stage's pictures, a sentence on it and the meaning of its colours."""
+"""Write the page of one inspected frame: for each stage its pictures, a sentence, and the meaning of the colours."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from anchorpose.tracker.inspection import InspectedCamera, Inspection, inspect_f
 
 PAGE_FILE: Final = "index.html"
 FACTS_FILE: Final = "inspect.json"
-"""Name of the file with the content of the page in numbers."""
+"""Name of the file that has the content of the page as numbers."""
 
 INSPECTION: Final = FolderKind("an inspection", (FACTS_FILE, PAGE_FILE), (FACTS_FILE, PAGE_FILE, "*/*.png"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A stage as shown on the page: pictures by camera; caption; missing: why there is no picture, else empty."""
+    """A stage as shown on the page. pictures: PNG files by camera; missing: why there is no picture, else empty."""
 
     stage: Stage
     caption: str
@@ -44,19 +44,19 @@ class Section:
 
     @property
     def legend(self) -> list[tuple[str, str]]:
-        """Return (colour as web pages write it, meaning) of each colour."""
+        """Return (colour as web pages write it, meaning) for each colour of the pictures."""
         return [(as_hex(colour), meaning) for colour, meaning in self.stage.legend]
 
     @property
     def embedded(self) -> dict[str, str]:
-        """Return the pictures as data addresses."""
+        """Return the pictures by camera name, in the form (base64) in which the page embeds them."""
         return {camera: base64.b64encode(png).decode("ascii") for camera, png in self.pictures.items()}
 
 
 def write_inspection(
     folder: Path, title: str, sections: Sequence[Section], account: Sequence[str], facts: dict[str, Any]
 ) -> Path:
-    """Write each camera's pictures, inspect.json and index.html into an existing folder; returns the page's path.
+    """Write each camera's pictures, inspect.json and index.html into an existing folder; return the page's path.
 
     The pictures are ``<camera>/<number>_<stage>.png`` in the order of the stages; the page embeds them all.
     """
@@ -72,10 +72,9 @@ def write_inspection(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
-    """The description of a stage: ``draw`` makes one camera's picture, None if there is nothing to draw.
-
-    caption: may contain ``{next_frame}`` and ``{rooms}``, which are filled in. legend: (colour, meaning). missing: the
-    reason if no camera has a picture.
+    """The description of a stage. draw: function that draws one camera's picture, or returns None if it has nothing to
+    draw. caption: a text in which ``{next_frame}`` and ``{rooms}`` are filled in. legend: (colour, meaning) of each
+    colour. missing: the text if no camera has a picture.
     """
 
     key: str
@@ -200,7 +199,7 @@ STAGES: Final = (
 
 
 def inspection_sections(inspection: Inspection, config: TrackConfig) -> tuple[Section, ...]:
-    """Return the stages in order, with a picture for each camera that has a depth image of this frame."""
+    """Return the sections of the page in their order, with a picture from each camera that has a depth image."""
     cameras = [
         InspectedCamera(inspection, number, depth, config)
         for number, depth in enumerate(inspection.frame_set.depths_m)
@@ -219,7 +218,9 @@ def inspection_sections(inspection: Inspection, config: TrackConfig) -> tuple[Se
 
 
 def inspection_facts(inspection: Inspection) -> dict[str, Any]:
-    """Return the inspection in numbers, for inspect.json: pixels of each kind, nodes, anchors, matches, joints."""
+    """Return the content of inspect.json, such as the number of pixels of each label, the anchors found and the
+    joints.
+    """
     facts: dict[str, Any] = {
         "recording": inspection.room.recording.folder.resolve().name,
         "frame": inspection.frame_set.frame,
@@ -260,7 +261,7 @@ def _rounded(values: np.ndarray) -> list[float | None]:
 def inspect_recording(
     recording: Path, out: Path, frame: int, config: TrackConfig, as_tracked: bool, tick: Callable[[], None]
 ) -> Inspection:
-    """Write pictures of every stage of one frame into an existing, empty folder; see ``inspect_frame``."""
+    """Write the page and pictures of one frame into the existing, empty folder ``out``; see ``inspect_frame``."""
     with one_thread():
         opened = open_recording(recording)
         inspection = inspect_frame(with_height(opened, config.height_m), frame, config, as_tracked, tick)

@@ -1,6 +1,7 @@
 """Draw tracking results over a depth image (mesh, anchors, body outline, joints), and choose the report's pictures.
 
-The report shows some frames spread over the recording, the most and the least certain frame, and transitions.
+The report shows some frames spread over the recording, the most and the least certain frame, and the first transitions
+(standing up and sitting down).
 """
 
 from __future__ import annotations
@@ -50,20 +51,21 @@ from anchorpose.tracker.room import Room
 _LABEL_TINT: Final = {
     PixelLabel.EQUIPMENT: Ink.EQUIPMENT,
     PixelLabel.PATIENT: Ink.PATIENT,
-    PixelLabel.OTHER_PERSON: Ink.PURPLE,  # also all higher labels
+    PixelLabel.OTHER_PERSON: Ink.PURPLE,  # the colour of all higher labels too
 }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OverlayScene:
-    """One camera's image and the things to draw over it; all points in the camera's world frame.
+    """One camera's depth image and what to draw over it; a field that is None is not drawn. All points are in the
+    world.
 
     depth_m (height, width), 0 = no reading; labels (height, width) of ``PixelLabel``; mesh_m (n, 3) and mesh_edges (m,
-    2); anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN where lost, with sigma_m (21,); body_m (v, 3): skin of
-    the posed body.
+    2), pairs of indices of its points; anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN where lost, with
+    sigma_m (21,); body_m (v, 3): skin of the posed body.
     """
 
-    camera: Camera  # camera with the pose that was used
+    camera: Camera  # the camera with the pose with which the frame was tracked
     depth_m: np.ndarray
     labels: np.ndarray | None = None
     mesh_m: np.ndarray | None = None
@@ -77,8 +79,8 @@ class OverlayScene:
 
 
 def draw_scene(scene: OverlayScene) -> np.ndarray:
-    """Draw the scene: filled dots are observed joints, hollow dots inferred joints, and crossed dots joints that are
-    unseen for an unknown reason.
+    """Draw the scene. Filled dots are observed joints, hollow dots are inferred joints, and crossed dots are joints
+    that are hidden for an unknown reason.
     """
     scale = scale_of(scene.camera)
     picture = enlarge(shade(scene.depth_m, None if scene.labels is None else _tint(scene.labels)), scale)
@@ -135,7 +137,7 @@ def _draw_joints(picture: np.ndarray, pixels: np.ndarray, states: tuple[JointSta
 
 
 def _draw_sigma(picture: np.ndarray, scene: OverlayScene, pixels: np.ndarray, sigma_m: np.ndarray) -> None:
-    """Draw a circle of two sigmas around each joint: the joint lies inside it about six times in seven."""
+    """Draw a circle of two sigmas around each joint; about six of seven true positions lie inside this circle."""
     away_m = np.linalg.norm(scene.joints_m - scene.camera.position_m, axis=1)
     radius = 2.0 * sigma_m * scene.camera.intrinsics.fx * scale_of(scene.camera) / away_m
     for place, size in zip(pixels, radius, strict=True):
@@ -155,14 +157,14 @@ def _draw_joint(picture: np.ndarray, place: tuple[int, int], state: JointState) 
 
 @dataclass(frozen=True, slots=True)
 class FramePicture:
-    """One camera's frame with its drawing (see ``draw_scene``)."""
+    """One camera's picture of a frame (see ``draw_scene``)."""
 
     frame: int
     time_s: float
     camera: str
     png_bytes: bytes
     caption: str
-    why: str = ""  # the reason in words why the frame was chosen; empty for frames spread over the recording
+    why: str = ""  # why the frame was chosen, in words; empty for frames spread over the recording
 
 
 def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[PictureRecord, ...]:
@@ -176,16 +178,16 @@ def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[Pictu
     return tuple(records)
 
 
-SPREAD: Final = 4  # number of frames spread evenly over the recording
-TRANSITIONS: Final = 4  # maximum number of transitions that are shown; the first ones are chosen
+SPREAD: Final = 4  # number of frames that are chosen evenly over the recording
+TRANSITIONS: Final = 4  # maximum number of transitions (standing up, sitting down) shown; the first ones are chosen
 
 _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenFrame:
-    """A chosen frame. row: row of the joints' table; why: the reason in words, empty for frames spread over the
-    recording.
+    """A frame that is chosen for the report. row: its row in the joints' table; why: the reason in words, empty for
+    frames spread over the recording.
     """
 
     row: int
@@ -193,10 +195,10 @@ class ChosenFrame:
 
 
 def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np.ndarray) -> list[ChosenFrame]:
-    """Choose frames, in the order of time, each once.
+    """Choose the frames for the report's pictures; return them in the order of time, each once.
 
-    segmented (n,) bool: frames with person labels; the most and the least certain frame are chosen among these, if the
-    patient is found in them.
+    segmented (n,) bool: frames with person labels; the most and the least certain frame are chosen among those of them
+    in which the patient is found.
     """
     why = dict.fromkeys(np.unique(np.linspace(0, len(joints.frame) - 1, SPREAD).astype(int)).tolist(), "")
     transitions = [episode for episode in episodes if episode.kind in _WORDS][:TRANSITIONS]
@@ -211,16 +213,16 @@ def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np
 
 
 def _uncertainty(joints: JointTable, row: int) -> tuple[int, int, float]:
-    """Return a sort key of uncertainty: the number of lost joints, the number of unseen joints, the sigma."""
+    """Return a sort key of a frame's uncertainty: numbers of lost and of unobserved joints, then median sigma."""
     state_code, sigma = joints.state_code[row], joints.sigma_m[row]
     return int((state_code == LOST).sum()), int((state_code > 0).sum()), float(np.nanmedian(sigma))
 
 
 def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: SurfaceConfig) -> Iterator[FramePicture]:
-    """Yield a picture from each camera of each frame of ``choose_frames``; no pictures without a body or without person
-    labels.
+    """Yield a picture for each camera and each frame of ``choose_frames``, if the camera has a depth image and person
+    labels in this frame; yield no pictures if the patient's body (``shape``) is unknown.
 
-    results: a folder with all tables; sheet: how a camera's mesh is made.
+    results: a folder with all tables; sheet: settings by which a camera's surface is meshed.
     """
     if shape is None:
         return
@@ -258,7 +260,7 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
 
 
 def _posed_skin(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | None:
-    """Return the skin (v, 3) of the learnt body in the pose of this row, None if the patient is lost."""
+    """Return the skin (v, 3) of the patient's body in the pose of a table's row; None if the patient is lost."""
     if not np.isfinite(poses.head_m[row]).all():
         return None
     asset = body_points().asset

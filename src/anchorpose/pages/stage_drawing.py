@@ -1,4 +1,4 @@
-"""Draw over one camera's depth image: masks, names, values and arrows of nodes, the equipment's parts."""
+"""Draw over one camera's depth image: masks with names, nodes with values and arrows, and the equipment's parts."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from anchorpose.pages.canvas import Colour, Ink, draw_contour, enlarge, projecto
 from anchorpose.recording.equipment import EquipmentModel, EquipmentPart
 
 COLOUR_STRENGTH: Final = 0.7
-"""Share of the colour in a tinted pixel; the rest is the grey of the depth image, so that shape stays visible."""
+"""Share of the colour in a tinted pixel; the remaining share is the grey of the depth image, which shows the shape."""
 
 HATCH_PX: Final = 14  # px between two stripes
-ARROW_TIP: Final = 0.35
+ARROW_TIP: Final = 0.35  # length of an arrow's tip as a share of the arrow
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """Pixels (height, width) bool with one meaning, and their colour; hatched layers are partly transparent."""
+    """A mask (height, width) bool of pixels with one meaning, and their colour; a hatched layer is drawn in stripes."""
 
     mask: np.ndarray
     colour: Colour
@@ -43,7 +43,7 @@ def draw_depth(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def draw_layers(depth_m: np.ndarray, camera: Camera, layers: Sequence[Layer]) -> np.ndarray:
-    """Draw masks over the grey depth image, later masks on top; pixels without reading are coloured too."""
+    """Draw masks over the grey depth image, later masks on top; masked pixels without a reading are coloured too."""
     scale = scale_of(camera)
     picture = enlarge(shade(depth_m), scale)
     for layer in layers:
@@ -59,7 +59,7 @@ def draw_layers(depth_m: np.ndarray, camera: Camera, layers: Sequence[Layer]) ->
 
 
 def name_masks(picture: np.ndarray, camera: Camera, masks: Sequence[np.ndarray], names: Sequence[str]) -> None:
-    """Write each mask's name at its middle."""
+    """Write each mask's name at the middle of the mask."""
     for mask, name in zip(masks, names, strict=True):
         place = np.argwhere(mask)
         if len(place):
@@ -70,8 +70,8 @@ def name_masks(picture: np.ndarray, camera: Camera, masks: Sequence[np.ndarray],
 def draw_values(
     picture: np.ndarray, camera: Camera, pixel: np.ndarray, values: np.ndarray, highest: float, iso: float | None
 ) -> None:
-    """Draw nodes coloured by value, from dark at 0 to light at ``highest``, grey where not finite. iso: step of the
-    value between two lines; None for no lines.
+    """Draw nodes coloured by value, from dark at 0 to light at ``highest``, grey where not finite. pixel (n, 2): row
+    and column of each node. iso: step of the value between two contour lines; None for no lines.
     """
     finite = np.isfinite(values)
     level = np.where(finite, np.clip(values / max(highest, 1e-9), 0.0, 1.0), 0.0)
@@ -83,7 +83,7 @@ def draw_values(
 
 
 def draw_arrows(picture: np.ndarray, starts: np.ndarray, ends: np.ndarray, colour: Colour) -> None:
-    """Draw arrows between pixels (m, 2); a dot where an arrow has no length."""
+    """Draw arrows between pixels (m, 2), each with a dot at its start; an arrow with an end that is NaN is left out."""
     for start, end in zip(starts, ends, strict=True):
         if np.isfinite(start).all() and np.isfinite(end).all():
             cv2.circle(picture, whole(start), 2, colour, -1, cv2.LINE_AA)
@@ -91,13 +91,15 @@ def draw_arrows(picture: np.ndarray, starts: np.ndarray, ends: np.ndarray, colou
 
 
 def draw_crosses(picture: np.ndarray, places: np.ndarray, colour: Colour) -> None:
-    """Draw small crosses at pixels (n, 2), NaN left out."""
+    """Draw small crosses at pixels (n, 2), except where NaN."""
     for place in places[np.isfinite(places).all(axis=1)]:
         cv2.drawMarker(picture, whole(place), colour, cv2.MARKER_TILTED_CROSS, 6, 1, cv2.LINE_AA)
 
 
 def draw_bar(picture: np.ndarray, low: str, high: str, reverse: bool = False) -> np.ndarray:
-    """Return the picture with its colour scale below: ``low`` dark to ``high`` light or, reversed, light to dark."""
+    """Return the picture with a colour bar below, from ``low`` (left) to ``high``: dark to light or, if ``reverse``,
+    light to dark.
+    """
     ramp = np.linspace(255, 0, 240) if reverse else np.linspace(0, 255, 240)
     colours = cv2.COLORMAP_CIVIDIS if reverse else cv2.COLORMAP_VIRIDIS
     strip = np.zeros((34, picture.shape[1], 3), np.uint8)
@@ -111,14 +113,16 @@ def draw_bar(picture: np.ndarray, low: str, high: str, reverse: bool = False) ->
 
 
 def fill_blocks(picture: np.ndarray, camera: Camera, pixel: np.ndarray, colour: np.ndarray) -> None:
-    """Draw nodes as square blocks as wide as their spacing. pixel (n, 2): row and column; colour (n, 3) uint8."""
+    """Draw nodes as square blocks that touch each other. pixel (n, 2): row and column; colour (n, 3) uint8."""
     large = _blocks(picture, camera, pixel, np.insert(colour, 3, 1, axis=1), np.zeros(4, np.uint8))
     filled = large[..., 3] > 0
     picture[filled] = large[filled][:, :3]
 
 
 def _draw_iso_lines(picture: np.ndarray, camera: Camera, pixel: np.ndarray, band: np.ndarray) -> None:
-    """Draw black lines where neighbouring blocks lie in different bands."""
+    """Draw contour lines in black: between the blocks of neighbouring nodes that have different numbers
+    ``band`` (n,).
+    """
     large = _blocks(picture, camera, pixel, band, np.array(np.nan))
     for axis in (0, 1):
         jump = np.diff(large, axis=axis)
@@ -130,9 +134,9 @@ def _draw_iso_lines(picture: np.ndarray, camera: Camera, pixel: np.ndarray, band
 def _blocks(
     picture: np.ndarray, camera: Camera, pixel: np.ndarray, values: np.ndarray, empty: np.ndarray
 ) -> np.ndarray:
-    """Return (height, width, ...) the image with each node's value in its block, ``empty`` elsewhere.
+    """Return an image (height, width, ...) with each node's value in its block, and ``empty`` elsewhere.
 
-    The spacing of the nodes is the greatest common divisor of all their rows and columns.
+    A block is as wide as the nodes' spacing, the greatest common divisor of all their rows and columns.
     """
     step = max(1, int(np.gcd.reduce(pixel.ravel().astype(np.int64)))) if len(pixel) else 1
     small = np.full((-(-camera.height // step), -(-camera.width // step), *empty.shape), empty)

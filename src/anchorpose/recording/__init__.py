@@ -1,1 +1,1 @@
-"""Read a recording folder: check it, pair cameras by time, and read one frame set at a time."""
+"""Read a recording folder: check it, pair the depth images of all cameras by time, and read one frame at a time."""

@@ -2,9 +2,9 @@
 
 A sensor that is blinded, covered or broken still delivers complete files, but their content cannot be a scene: they
 have no readings, or the same value everywhere, or unrelated values in neighbouring pixels. Such an image is left out as
-if it were missing. The check needs no prediction, so it is valid for every room and every pose.
+if it were missing. The check uses no prediction of the scene, so it is valid for every room and every pose.
 
-``RecordedFrames`` gives the images of several cameras one by one, each on its own clock, before frames are paired.
+``RecordedFrames`` reads single images with times on the camera's own clock, before images are paired by time.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from anchorpose.recording.regular_file import Stamp, Unreadable, read_bounded
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES: Final = 33  # length of the signature and the IHDR chunk of a PNG file
 _GREY: Final = 0  # code of the colour type grey in a PNG file
-_DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # the only chunks that a grey image needs
-_OTHER_BYTES: Final = 1 << 20  # maximum number of bytes for chunks of notes and for the overhead of failed compression
+_DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # the only chunks that a decoder needs for a grey image
+_OTHER_BYTES: Final = 1 << 20  # bytes allowed for chunks of text, and for what packing adds to an incompressible image
 
 FARTHEST_M: Final = 20.0
 """Distance in m that no indoor depth camera exceeds: a larger value is an error code, or light from outside."""
 
-SATURATED: Final = np.iinfo(np.uint16).max  # the largest value of the file, which is a code, not a distance
-ROWS: Final = 128  # number of examined rows, evenly spaced; they meet every surface, since surfaces are many rows high
+SATURATED: Final = np.iinfo(np.uint16).max  # the largest 16-bit value, which is an error code, not a distance
+ROWS: Final = 128  # number of image rows checked, evenly spaced; surfaces are many rows high, so none is missed
 LEAST_READ: Final = 0.001  # minimum share of pixels with a reading; a distant person alone fills 0.03
-ENOUGH: Final = 4000  # minimum number of readings for the other checks; with fewer, a sound image may fail by chance
-MOST_ALIKE: Final = 0.98  # maximum share of the readings with one value; a whole body on a coarse scale has 0.3
-LEAST_BESIDE: Final = 0.5  # minimum share of the readings with a neighbour in their row; real images have at least 0.93
-# minimum step between neighbours that counts as a jump, as a share of the distance; only surfaces seen edge-on have
-# more
+ENOUGH: Final = 4000  # minimum number of readings for the checks below; with fewer, a sound image may fail by chance
+MOST_ALIKE: Final = 0.98  # maximum share of readings with the same value; a whole body measured in coarse steps has 0.3
+LEAST_BESIDE: Final = 0.5  # minimum share of readings with a reading to their right; real images have 0.93 or more
+# minimum difference of two neighbouring readings that counts as a jump, as a share of their distance from the camera;
+# within a surface, only parts that are seen edge-on have larger differences
 JUMP: Final = 0.1
-MOST_JUMPS: Final = 0.25  # maximum share of neighbours with such a jump; real images of cluttered rooms have up to 0.03
+MOST_JUMPS: Final = 0.25  # maximum share of neighbouring readings that jump; real cluttered rooms have up to 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,9 +51,10 @@ class DepthImage:
 
 
 def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: Stamp | None = None) -> DepthImage:
-    """Read the depth image of a file as ``image_of_grey`` does; for a damaged file the result has a ``problem``.
+    """Read the depth image of a file; if the file is damaged, the result has a ``problem``.
 
-    listed: the file's stamp when the recording was opened. Raises InputError if the file was replaced since then.
+    judged: as in ``image_of_grey``. listed: the file's stamp (size, time and inode) when the recording was opened.
+    Raises InputError if the file was replaced since then.
     """
     try:
         data = read_bounded(path, largest_png(camera.width, camera.height), listed)
@@ -64,7 +65,7 @@ def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: S
 
 
 def read_stream_image(recording: Recording, camera: int, position: int) -> DepthImage:
-    """Read a camera's depth image at a position in its stream, and check its content.
+    """Read the depth image at a position in the stream of the camera with this index, and check its content.
 
     Raises InputError if the file was replaced since the recording was opened.
     """
@@ -77,7 +78,7 @@ def image_of_grey(grey: np.ndarray, camera: Camera, judged: bool = True) -> Dept
     """Convert grey values (height, width) uint16 to a depth image. Readings beyond the lens's valid radius and values
     that are not measurements (``measured_m``) become 0.
 
-    judged: whether the content is checked (``content_problem``); an image that fails has a ``problem``.
+    judged: whether the content is checked (``content_problem``); an image that fails this check has a ``problem``.
     """
     depth_m = measured_m(grey, camera.depth_scale)
     depth_m[~camera.valid_pixels()] = 0.0
@@ -86,14 +87,14 @@ def image_of_grey(grey: np.ndarray, camera: Camera, judged: bool = True) -> Dept
 
 
 def largest_png(width: int, height: int) -> int:
-    """Return the largest possible size in bytes of a 16-bit grey file, also of an incompressible image."""
+    """Return the largest possible size in bytes of a 16-bit grey PNG file, even if the image is incompressible."""
     return 4 * width * height + _OTHER_BYTES
 
 
 def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | None, str]:
     """Return the grey values (height, width) uint16 of a PNG file; or None and its problem.
 
-    Only the chunks of the image itself reach the decoder, which would mix the frames of an animation into it.
+    Only the chunks of a still image reach the decoder, since it would mix the frames of an animated PNG.
     """
     import cv2
 
@@ -116,7 +117,7 @@ def grey_png_size(head: bytes) -> tuple[int, int] | None:
 
 
 def _png_header(head: bytes) -> tuple[int, int, int, int] | None:
-    """Return width, height, bits and colour type by a file's first 33 bytes; None if it is not a PNG file."""
+    """Return width, height, bits and colour type from a file's first 33 bytes; None if it is not a PNG file."""
     if len(head) < _HEADER_BYTES or not head.startswith(_SIGNATURE) or head[12:16] != b"IHDR":
         return None
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
@@ -124,7 +125,9 @@ def _png_header(head: bytes) -> tuple[int, int, int, int] | None:
 
 
 def _header_problem(head: bytes, wide: int, high: int) -> str:
-    """Return the problem that a file's first 33 bytes show; empty if they fit a camera's width and height."""
+    """Return the problem that a file's first 33 bytes show; empty if it is a 16-bit grey PNG file of this width and
+    height.
+    """
     header = _png_header(head)
     if header is None:
         return "is not a PNG file"
@@ -171,8 +174,8 @@ def measured_m(grey: np.ndarray, depth_scale: float) -> np.ndarray:
 
 
 def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
-    """Return why an image is not a measurement, as the end of a sentence that begins with its name; empty if it may
-    be a measurement.
+    """Return why an image cannot be a measurement, as the end of a sentence that begins with the file's name; empty if
+    it may be a measurement.
 
     grey (height, width) uint16 as the file has it; depth_m (height, width) float32: the same in metres, 0 = no reading.
     """
@@ -196,22 +199,22 @@ def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
 
 
 def _three_in_a_row(read: np.ndarray) -> bool:
-    """Return whether any three neighbouring pixels of a row have readings: otherwise the image shows no surface."""
+    """Return whether any three neighbouring pixels of a row have readings; otherwise the image shows no surface."""
     return bool((read[:, :-2] & read[:, 1:-1] & read[:, 2:]).any())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedFrames:
-    """The depth images of a recording folder. A duplicate of the previous image becomes None, since it shows an earlier
-    moment than its time states.
+    """The depth images of a recording folder. A duplicate of the previous image is read as None, since it shows an
+    earlier moment than its time states.
     """
 
     recording: Recording
-    cameras: tuple[Camera, ...]  # cameras with the poses to use, which the recording may lack
+    cameras: tuple[Camera, ...]  # cameras with the poses to use; the recording's cameras may lack poses
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
-        """Return the times (n,) float64 per camera, on its own clock."""
+        """Return the times (n,) float64 of each camera's images, on its own clock."""
         return tuple(stream.time_s for stream in self.recording.streams)
 
     def read(self, camera: int, position: int) -> np.ndarray | None:

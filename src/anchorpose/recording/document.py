@@ -1,4 +1,4 @@
-"""Read text files: JSON as a declared document, and CSV. Every error names the file, the place in it and the remedy.
+"""Read text files: CSV, and JSON whose content a class declares. Every error names the file, the place and the remedy.
 
 JSON text is parsed only here. Its size, its depth and its numbers have limits, so that no file can stall a run.
 """
@@ -32,37 +32,37 @@ from anchorpose.recording.regular_file import LARGEST_TABLE, is_there, read_whol
 from anchorpose.settings import LARGEST, STRICT, Unfit, explain, shown
 
 LARGEST_BYTES: Final = 16 * 2**20
-"""Maximum size of a JSON file in bytes. A description of a recording has some thousand; parsed values need up to twenty
-times its size.
+"""Maximum size of a JSON file in bytes. A description of a recording has some thousand bytes. The parsed values need up
+to twenty times as much memory.
 """
 
 DEEPEST: Final = 64
-"""Maximum depth of nested objects and lists; no format of this project or of a recorder has more than ten levels."""
+"""Maximum depth of nested objects and lists; no format that is read here has more than ten levels."""
 
 LARGEST_INTEGER: Final = 2**64
-"""Limit of integers, beyond every counter and time stamp; arrays and floats cannot hold arbitrarily large integers."""
+"""Largest accepted integer, above every counter and time stamp; arrays cannot hold arbitrarily large integers."""
 
 ROTATION_TOLERANCE: Final = 5e-4
-"""Maximum entry of R^T R - I for a rotation R. Rounding to four decimals causes such an entry; a larger entry means a
-scale, a shear or a mistake.
+"""Maximum size of an entry of R^T R - I for a rotation R. Rounding R to four decimals causes smaller entries; a larger
+entry means a scale, a shear or a mistake.
 """
 
 LONGEST_NAME: Final = 200
-"""Limit of a file name in bytes: file systems allow 255 or fewer."""
+"""Maximum length of a file name in bytes: file systems allow 255 or fewer."""
 
 LARGEST_WITH_HASHES: Final = 128 * 2**20
-"""Limit in bytes of a document with one hash of about 100 bytes per depth image: an hour of three cameras has 32 MB."""
+"""Maximum size in bytes of a JSON file with a hash (100 bytes) per depth image: an hour of three cameras has 32 MB."""
 
 FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
-"""Characters with which a cell begins that a spreadsheet would run as a formula."""
+"""Characters that make a spreadsheet run a cell as a formula if the cell begins with one of them."""
 
 
 def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
-    """Parse a JSON text in which every key of an object occurs once; the caller refuses NaN and infinities.
+    """Parse a JSON text in which every key of an object occurs once. NaN and infinities are not refused here.
 
-    Bytes are text in UTF-8, UTF-16 or UTF-32. Raises Unfit, a ValueError, where the text is not JSON, is larger than
-    ``largest_bytes`` or is not plain (``require_plain``). Checking takes a time at most proportional to the size of the
-    text.
+    Bytes are text in UTF-8, UTF-16 or UTF-32. Raises Unfit, a ValueError, if the text is not JSON, is larger than
+    ``largest_bytes``, or has values that ``require_plain`` refuses. The time that the checks take is at most
+    proportional to the size of the text.
     """
     if len(text) > largest_bytes:
         raise Unfit(f"is larger than {largest_bytes / 2**20:g} MB", "give the right file: this one describes no more")
@@ -80,8 +80,8 @@ def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
 
 
 def require_plain(value: Any, levels: int = DEEPEST) -> None:
-    """Raise Unfit if values are nested too deeply, an integer is too large, or a text contains a null character or
-    half a surrogate pair: such a text cannot be printed or be a file's name.
+    """Raise Unfit if values are nested too deeply, an integer is too large, or a text contains a null character or half
+    a surrogate pair, since such a text cannot be printed or be a file's name.
     """
     if levels < 0:
         raise _too_deep()
@@ -129,7 +129,7 @@ class Entry(BaseModel):
 
 def numbers(*shape: int, meaning: str) -> PlainValidator:
     """Return a validator that turns nested lists of finite numbers into a float64 array of exactly ``shape``. meaning:
-    the words of the error message that state what to write.
+    what the user should write, in words for the error message.
     """
 
     def check(value: Any) -> np.ndarray:
@@ -150,7 +150,7 @@ def is_rotation(matrix: np.ndarray) -> bool:
 
 def require_rigid(pose: np.ndarray, instead: str = "") -> np.ndarray:
     """Return the pose (4, 4); raises Unfit unless it is a rigid motion, since lengths in a scaled or mirrored world are
-    meaningless.
+    meaningless. instead: the end of the remedy in the error message.
     """
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9 or not is_rotation(pose[:3, :3]):
         remedy = f"write a rotation and a translation in metres with the last row 0 0 0 1{instead}"
@@ -179,7 +179,7 @@ def _whole(value: Any) -> Any:
 Document = TypeVar("Document")
 
 Text = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
-Whole = Annotated[int, BeforeValidator(_whole)]  # some programs write every number with a decimal point
+Whole = Annotated[int, BeforeValidator(_whole)]  # accepts 3.0 as 3, since some programs write every number with .0
 Version = Annotated[
     Literal[1],
     BeforeValidator(_whole),
@@ -190,13 +190,13 @@ FileInFolder = Annotated[Text, AfterValidator(_require_inside)]
 
 
 def read_document(path: Path, kind: type[Document]) -> Document:
-    """Read a JSON file as the declared ``kind``; raises InputError naming the file, the key and the remedy."""
+    """Read a JSON file as an object of class ``kind``; raises InputError naming the file, the key and the remedy."""
     return validate(path, kind, read_json(path))
 
 
 def validate(path: Path, kind: type[Document], values: Any) -> Document:
-    """Check the ``values`` of the file ``path`` against ``kind``, without rounding numbers or converting texts; raises
-    InputError.
+    """Return the ``values`` that were read from the file ``path`` as an object of the class ``kind``. Numbers are not
+    rounded and texts not converted; raises InputError if the values do not fit.
     """
     try:
         found: Document = _adapter(cast("Any", kind)).validate_json(json.dumps(values, default=str), strict=True)
@@ -213,7 +213,7 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def read_text(path: Path, largest_bytes: int = LARGEST_BYTES) -> str:
-    """Read the text of a file in UTF-8; raises InputError."""
+    """Read the text of a file in UTF-8; raises InputError if it cannot be read or is not UTF-8."""
     if not is_there(path):
         raise InputError(path, "there is no such file", "check the path")
     try:
@@ -234,7 +234,8 @@ def read_json(path: Path, largest_bytes: int = LARGEST_BYTES) -> dict[str, Any]:
 
 
 def read_rows(path: Path, delimiter: str = ",", largest_bytes: int = LARGEST_TABLE) -> list[tuple[int, list[str]]]:
-    """Read the non-empty rows of a table: (number of the last line, cells without spaces around them) of each.
+    """Read the non-empty rows of a table. Each is returned as the number of its last line in the file, and its cells
+    without spaces around them.
 
     Raises InputError if the file cannot be read, or is not a table with this delimiter.
     """
@@ -258,8 +259,8 @@ def require_distinct(path: Path, columns: Sequence[str]) -> None:
 
 
 def cell_text(cell: object) -> str:
-    """Return a cell as text: empty for None, all digits for a float. A text that a spreadsheet would run as a formula
-    gets an apostrophe in front.
+    """Return a cell as text: empty for None, with all digits for a float. A text that a spreadsheet would run as a
+    formula gets an apostrophe in front.
     """
     if cell is None:
         return ""
@@ -276,10 +277,10 @@ def _is_number(text: str) -> bool:
 
 
 def load_config(path: Path, kind: type[Document]) -> Document:
-    """Read the class of settings ``kind`` from a file; values that the file lacks keep their defaults.
+    """Read settings of the class ``kind`` from a file; values that the file lacks keep their defaults.
 
-    Raises InputError for a file that is neither TOML nor JSON, an unknown name (with the nearest known one), a value of
-    the wrong type, and an impossible value.
+    Raises InputError for a file that is neither TOML nor JSON, an unknown name (the message has the nearest known
+    name), a value of the wrong type, and an impossible value.
     """
     return validate(path, kind, read_config(path))
 
@@ -292,7 +293,7 @@ def read_config(path: Path) -> dict[str, Any]:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file; raises InputError unless each value could also be in a JSON file."""
+    """Read a TOML file; raises InputError unless ``require_plain`` accepts its values."""
     try:
         values = tomllib.loads(read_text(path))
         require_plain(values)

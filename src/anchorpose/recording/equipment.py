@@ -1,5 +1,5 @@
-"""Read the model chi_0 of the equipment (paper, Section III): boxes, cylinders and meshes in the equipment's frame
-Gamma_0.
+"""Read the model of the equipment (chi_0 in Section III of the paper): boxes, cylinders and meshes in the equipment's
+own coordinate frame (Gamma_0).
 
 The model is stored in equipment.json (format ``equipment-model``) and in the PLY meshes that this file names.
 """
@@ -24,8 +24,8 @@ from anchorpose.recording.writable import whole_file
 from anchorpose.settings import Unfit
 
 CYLINDER_SIDES: Final = 32
-"""Number of sides of the prism that represents a cylinder: it differs from the cylinder by half a per cent of the
-radius, less than a depth camera resolves.
+"""Number of sides of the prism that represents a cylinder. The prism differs from the cylinder by half a per cent of
+the radius, less than a depth camera resolves.
 """
 
 _BOX_CORNERS: Final = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -35,7 +35,7 @@ _BOX_FACES: Final = np.array([[*map(int, face)] for face in _FACES.split()], dty
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
-    """A cuboid: ``p = center_m + rotation @ local``, |local| <= size_m / 2 on each axis."""
+    """A cuboid: all points ``center_m + rotation @ local`` with |local| <= size_m / 2 on each axis."""
 
     name: str
     center_m: np.ndarray  # (3,)
@@ -54,7 +54,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cylinder:
-    """A solid tube with flat ends; ``center_m`` is the middle of its axis."""
+    """A solid cylinder with flat ends; ``center_m`` is the middle of its axis."""
 
     name: str
     center_m: np.ndarray  # (3,)
@@ -63,7 +63,7 @@ class Cylinder:
     length_m: float
 
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return vertices (2 s + 2, 3) float64 and faces (4 s, 3) int32 with s = ``CYLINDER_SIDES``."""
+        """Return vertices (2 s + 2, 3) float64 and faces (4 s, 3) int32 of a prism, s = ``CYLINDER_SIDES``."""
         sideways = np.eye(3)[np.argmin(np.abs(self.axis))]
         u = np.cross(self.axis, sideways)
         u /= np.linalg.norm(u)
@@ -109,7 +109,7 @@ EquipmentPart = Box | Cylinder | Mesh
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentModel:
-    """All parts of the equipment, in Gamma_0 (ISB axes, metres)."""
+    """All parts of the equipment, in its own frame Gamma_0 (ISB axes: X forward, Y up, Z right; metres)."""
 
     parts: tuple[EquipmentPart, ...]
 
@@ -126,8 +126,8 @@ class EquipmentModel:
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
         """Return (n,) float64 distance of points (n, 3) in Gamma_0 to the nearest part's surface, exact.
 
-        It is negative inside a box or a cylinder, never negative for a mesh, which has no inside, and NaN where a point
-        is NaN.
+        The distance is negative inside a box or a cylinder. For a mesh, which has no inside, it is never negative. It
+        is NaN where a point is NaN.
         """
         points = np.asarray(points_m, dtype=np.float64)
         return np.min([part.distance_m(points) for part in self.parts], axis=0)
@@ -137,9 +137,9 @@ def mesh_distance_m(points_m: np.ndarray, vertices_m: np.ndarray, faces: np.ndar
     """Return (n,) float64 distance of each point (n, 3) to the nearest triangle; never negative, since a mesh need not
     be closed.
 
-    vertices_m (v, 3), faces (f, 3) indices. It is NaN where a point is NaN.
-    Source: closest point on a triangle, Ericson, Real-Time Collision Detection (2005), Section 5.1.5. A triangle that
-    cannot be nearest, judged by a sphere around it, is skipped.
+    vertices_m (v, 3); faces (f, 3): indices of vertices. The distance is NaN where a point is NaN. Source: closest
+    point on a triangle, Ericson, Real-Time Collision Detection (2005), Section 5.1.5. A triangle is skipped if the
+    sphere around it is farther than the nearest triangle so far.
     """
     corners = np.ascontiguousarray(vertices_m[faces], dtype=np.float64)
     centres = corners.mean(axis=1)
@@ -187,14 +187,14 @@ def _to_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> 
 
 
 SMALLEST_M, LARGEST_M = 1e-4, 20.0
-"""Limits of lengths in m: the thickness of sheet metal, and the size of a room, into which equipment fits. A larger
-value was probably written in millimetres.
+"""Minimum and maximum of a length in m: the thickness of sheet metal, and the size of a room, into which equipment
+fits. A larger value was probably written in millimetres.
 """
 
 MOST_PARTS: Final = 1000
 MOST_PLY_BYTES, MOST_ELEMENTS = 64 << 20, 500_000
-"""Limits of a mesh, bytes and vertices or faces: a scan with millimetre detail reaches them; tracking needs a
-hundredth.
+"""Maximum size of a mesh file in bytes, and maximum number of its vertices and of its faces. A scan with millimetre
+detail reaches these limits; tracking needs a hundredth of this size.
 """
 
 
@@ -225,7 +225,7 @@ class PartEntry(Entry):
 class BoxEntry(PartEntry):
     shape: Literal["box"]
     size: tuple[_Length, _Length, _Length]
-    rotation: _Rotation | None = None  # None: edges along the axes of Gamma_0
+    rotation: _Rotation | None = None  # None: edges along the axes of the equipment's frame
 
 
 class CylinderEntry(PartEntry):
@@ -262,7 +262,7 @@ class EquipmentDocument(Entry):
 
 
 def read_equipment(path: Path) -> EquipmentModel:
-    """Read the model chi_0 from an equipment.json; raises InputError naming the file, the key and the remedy."""
+    """Read the equipment's model from an equipment.json; raises InputError naming the file, the key and the remedy."""
     document = read_document(path, EquipmentDocument)
     return EquipmentModel(tuple(_part(path, f"parts[{i}]", entry) for i, entry in enumerate(document.parts)))
 
@@ -312,7 +312,7 @@ _ORDERS: Final = {"ascii": "", "binary_little_endian": "<", "binary_big_endian":
 _REMEDY: Final = "export the mesh again as PLY with vertices x y z in metres and triangular faces"
 
 
-_Property = tuple[str, str, str | None]  # name, type of the values, type of the count of a list (None if not a list)
+_Property = tuple[str, str, str | None]  # name, type of the values, type of a list's length (None if not a list)
 _Element = tuple[str, int, list[_Property]]  # name, count, properties
 
 
@@ -336,7 +336,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _parse(data: bytes) -> tuple[np.ndarray, list[list[int]]]:
-    """Return vertices (v, 3) and polygons; raises ValueError, IndexError, KeyError or OverflowError."""
+    """Return vertices (v, 3) and polygons (indices); bad data raise ValueError, LookupError or OverflowError."""
     head, mark, rest = data.partition(b"end_header")
     if not head.startswith(b"ply") or not mark:
         raise ValueError("it has no PLY header")
@@ -374,8 +374,8 @@ def _parse(data: bytes) -> tuple[np.ndarray, list[list[int]]]:
 
 
 def _value_reader(body: bytes, order: str) -> Callable[[str, int], list[float]]:
-    """Return a function that reads the next values of a type: from binary data in this byte order, or from words of
-    text if ``order`` is empty.
+    """Return a function that reads the next ``count`` values of a type: from binary data in the byte order ``order``,
+    or from words of text if ``order`` is empty.
     """
     words, place = [] if order else body.split(), 0
 

@@ -1,8 +1,8 @@
-"""Read events.tsv, the trials of a recording and their conditions; events.json gives the units of its columns.
+"""Read events.tsv, the list of a recording's trials with their conditions; events.json gives its columns' units.
 
-The format is that of BIDS: onset and duration in seconds, trial_type, then the user's own columns. Onset 0 is the first
-frame of the first camera that measured anything. It is this frame whatever the clock shows, and even if tracking begins
-later. A trial is one row, numbered from 1 in the order of the file.
+The format is that of BIDS: onset and duration in seconds, trial_type, then the user's own columns. An onset counts from
+the first frame of the first camera that measured anything, whatever this camera's clock shows, and even if tracking
+begins later. A trial is one row; trials are numbered from 1 in the order of the file.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ REQUIRED: Final = ("onset", "duration", "trial_type")
 MISSING: Final = "n/a"
 
 GIVEN: Final = "--events "
-"""Prefix of an external events file's name among the hashes of a run's inputs."""
+"""An events file given with this option is listed with this prefix and its name among the hashes of a run's inputs."""
 
 LARGEST_EVENTS: Final = 4 * 2**20
-"""Limit of an events.tsv in bytes: a session has some hundred trials, of a hundred bytes each."""
+"""Maximum size of an events.tsv in bytes: a session has some hundred trials, of a hundred bytes each."""
 
 MOST_TRIALS: Final = 2000
 MOST_COLUMNS: Final = 100
 LONGEST_TEXT: Final = 200
-"""Limit in characters of a name or of a cell."""
+"""Maximum length in characters of a column's name or of a cell."""
 
 ROUNDING_S: Final = 0.001
-"""Time in s by which trials may overlap: onsets and durations are often rounded to the millisecond."""
+"""Maximum time in s by which trials may overlap or exceed the recording: times are often rounded to the ms."""
 
 BLOCK_COLUMN: Final = "block"
-"""The column that names the blocks within which the order of the conditions was drawn."""
+"""Column with each trial's block: a group of trials in which the order of conditions was drawn at random."""
 
 UNITS: Final = (
     *("s", "ms", "us", "min", "Hz", "kHz", "mA", "uA", "A", "V", "mV", "uC", "W"),
     *("deg", "mm", "cm", "m", "m/s", "kg", "N", "Nm", "%", "bpm", "mmHg", "degC", "count", "score", "1", "arbitrary"),
 )
-"""Units that a numeric column may have. Write 1 for a dimensionless number, and arbitrary for a scale of the device
-itself.
+"""Units that a numeric column may have: ``1`` for a dimensionless number, and ``arbitrary`` for a device's own
+scale.
 """
 
 _SPELLINGS: Final = {"µs": "us", "μs": "us", "µA": "uA", "μA": "uA", "µC": "uC", "μC": "uC", "°": "deg", "°C": "degC"}
@@ -64,7 +64,7 @@ RESERVED: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class TrialColumn:
-    """A column that the user added. unit: one of ``UNITS``; None for a column of texts."""
+    """A column of events.tsv that the user added. unit: one of ``UNITS``; None for a column of texts."""
 
     name: str
     unit: str | None
@@ -97,7 +97,7 @@ class Trial:
 class Trials:
     """All trials of a recording in the order of the file, at least one.
 
-    reference: the condition that others are compared with; None: the condition of the first trial.
+    reference: the condition with which the other conditions are compared; None: the condition of the first trial.
     """
 
     columns: tuple[TrialColumn, ...]
@@ -106,20 +106,20 @@ class Trials:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Return each condition once: the reference, then the others in the order of first occurrence in the file."""
+        """Return each condition once: first the reference, then the others in the order of their first trials."""
         named = () if self.reference is None else (self.reference,)
         return tuple(dict.fromkeys((*named, *(trial.condition for trial in self.rows))))
 
     def column(self, name: str) -> tuple[float | str | None, ...]:
-        """Return the cells of a column; raises ValueError if there is no such column."""
+        """Return the cells of a column, one per trial; raises ValueError if there is no such column."""
         place = [column.name for column in self.columns].index(name)
         return tuple(trial.cells[place] for trial in self.rows)
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedSpan:
-    """Start and end of a recording, seconds on the clock of its first camera. The last frame counts as long as a usual
-    interval.
+    """Start and end of a recording, seconds on the clock of its first camera. The last frame is taken to last for the
+    usual interval between frames.
     """
 
     first_s: float
@@ -133,7 +133,7 @@ def recorded_span(time_s: np.ndarray) -> RecordedSpan:
 
 
 def events_files(folder: Path) -> list[Path]:
-    """Return the paths of events.tsv and events.json; a file that the recording folder lacks is left out."""
+    """Return the paths of events.tsv and events.json, if they exist; empty without an events.tsv."""
     path = folder / EVENTS_FILE
     return [file for file in (path, sidecar_of(path)) if is_there(file)] if is_there(path) else []
 
@@ -146,8 +146,8 @@ def sidecar_of(path: Path) -> Path:
 def read_trials(path: Path, span: RecordedSpan) -> Trials:
     """Read the trials of an events file; raises InputError naming the file, the line and the remedy.
 
-    It refuses missing and repeated columns, texts in place of numbers, trials without a duration, outside the recording
-    or overlapping, and numbers without a unit in the file beside it.
+    It refuses missing and repeated columns, texts in place of numbers, trials that have no duration, overlap or lie
+    outside the recording, and columns of numbers without a unit in the JSON file beside it.
     """
     lines = read_rows(path, delimiter="\t", largest_bytes=LARGEST_EVENTS)
     head = lines[0][1] if lines else []
@@ -206,7 +206,7 @@ def _require_rows(path: Path, head: Sequence[str], rows: Sequence[tuple[int, lis
 
 
 def _trial(path: Path, line: int, cells: dict[str, str], span: RecordedSpan) -> Trial:
-    """Return the trial of a line; its number and the user's own columns are added later."""
+    """Return the trial of a line. The caller sets its number, which is 0 here, and its cells of the user's columns."""
     onset_s, duration_s = (_number(path, line, name, cells[name]) for name in ("onset", "duration"))
     if onset_s is None or duration_s is None or cells["trial_type"] in ("", MISSING):
         name = next(name for name in REQUIRED if cells[name] in ("", MISSING))
@@ -258,7 +258,7 @@ def _require_unit(unit: str) -> str:
 
 
 class ColumnEntry(Entry, extra="ignore"):
-    """The entry of a column in events.json; BIDS has more keys, which are not used."""
+    """The entry of a column in events.json; BIDS has more keys, which are ignored."""
 
     units: Annotated[str, AfterValidator(_require_unit)] | None = Field(
         default=None, alias="Units", description="a unit such as mA"
@@ -268,7 +268,7 @@ class ColumnEntry(Entry, extra="ignore"):
 
 
 def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
-    """Read the entries of the user's columns from the file of units; empty if there is no such file."""
+    """Read the entries of the user's columns from the events' JSON file; empty if there is no such file."""
     if not is_there(path):
         return {}
     document = read_json(path, LARGEST_EVENTS)
@@ -277,8 +277,9 @@ def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
 
 
 def _column(path: Path, name: str, texts: Sequence[str], entry: ColumnEntry | None) -> TrialColumn:
-    """Return a user's column: of numbers if it has a unit, of texts if any cell is a text. Raises InputError if a
-    unit is missing.
+    """Return the description of a user's column: a column of numbers if ``entry`` gives a unit, else a column of texts.
+    Raises InputError if all cells are numbers and ``entry`` gives neither their unit nor levels (the meaning of each
+    value), except for ``BLOCK_COLUMN``.
     """
     description = "" if entry is None else entry.description
     known = [text for text in texts if text not in ("", MISSING)]

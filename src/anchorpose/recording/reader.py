@@ -1,4 +1,4 @@
-"""Open a recording folder, read its frames one decoded set at a time, and list its files."""
+"""Open a recording folder, read its frame sets (all cameras' depth images at one time), and list its files."""
 
 from __future__ import annotations
 
@@ -21,16 +21,18 @@ from anchorpose.recording.recording import UNKNOWN, DepthStream, FolderFiles, Fr
 from anchorpose.recording.recording_file import SHORTEST_STEP_S, RecordingDocument, find_duplicates, read_timestamps
 from anchorpose.recording.regular_file import STAMP, is_there, list_file, reason
 
-LOOKED_AT: Final = 40  # number of depth images checked per camera, spread evenly over the recording
+# maximum number of depth images per camera, spread over the recording, that are read to find out whether the camera
+# measured anything
+LOOKED_AT: Final = 40
 
 
 def open_recording(folder: Path) -> Recording:
-    """Open and check a recording; only a few depth images per camera are decoded. Cameras that measured nothing are
-    left out, with a note.
+    """Open and check a recording; only a few depth images per camera are decoded. A camera that measured nothing is
+    left out, and the recording gets a note on it.
 
-    Times come from timestamps.csv; where that is absent, from ``fps`` and the numbers of the depth images. Raises
-    InputError naming the file and the remedy. A damaged depth image is not an error here if the camera has usable
-    images: ``read_frames`` reports it.
+    Times come from timestamps.csv; where this file is absent, they are computed from ``fps`` and the numbers of the
+    depth images. Raises InputError naming the file and the remedy. A damaged depth image is not an error here if the
+    camera has usable images; ``read_frames`` reports it later.
     """
     if not folder.exists():
         raise InputError(folder, "there is no such folder", "check the path of the recording")
@@ -59,7 +61,7 @@ def open_recording(folder: Path) -> Recording:
 
 
 def _without_dead_cameras(recording: Recording) -> Recording:
-    """Return the recording without the cameras that never measured anything; the recording gets a note on each of them.
+    """Return the recording without the cameras that never measured anything, and with a note on each of these cameras.
 
     Such a camera was blinded, covered or broken: its files are complete but hold no measurement (``content_problem``).
     Raises InputError if no camera is left.
@@ -86,7 +88,7 @@ def _without_dead_cameras(recording: Recording) -> Recording:
 
 
 def _why_dead(recording: Recording, camera: int) -> str:
-    """Return why no depth image of a camera can be used; empty if at least one can."""
+    """Return why none of ``LOOKED_AT`` depth images of a camera can be used; empty if at least one can."""
     count = len(recording.streams[camera].files)
     problem = ""
     for position in np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int)).tolist():
@@ -100,8 +102,8 @@ def _why_dead(recording: Recording, camera: int) -> str:
 def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -> Iterator[FrameSet]:
     """Yield the frame sets ``start`` to ``stop`` (positions in the first camera's stream), decoded one at a time.
 
-    Raises InputError at once where the cameras never overlap in time or the range is empty; a damaged depth image
-    becomes None, with a sentence in the set's ``problems``.
+    Raises InputError, before the first set, if the cameras never overlap in time or the range is empty. A damaged depth
+    image becomes None, with a sentence in the set's ``problems``.
     """
     positions = frame_range(recording, start, stop)
     pairs = pair_frames(recording)
@@ -114,7 +116,7 @@ def read_frame(recording: Recording, position: int) -> FrameSet:
 
 
 def frame_range(recording: Recording, start: int = 0, stop: int | None = None) -> range:
-    """Return the positions ``start`` to ``stop`` of the first camera; raises InputError if there are none."""
+    """Return the positions ``start`` to ``stop`` in the first camera's stream; raises InputError if there are none."""
     count = len(recording.streams[0].files)
     stop = count if stop is None else min(stop, count)
     if not 0 <= start < stop:
@@ -146,7 +148,9 @@ def _read_set(recording: Recording, pair: np.ndarray, position: int) -> FrameSet
 
 
 def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStream:
-    """List the depth images of a camera's folder; most_bytes: limit of one file."""
+    """List the depth images of a camera's folder. fps: frame rate stated in recording.json, needed if there is no
+    timestamps.csv; most_bytes: maximum size of a file that is checked for being a duplicate.
+    """
     files = _number_files(folder / "depth")
     numbers, repeated = np.array(sorted(files), dtype=np.int64), 0
     path = folder / "timestamps.csv"
@@ -157,7 +161,7 @@ def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStrea
         later = np.append(True, np.diff(time_s) > SHORTEST_STEP_S)
         repeated, numbers, time_s = int((~later).sum()), numbers[later], time_s[later]
     elif fps is not None:
-        time_s = numbers / fps  # a number that is missing in between is a dropped frame
+        time_s = numbers / fps  # a number that is missing in the sequence is a dropped frame
     else:
         raise InputError(path, "there is no such file", 'add it, or write the camera\'s "fps" into recording.json')
     kept = FolderFiles(folder / "depth", tuple(files[number] for number in numbers.tolist()))
@@ -174,7 +178,7 @@ def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStrea
 
 
 def _number_files(folder: Path) -> dict[int, str]:
-    """Return the names of a camera's depth images by their numbers."""
+    """Return the file names of a camera's depth images by their frame numbers."""
     if not folder.is_dir():
         raise InputError(folder, "there is no such folder", "put the camera's depth images there")
     files: dict[int, str] = {}
@@ -184,7 +188,7 @@ def _number_files(folder: Path) -> dict[int, str]:
         raise InputError(folder, f"cannot be read ({reason(error)})", "check its permissions") from None
     for name in names:
         stem, dot, ending = name.rpartition(".")
-        if ending != "png" or not dot or name.startswith("."):  # file browsers leave such files behind
+        if ending != "png" or not dot or name.startswith("."):  # file browsers leave hidden files (.name) in folders
             continue
         if not re.fullmatch(r"[0-9]{1,9}", stem):
             remedy = "name the depth images 000000.png, 000001.png and so on"
@@ -208,8 +212,8 @@ def _check_same_frames(folder: Path, path: Path, files: dict[int, str], times: d
 
 
 def _require_usable(camera: Camera, stream: DepthStream) -> None:
-    """Raise InputError if no depth image can be used. Then the fault lies in the camera's description, not in an
-    image.
+    """Raise InputError if no depth image of the camera can be used. The cause is then probably a wrong description of
+    the camera, not a damaged image.
     """
     first_problem = ""
     for file in stream.files:
@@ -232,7 +236,7 @@ def _read_background(folder: Path, camera: Camera) -> np.ndarray | None:
 
 
 def input_files(recording: Recording) -> Iterator[Path]:
-    """Yield every file that was read for ``recording``, depth images included, in a fixed order."""
+    """Yield the path of every file that was read for ``recording``, depth images included, in a fixed order."""
     document = recording.folder / "recording.json"
     yield document
     yield from events_files(recording.folder)

@@ -1,8 +1,8 @@
 """Hold the content of a recording folder after it was read and checked: patient, cameras and their clocks.
 
-Statements about the patient are optional, and are never copied into results or exports.
+Statements about the patient, such as height or age, are optional, and are never copied into results or exports.
 
-Real cameras are not synchronised, and frames drop: depth images of several cameras are paired by time.
+Real cameras are not synchronised, and frames drop, so the depth images of several cameras are paired by time.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ MissingPart = Literal[
     "foot_left",
     "foot_right",
 ]
-"""A part of the body that may be missing, together with everything beyond it: without an arm, the body ends at that
-shoulder.
+"""A part of the body that the patient may lack. Everything beyond this part is missing too: without ``arm_left``, the
+body ends at the left shoulder.
 """
 
 CoveredPart = Literal[
@@ -56,7 +56,7 @@ CoveredPart = Literal[
     "foot_left",
     "foot_right",
 ]
-"""A segment that an orthosis, brace, helmet, harness or prosthesis may cover."""
+"""A segment of the body that an orthosis, brace, helmet, harness or prosthesis may cover."""
 
 SHORTEST_SUBJECT_M, TALLEST_SUBJECT_M = 0.4, 2.8
 OLDEST_YEARS: Final = 120.0
@@ -68,12 +68,15 @@ Age = Annotated[float, Field(ge=0, le=OLDEST_YEARS, description="the patient's a
 BirthYear = Annotated[Whole, Field(ge=1900, le=2100, description="the year the patient was born in")]
 
 GROWN_YEARS: Final = 16.0  # years, minimum age at which a body counts as an adult's
-FIRST_RECORDED: Final = 2010  # year in which the first consumer depth cameras appeared
+FIRST_RECORDED: Final = 2010  # year of the first consumer depth cameras; no recording is older
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """The patient as recording.json describes them. None: unknown."""
+    """The patient as recording.json describes them; None where it states nothing.
+
+    missing: parts of the body that the patient lacks; covered: segments covered by an orthosis or another device.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     height_m: Height | None = None
@@ -85,15 +88,15 @@ class Subject:
 
     @property
     def unmeasured(self) -> Subject:
-        """Return the subject without height, age and sex, which the images can contradict."""
+        """Return the patient without height, age and sex: the images can contradict these statements."""
         return Subject(missing=self.missing, covered=self.covered)
 
     @property
     def grown(self) -> bool | None:
         """Return whether the patient is an adult; None if unknown.
 
-        Without an age, the birth year decides only for people who were adults when the first depth cameras appeared:
-        the year of the recording is unknown, and results must not depend on today's date.
+        If only the birth year is known, it decides only for people who were adults when the first depth cameras
+        appeared: the year of the recording is unknown, and results must not depend on today's date.
         """
         if self.age_years is not None:
             return self.age_years >= GROWN_YEARS
@@ -107,7 +110,9 @@ UNKNOWN: Final = Subject()
 
 @dataclass(frozen=True, slots=True)
 class FolderFiles(Sequence[Path]):
-    """Files of one folder, stored by their names: the paths of the 324,000 files of an hour would take 0.2 GB."""
+    """A sequence of paths in one folder that stores only names: 324,000 paths (an hour of three cameras) would take 0.2
+    GB.
+    """
 
     folder: Path
     names: tuple[str, ...]
@@ -132,25 +137,27 @@ class DepthStream:
     """The depth images of one camera, in the order of time."""
 
     files: Sequence[Path]
-    time_s: np.ndarray  # (n,) float64, increasing; on the camera's clock, after ``align_clocks`` on the reference clock
+    time_s: np.ndarray  # (n,) float64, increasing; on the camera's clock, or the reference clock after ``align_clocks``
     frame: np.ndarray  # (n,) int64, the number in the file's name
-    duplicate: np.ndarray | None = None  # (n,) bool, True: equal to the previous image; None if not checked
+    duplicate: np.ndarray | None = None  # (n,) bool, True: equals the previous image; None if not checked
     repeated: int = 0  # number of files left out because their time equals that of the previous file
     fps: float | None = None  # frames per second as stated in recording.json
-    listed: np.ndarray | None = None  # (n,) ``STAMP`` of each file when listed; None if not kept
+    listed: np.ndarray | None = None  # (n,) ``STAMP`` of each file when the recording was opened; None if not kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
-    """A checked recording folder; depth images are read on demand, one frame at a time."""
+    """A recording folder that was checked; its depth images are read on demand, one frame at a time."""
 
     folder: Path
     cameras: tuple[Camera, ...]
     streams: tuple[DepthStream, ...]  # one stream per camera
-    backgrounds_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading
+    # depth image of the empty room, one per camera: (height, width) float32 metres, 0 = no reading; None if it was not
+    # recorded
+    backgrounds_m: tuple[np.ndarray | None, ...]
     equipment: EquipmentModel | None
     subject: Subject = UNKNOWN  # statements about the patient
-    notes: tuple[str, ...] = ()  # sentences on unused content of the folder
+    notes: tuple[str, ...] = ()  # sentences on content of the folder that is not used
 
     @property
     def part_names(self) -> tuple[str, ...]:
@@ -159,7 +166,7 @@ class Recording:
 
     @property
     def rate_hz(self) -> float:
-        """Return the frame rate of the reference camera as if no frame were dropped; 30 for a single frame."""
+        """Return the frame rate of the first camera, from the median interval; 30 if it has a single frame."""
         time_s = self.streams[0].time_s
         return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 30.0
 
@@ -168,10 +175,10 @@ class Recording:
 class FrameSet:
     """The depth images of all cameras at one time of the reference clock (the first camera's)."""
 
-    frame: int
+    frame: int  # number of the first camera's image
     time_s: float
-    depths_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading; None = none
-    taken_s: tuple[float | None, ...] = ()  # one per camera: when its depth image was taken, reference clock
+    depths_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading; None = no image
+    taken_s: tuple[float | None, ...] = ()  # one per camera: time of its depth image on the reference clock
     problems: tuple[str, ...] = ()  # one sentence for each depth image that exists and cannot be used
 
 
@@ -182,7 +189,7 @@ def depths_of(frames: Iterable[FrameSet], camera: int) -> list[np.ndarray]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clock:
-    """A camera's clock: at the reference time t it shows t + ahead_s + drift (t - at_s)."""
+    """A camera's clock. At the time t of the reference clock it shows t + ahead_s + drift (t - at_s)."""
 
     ahead_s: float = 0.0
     drift: float = 0.0  # seconds per second
@@ -198,7 +205,7 @@ class Clock:
 
 
 def align_clocks(recording: Recording, clocks: Sequence[Clock]) -> Recording:
-    """Return ``recording`` with the times of every camera on the reference clock; one clock per camera."""
+    """Return ``recording`` with the times of every camera on the reference clock. clocks: one per camera."""
     streams = tuple(
         replace(stream, time_s=clock.reference_s(stream.time_s))
         for stream, clock in zip(recording.streams, clocks, strict=True)
@@ -212,13 +219,13 @@ USUAL_PERIOD_S: Final = 1.0 / 30.0
 
 @lru_cache(maxsize=8)  # called for every frame
 def pair_frames(recording: Recording) -> np.ndarray:
-    """Return, for each frame of the first camera, the index of the paired frame of each camera, (n, cameras) int64,
-    read only; -1 = none.
+    """Return, for each image of the first camera, the position of the paired image in each camera's stream, (n,
+    cameras) int64, read only; -1 = none.
 
-    Paired frames are mutually nearest in time, within half a period of the first camera, so no depth image is used
-    twice. A duplicate is never paired, since it shows another moment than its time states; a duplicate of the first
-    camera leaves a frame set without that camera's depth image. Raises InputError if a camera never overlaps with
-    the first one.
+    Paired images are mutually nearest in time, within half a period of the first camera, so no image is used twice. A
+    duplicate of the previous image is never paired, since it shows another moment than its time states; for a duplicate
+    of the first camera, the frame set has no image of this camera. Raises InputError if no image of a camera can be
+    paired.
     """
     reference, time_s = recording.streams[0], recording.streams[0].time_s
     within_s = half_period_s(time_s)
@@ -248,19 +255,19 @@ def _pair_camera(
 
 
 def half_period_s(time_s: np.ndarray) -> float:
-    """Return half of the median interval between frames (n,); for a single frame, half of a usual depth camera's
+    """Return half of the median interval between times (n,); for a single time, half of a usual depth camera's
     interval.
     """
     return float(np.median(np.diff(time_s)) if len(time_s) > 1 else USUAL_PERIOD_S) / 2.0
 
 
 def nearest_within(time_s: np.ndarray, other_s: np.ndarray, within_s: float | np.ndarray) -> np.ndarray:
-    """Return the index (n,) int64 into ``other_s`` (m,) of the mutually nearest time; -1 where none lies within
-    ``within_s``, a number or (n,).
+    """Return, for each time of ``time_s`` (n,), the index into ``other_s`` (m,) of the mutually nearest time, as (n,)
+    int64; -1 where none lies within ``within_s``, a number or (n,).
     """
     there, back = _nearest(time_s, other_s), _nearest(other_s, time_s)
     mutual = back[there] == np.arange(len(time_s))
-    # plus 1 ns: times with six decimals must not be excluded by rounding at exactly half a period
+    # 1 ns is added, so that rounding does not exclude a time that is exactly half a period away
     close = np.abs(other_s[there] - time_s) <= within_s + 1e-9
     return np.where(mutual & close, there, -1)
 
@@ -280,24 +287,26 @@ def _span(time_s: np.ndarray) -> str:
 USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
 """Usual frame rates of depth cameras."""
 
-# quantile of the steps that is several periods long if frames are lost, even if only every third frame is lost
+# quantile of the times between frames (steps): the step at this quantile is several frame periods long if at least
+# every third frame is lost
 LONGER_SHARE: Final = 0.6
-# maximum period that is tried, as a share of that step; the true period is at most 0.5 of it, and 30 Hz is 0.83 of 25
-# Hz
+# maximum period that is tried, as a share of the step at ``LONGER_SHARE``. If that step is several periods long, one
+# period is at most 0.5 of it. A share of 0.83 would admit the period of 30 Hz for a recording at 25 Hz without lost
+# frames.
 SHORTER: Final = 0.75
-# minimum share of the steps that must be one period; a smaller share are time stamps that come too early
+# minimum share of the steps that must be one period long; fewer may be due to single time stamps that came too early
 LEAST_SHORT: Final = 0.1
-OFF_BEAT: Final = 0.25  # periods; if a step differs by more from a whole number of periods, it is off the beat
-LEAST_ON_BEAT: Final = 0.8  # minimum share of the steps that must be whole numbers of periods
+OFF_BEAT: Final = 0.25  # periods, maximum difference of a step from a whole number of periods
+LEAST_ON_BEAT: Final = 0.8  # minimum share of the steps that must be whole numbers of periods within ``OFF_BEAT``
 
 
 def nominal_period_s(stream: DepthStream) -> float:
-    """Return the time between frames when none is lost, as stated in recording.json. Otherwise it is the median step.
-    But if some steps are one period of a usual rate and all other steps are several periods, it is that period. The
-    result is 0 for a single frame without a stated rate.
+    """Return the time in s between frames when none is lost; 0 for a single frame without a stated rate.
 
-    Frames lost in a regular pattern change the median. A recording that lost every second frame has even steps: only
-    recording.json can distinguish it from half the rate.
+    It follows from the rate in recording.json, if stated. Otherwise it is the period of a usual rate, if enough steps
+    between frames are one such period and most other steps are several: the median step would be wrong if frames are
+    lost in a regular pattern. If no usual rate fits, it is the median step. If every second frame was lost, all steps
+    are equal, so only recording.json can distinguish such a recording from one at half the rate.
     """
     steps = np.diff(stream.time_s)
     if stream.fps is not None or not len(steps):
@@ -319,18 +328,18 @@ def off_beat(steps_s: np.ndarray, period_s: float) -> np.ndarray:
 
 
 PAUSE_S: Final = 1.0
-"""Maximum time in s without depth images that counts as dropped frames; a longer time is a pause."""
+"""Maximum time in s without depth images that counts as dropped frames; a longer time counts as a pause."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraGaps:
     """The gaps of one camera's stream, on the reference clock.
 
-    usable: number of depth images; period_s: ``nominal_period_s``; dropped: number of images missing between its first
-    and last, by this period and without pauses; duplicates, repeated: numbers of files left out because their image or
-    their time equals that of the previous file; late_s, early_s: by how much it starts later, or ends earlier, than the
-    first camera, else 0; pauses: (from, to) without depth images; paired_share: share of the first camera's frames that
-    have a depth image of this camera.
+    usable: number of depth images; period_s: ``nominal_period_s``; dropped: number of images missing between the first
+    and the last image if one is due every ``period_s``, except in pauses; duplicates, repeated: numbers of files left
+    out because their image or their time equals that of the previous file; late_s, early_s: by how much the stream
+    starts later, or ends earlier, than that of the first camera, 0 if this is at most ``PAUSE_S``; pauses: (from, to)
+    in s without depth images; paired_share: share of the first camera's frames that have a depth image of this camera.
     """
 
     camera: str
@@ -363,7 +372,7 @@ class CameraGaps:
 
 
 def find_gaps(recording: Recording) -> tuple[CameraGaps, ...]:
-    """Return each camera's gaps; the times of ``recording`` are on the reference clock (see ``align_clocks``)."""
+    """Return each camera's gaps. The times of ``recording`` must be on the reference clock (see ``align_clocks``)."""
     pairs, reference_s = pair_frames(recording), recording.streams[0].time_s
     return tuple(_of_camera(recording, index, pairs[:, index], reference_s) for index in range(len(recording.cameras)))
 

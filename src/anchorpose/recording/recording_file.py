@@ -1,5 +1,5 @@
 """Read recording.json (format ``rgbd-recording``), timestamps.csv, and two inputs that may replace parts of them:
-calibration.json and a given height.
+calibration.json and a given height of the patient. Find duplicate depth images.
 
 Some recorders write an image twice under two times: the second copy shows an earlier moment than its time states.
 """
@@ -42,25 +42,27 @@ MOST_REPEATED: Final = 0.1
 """Maximum share of a camera's times that may equal the previous time; with more, its clock is too coarse."""
 
 SHORTEST_STEP_S: Final = 1e-4
-"""Time in s within which no camera takes two depth images: times that differ by less are the same time, rounded."""
+"""Time in s within which no camera takes two depth images; times that differ by less count as equal."""
 
 LONGEST_STEP_S: Final = 5.0
-"""Maximum median step in s. Over a longer step nobody can be followed, so the unit of the times is probably wrong."""
+"""Maximum median step between images in s. Nobody can be followed over longer steps, so the unit of the times is
+probably wrong.
+"""
 
 FARTHEST_TIME_S: Final = 1e11
 """Maximum time in s; seconds since any epoch in use are at most a fifth of it."""
 
 Seconds = Annotated[float, Field(ge=-FARTHEST_TIME_S, le=FARTHEST_TIME_S, description="a time in seconds")]
 
-_UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+_UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}  # number of each unit in a second
 
 
 def read_timestamps(path: Path) -> dict[int, float]:
-    """Read frame numbers and their times in seconds, in the order of the file.
+    """Read the time in seconds of each frame number from timestamps.csv, in the order of the file.
 
-    Recorders sometimes give a frame the time of the previous frame; such a time is kept, and the caller leaves its
-    depth image out. Raises InputError if frame numbers do not increase, if times decrease, or if so many times
-    repeat that the clock is too coarse.
+    Recorders sometimes give a frame the time of the previous frame. Such a time is returned too; the caller leaves the
+    depth image out. Raises InputError if frame numbers do not increase, if times decrease, or if so many times repeat
+    that the clock is too coarse.
     """
     times: dict[int, float] = {}
     last_frame, last_time = -1, -math.inf
@@ -92,7 +94,7 @@ def read_timestamps(path: Path) -> dict[int, float]:
 
 
 def require_seconds(path: Path, time_s: np.ndarray) -> None:
-    """Raise InputError if the times (n,) cannot be seconds."""
+    """Raise InputError if the times (n,) of images are so far apart or so large that they cannot be seconds."""
     with np.errstate(over="ignore"):
         step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if step > LONGEST_STEP_S:
@@ -119,18 +121,18 @@ def _parse_row(path: Path, line: int, cells: list[str]) -> tuple[int, float]:
 
 
 MOST_DUPLICATES: Final = 0.5
-"""Maximum share of images that may equal the previous image; with more, the images have no noise and equality means
-nothing.
+"""Maximum share of images that may equal the previous image. With more, the images have no noise, so equal images need
+not be copies.
 """
 
 
 def find_duplicates(files: Sequence[Path], sizes: Sequence[int], most_bytes: int) -> np.ndarray:
-    """Return (n,) bool: files that are byte for byte equal to the previous file. files: regular files with these
-    ``sizes``.
+    """Return (n,) bool: files that are byte for byte equal to the previous file. files: regular files; sizes: the
+    files' sizes in bytes.
 
     Two images of the same scene differ by the sensor's noise, so equal files are copies of the same image. Files of
     different sizes are not opened, nor are files above ``most_bytes``, larger than any depth image. The result is all
-    False where most files are equal: such images have no noise.
+    False if most files are equal, since such images have no noise.
     """
     duplicate = np.zeros(len(files), dtype=bool)
     for k in range(1, len(files)):
@@ -142,12 +144,12 @@ def _same(one: Path, other: Path, size: int) -> bool:
     try:
         return read_bounded(one, size) == read_bounded(other, size)
     except Unreadable:
-        return False  # reported when the file is read
+        return False  # why the file is unreadable is reported when its image is read
 
 
 FARTHEST_CAMERA_M: Final = FARTHEST_M
-"""Limit in m of each coordinate of cameras and joints, which are in the room; a larger value was probably written in
-mm.
+"""Maximum size in m of each coordinate of cameras and joints, which are in the room; a larger value was probably
+written in mm.
 """
 
 COARSEST_DEPTH_SCALE_M: Final = 0.1
@@ -155,18 +157,18 @@ COARSEST_DEPTH_SCALE_M: Final = 0.1
 
 FOCAL_PX: Final = (1.0, 1e5)
 """Minimum and maximum focal length in pixels. With 1 pixel, the whole field of view would fall into one pixel; with a
-hundred thousand, the image would show a coin at 20 m.
+hundred thousand, an image of 640 pixels would show only 13 cm of a surface at 20 m.
 """
 
-FARTHEST_PRINCIPAL_PX: Final = 1e5
-# limit of a coefficient; coefficients of the rational model nearly cancel each other, and are at most some hundreds
+FARTHEST_PRINCIPAL_PX: Final = 1e5  # maximum size of a coordinate of the principal point
+# maximum size of a lens coefficient; those of the rational model, which nearly cancel each other, reach some hundreds
 LARGEST_COEFFICIENT: Final = 1e4
 MOST_PIXELS: Final = 1 << 23
-"""Limit of an image in pixels: the largest depth cameras have five million."""
+"""Maximum number of pixels of an image: the largest depth cameras have five million."""
 
-LARGEST_SIDE_PX: Final = 16384
+LARGEST_SIDE_PX: Final = 16384  # maximum width and height of an image
 MOST_CAMERAS: Final = 16
-NARROWEST_LENS: Final = 0.01  # minimum valid radius of rays, in units of z; half a degree from the axis
+NARROWEST_LENS: Final = 0.01  # minimum valid radius of a lens, sqrt(x² + y²) / z of a ray: half a degree from the axis
 FINEST_DEPTH_SCALE_M: Final = 1e-6  # m per grey value, minimum; the largest 16-bit value is then 6 cm
 SLOWEST_HZ: Final = 0.1  # minimum frame rate in Hz; nobody can be followed with fewer images
 
@@ -205,8 +207,8 @@ CameraPose = Annotated[
 
 
 class LensEntry(Entry):
-    """The intrinsics of a camera. Without ``distortion``, its depth images are undistorted already; without ``model``,
-    the distortion has the five coefficients of Brown and Conrady.
+    """The intrinsics of a camera in recording.json. Without ``distortion``, its depth images are undistorted already;
+    without ``model``, the distortion has the five coefficients of Brown and Conrady.
     """
 
     fx: Focal
@@ -218,7 +220,7 @@ class LensEntry(Entry):
     valid_radius: Radius | None = None
 
     def lens(self) -> Intrinsics:
-        """Return the lens as described."""
+        """Return the lens that the entry describes."""
         return Intrinsics(**self.model_dump(exclude_none=True))
 
     @model_validator(mode="after")
@@ -234,8 +236,8 @@ class LensEntry(Entry):
 
 
 class CameraEntry(Entry):
-    """The description of a camera. ``camera_to_world`` is None if unknown, ``fps`` is None if timestamps.csv
-    gives the times, ``model`` and ``serial`` (number) of the device are None if not recorded.
+    """The description of a camera in recording.json. ``camera_to_world`` is None if unknown, ``fps`` is None if
+    timestamps.csv gives the times; ``model`` and ``serial`` (number) of the device are None if not recorded.
     """
 
     name: Annotated[str, AfterValidator(_require_folder_name)]
@@ -263,7 +265,7 @@ class CameraEntry(Entry):
         return self
 
     def camera(self) -> Camera:
-        """Return the camera as described."""
+        """Return the camera that the entry describes."""
         same = self.model_dump(include={"name", "width", "height", "depth_scale"})
         return Camera(**same, intrinsics=self.intrinsics.lens(), T_world_camera=self.camera_to_world)
 
@@ -279,7 +281,7 @@ def _require_utc(text: str) -> str:
 
 
 class StartEntry(Entry):
-    """When the first depth image of the first camera was taken, on clocks shared with other devices.
+    """The time at which the first depth image of the first camera was taken, on clocks shared with other devices.
 
     utc: time as ISO 8601 in UTC. lsl_s: time by the clock of the Lab Streaming Layer on the computer that recorded.
     """
@@ -291,7 +293,7 @@ class StartEntry(Entry):
 class RecordingDocument(Entry):
     """The content of recording.json, before any other file of the folder is read.
 
-    ``fps`` is given per camera, or at the top for all cameras without their own.
+    ``fps`` here is the frame rate of all cameras whose entries have none.
     """
 
     format: Literal["rgbd-recording"]
@@ -308,7 +310,8 @@ class RecordingDocument(Entry):
             raise Unfit("is empty", "list at least one camera", "cameras")
         if len(self.cameras) > MOST_CAMERAS:
             raise Unfit(f"has {len(self.cameras)} cameras", f"list {MOST_CAMERAS} at most", "cameras")
-        folded = [camera.name.casefold() for camera in self.cameras]  # on some disks both cases are the same folder
+        # some file systems do not distinguish upper and lower case
+        folded = [camera.name.casefold() for camera in self.cameras]
         for camera in self.cameras:
             if folded.count(camera.name.casefold()) > 1:
                 raise Unfit(f"has two cameras named '{camera.name}'", "give each camera its own name", "cameras")
@@ -337,9 +340,9 @@ def camera_document(camera: Camera) -> dict[str, Any]:
 
 
 def with_height(recording: Recording, height_m: float | None) -> Recording:
-    """Return the recording with the given height of the patient or, if None, with the recorded height.
+    """Return the recording with the given height of the patient, or unchanged if ``height_m`` is None.
 
-    Raises InputError if the two contradict each other, since either may be wrong.
+    Raises InputError if the given height contradicts the height in recording.json, since either may be wrong.
     """
     own_m = recording.subject.height_m
     if height_m is None:
@@ -359,7 +362,7 @@ RECORDING_FILE: Final = "recording.json"
 
 
 class CalibratedCamera(Entry, extra="ignore"):
-    """A camera of calibration.json; only its pose is used."""
+    """The entry of a camera in calibration.json; only its pose is used."""
 
     name: Text
     camera_to_world: CameraPose
@@ -374,7 +377,7 @@ class CalibrationDocument(Entry, extra="ignore"):
 
 
 def read_calibration(path: Path) -> dict[str, np.ndarray]:
-    """Read T_world_camera (4, 4) by camera name; raises InputError naming the file, the key and the remedy."""
+    """Read T_world_camera (4, 4) by camera name from a calibration.json or its folder; raises InputError."""
     file = path / CALIBRATION_FILE if path.is_dir() else path
     cameras = read_document(file, CalibrationDocument).cameras
     poses = {camera.name: camera.camera_to_world for camera in cameras}
@@ -388,8 +391,8 @@ def read_calibration(path: Path) -> dict[str, np.ndarray]:
 def with_poses(recording: Recording, path: Path) -> Recording:
     """Return the recording with the poses of a calibration file instead of the recording's poses.
 
-    Raises InputError if the file lacks the pose of a camera: old and new poses, which are in different worlds,
-    cannot be mixed.
+    Raises InputError if the file lacks the pose of a camera: the recording's poses are in another world than the
+    file's, so they cannot be mixed.
     """
     poses = read_calibration(path)
     missing = [camera.name for camera in recording.cameras if camera.name not in poses]

@@ -1,9 +1,9 @@
-"""Open files that come from users or other programs: regular files only, up to a limit of their size.
+"""Open files that come from users or other programs: only regular files, and only up to a maximum size.
 
 Reading a named pipe without a writer, or a device, would never end. ``read_whole`` and ``read_bounded`` read a whole
 file; ``open_regular`` opens a file that is read in pieces; ``require_regular`` checks a path for a library that opens
-it; ``read_arrays`` and ``read_image`` decode files other than depth frames. No module opens an input in another way
-(tests/test_structure.py).
+it; ``read_arrays`` and ``read_image`` decode files other than depth frames. No module opens an input in another way;
+tests/test_structure.py enforces this.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from anchorpose.errors import InputError
 
 Found = TypeVar("Found")
 
-NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # never waits for a pipe's writer
 
 LARGEST_TABLE: Final = 512 * 2**20
-"""Limit in bytes of a table as text, or of a C3D. An hour of 40 points at 100 Hz has 350 MB; its values take ten times
-as much memory.
+"""Maximum size in bytes of a table as text, or of a C3D file. An hour of 40 points at 100 Hz has 350 MB; its values
+take ten times as much memory.
 """
 
 LARGEST_IMAGE: Final = 256 * 2**20
-"""Limit in bytes of an image file of any kind: 8192 x 8192 incompressible colour pixels."""
+"""Maximum size in bytes of an image file of any kind: 8192 x 8192 incompressible colour pixels."""
 
 LARGEST_ARRAYS: Final = 4 * 2**30
-"""Limit in bytes of arrays in memory, or of the stored state of a run: an hour of true joints at 30 Hz has 54 MB."""
+"""Maximum size in bytes of arrays in memory, or of a run's stored state: an hour of joints at 30 Hz has 54 MB."""
 
 AS_STORED: Final = -1  # value of cv2.IMREAD_UNCHANGED
 
@@ -45,10 +45,10 @@ PUT_FILE: Final = "put the file itself there, or remove it"
 
 
 Stamp = tuple[int, int, int]
-"""Size, time of change (ns) and inode of a file: they differ after the file was replaced or written to."""
+"""Size, time of change (ns) and inode of a file. A stamp differs after the file was replaced or written to."""
 
-_ERROR_STREAM: Final = 2
-_REDIRECTED: Final = Lock()
+_ERROR_STREAM: Final = 2  # file descriptor of the standard error stream
+_REDIRECTED: Final = Lock()  # held while the error stream is redirected
 
 
 class Unreadable(Exception):
@@ -56,7 +56,9 @@ class Unreadable(Exception):
 
 
 STAMP: Final = np.dtype([("size", np.int64), ("changed_ns", np.int64), ("inode", np.uint64)])
-"""Type of an array of stamps, as ``list_file`` returns them: an hour has 324,000 files."""
+"""Element type of an array of stamps (see ``list_file``), which saves memory: an hour of three cameras has 324,000
+files.
+"""
 
 
 def list_file(path: Path) -> Stamp:
@@ -103,7 +105,9 @@ def _open(path: Path) -> BufferedReader:
 
 
 class _Ended(FileIO):
-    """A file that raises an error where reading would wait for content, as with the system's log."""
+    """A file that raises OSError instead of waiting for content that does not exist yet; reading the system's log, for
+    example, would wait.
+    """
 
     def __init__(self, path: Path, descriptor: int) -> None:
         self._path = path
@@ -124,14 +128,14 @@ class _Ended(FileIO):
 
 
 def is_there(path: Path) -> bool:
-    """Return whether the name exists. A broken link counts as existing, so that it is not taken for an absent file."""
+    """Return whether the path exists. A broken link counts as existing, so that it is not taken for an absent file."""
     return os.path.lexists(path)
 
 
 def read_bounded(path: Path, most_bytes: int, listed: Stamp | None = None) -> bytes:
     """Read a regular file of at most ``most_bytes``; raises Unreadable with the reason.
 
-    listed: the file's stamp when the run began. Raises InputError if the file was replaced since then, since the run
+    listed: the file's stamp when the run began. Raises InputError if the file was replaced since then, because the run
     would mix two recordings.
     """
     try:
@@ -152,7 +156,7 @@ def read_bounded(path: Path, most_bytes: int, listed: Stamp | None = None) -> by
 
 
 def read_whole(path: Path, most_bytes: int, remedy: str) -> bytes:
-    """Read a file as ``read_bounded``; raises InputError with the remedy where it cannot be read."""
+    """Read a regular file of at most ``most_bytes``; raises InputError with the remedy if it cannot be read."""
     try:
         return read_bounded(path, most_bytes)
     except Unreadable as problem:
@@ -160,7 +164,7 @@ def read_whole(path: Path, most_bytes: int, remedy: str) -> bytes:
 
 
 def reason(error: OSError | ValueError) -> str:
-    """Return the operating system's words for an error; for a name with a null byte the error is a ValueError."""
+    """Return the operating system's words for an OSError, or the text of a ValueError (a path with a null byte)."""
     return getattr(error, "strerror", None) or str(error)
 
 
@@ -173,7 +177,7 @@ def _too_large(size: int, most_bytes: int) -> str:
 
 
 def _not_a_file(mode: int) -> str:
-    """Return the kind of a path that is not a regular file; empty for a regular file."""
+    """Return the kind of a file that is not a regular file, as the end of a sentence; empty for a regular file."""
     kinds = (
         (stat.S_ISREG, ""),
         (stat.S_ISDIR, "is a folder, not a file"),
@@ -184,7 +188,7 @@ def _not_a_file(mode: int) -> str:
 
 
 def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]:
-    """Read those of the named arrays that an .npz file has; raises InputError if it is not an .npz file."""
+    """Read those of the arrays ``names`` that an .npz file has; raises InputError if it is not an .npz file."""
     try:
         with open_regular(path) as stream, zipfile.ZipFile(stream) as packed:
             size = sum(packed.getinfo(f"{name}.npy").file_size for name in names if f"{name}.npy" in packed.namelist())
@@ -208,7 +212,7 @@ def read_image(path: Path, flags: int = AS_STORED) -> np.ndarray | None:
         data = read_bounded(path, LARGEST_IMAGE)
         with _silent_decoders():
             return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except (Unreadable, cv2.error):  # raised for an empty file, and for more pixels than OpenCV decodes
+    except (Unreadable, cv2.error):  # OpenCV raises for an empty file, and for more pixels than it decodes
         return None
 
 
@@ -216,7 +220,7 @@ def read_image(path: Path, flags: int = AS_STORED) -> np.ndarray | None:
 def _silent_decoders() -> Iterator[None]:
     """Discard the messages of libpng and libjpeg about damaged files, which OpenCV's log level does not affect.
 
-    The error stream of the whole process is redirected, so do not use it while other threads work.
+    The error stream of the whole process is redirected, so this must not be used while other threads work.
     """
     with _REDIRECTED, open(os.devnull, "wb") as nothing:
         kept = os.dup(_ERROR_STREAM)

@@ -1,6 +1,6 @@
 """Check before any work begins whether a path may be written, and write each file completely or not at all.
 
-Recordings, inputs and the user's files are never changed.
+These checks ensure that recordings, inputs and the user's files are never changed.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from anchorpose.recording.regular_file import open_regular
 # at least two letters, since "C:/" is a Windows drive
 ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)
 
-RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")
+RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")  # files that show that a folder is a recording
 
-BEGINNING: Final = 4096  # number of bytes at the beginning of a file in which its mark is searched
+BEGINNING: Final = 4096  # bytes at the beginning of a file that are searched for the mark of an earlier output
 
 
 def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) -> None:
-    """Raise InputError if the path may not be written: if it is an address, the root, a link, a place in a recording, a
-    place inside an input, or a place that contains an input.
+    """Raise InputError if the path may not be written: if it is an address (URL), the root of the disk, a link, or
+    inside a recording; or if it is one of the ``inputs``, lies inside one or contains one.
 
     of_recording: the output is a part of a recording, so it may lie in a recording.
     """
@@ -60,7 +60,7 @@ def check_file(path: Path, mark: str, *inputs: Path | None, of_recording: bool =
 
 
 def _begins_with(path: Path, mark: str) -> bool:
-    """Return whether a file, not a link, is empty or has the mark in its first bytes."""
+    """Return whether a file is empty or has the mark in its first bytes; False for a link."""
     if path.is_symlink():
         return False
     try:
@@ -73,9 +73,10 @@ def _begins_with(path: Path, mark: str) -> bool:
 
 @contextmanager
 def new_folder(folder: Path, path: Path) -> Iterator[None]:
-    """Make a folder and its missing parents; if the block raises, those of them that are still empty are removed.
+    """Make a folder and its missing parents. If the ``with`` block raises, folders made here that are still empty are
+    removed.
 
-    Raises InputError about ``path``, which the user named, if a folder cannot be made.
+    Raises InputError if a folder cannot be made; the message names ``path``, the path that the user gave.
     """
     made = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
     try:
@@ -97,8 +98,8 @@ def _make(folder: Path, path: Path) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield the name of a temporary file that replaces ``path`` when the block ends without an error, and is removed
-    otherwise; disk errors name ``path``.
+    """Yield the path of a temporary file to be written, which replaces ``path`` when the ``with`` block ends without an
+    error, and is removed otherwise. Errors of the disk name ``path``, not the temporary file.
     """
     partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
     try:

@@ -1,4 +1,4 @@
-"""Build a chart: rows above one another over one time axis, the values that a slider shows, and all numbers as CSV.
+"""Build a chart: rows (one picture each) over a common time axis, values that a slider shows, and these values as CSV.
 
 Rows are stretched to the available width while lines and letters keep their size (see ``templates/parts.html``). So the
 same markup serves a phone, a screen and paper, without a script.
@@ -18,20 +18,21 @@ import numpy as np
 from anchorpose.report.words import number
 
 MOST_BINS: Final = 600
-"""Maximum number of groups of frames. Each is then about one and a half pixels wide on a page, and a third of a
-millimetre on paper.
+"""Maximum number of groups of frames in a chart, which draws each group as one point. With so many groups, a group is
+about one and a half pixels wide on a page, and a third of a millimetre on paper.
 """
 
 PAUSE: Final = 3.0
-"""A gap of more than this many usual intervals between frames is a pause, across which no line is drawn."""
+"""An interval between two frames that is longer than this many median intervals is a pause; no line crosses it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bins:
-    """Groups of neighbouring frames. start (b,) first row of each group; time_s (n,), frame (n,) of all frames.
+    """Groups of neighbouring frames; each group is drawn as one point. frame, time_s (n,): number and time of every
+    frame. start (b,): index of each group's first frame in these two arrays.
 
-    after_pause (b,) bool: no line connects this group with the previous group. clock: the name of the session, where a
-    page shows several sessions.
+    after_pause (b,) bool: a pause precedes the group, so no line connects it with the previous group. clock: the name
+    of the session on a page with several sessions, else empty; charts with the same clock share the slider's position.
     """
 
     frame: np.ndarray
@@ -47,7 +48,7 @@ class Bins:
 
     @property
     def last(self) -> np.ndarray:
-        """Return (b,) last row of each group."""
+        """Return (b,) the index of each group's last frame."""
         return np.append(self.start[1:], len(self.frame)) - 1
 
     @property
@@ -57,12 +58,14 @@ class Bins:
 
     @property
     def place(self) -> np.ndarray:
-        """Return (b,) the middle of each group between the first frame (0) and the last (1)."""
+        """Return (b,) the middle of each group on the time axis, from 0 (first frame) to 1 (last frame)."""
         middle = (self.time_s[self.start] + self.time_s[self.last]) / 2.0
         return self.place_of(middle)
 
     def place_of(self, time_s: np.ndarray) -> np.ndarray:
-        """Return where a time lies between the first frame (0) and the last (1); a single frame lies in the middle."""
+        """Return the place of a time on the time axis: 0 is the first frame, 1 the last; 0.5 if there is only one
+        frame.
+        """
         span = self.time_s[-1] - self.time_s[0]
         return (time_s - self.time_s[0]) / span if span > 0 else np.full(np.shape(time_s), 0.5)
 
@@ -71,7 +74,7 @@ class Bins:
 class Envelope:
     """The lowest and highest known value of each group, (b,) each, NaN if no frame of the group has a value.
 
-    rising (b,) bool: the lowest value is earlier than the highest.
+    rising (b,) bool: whether the lowest value is earlier than the highest.
     """
 
     low: np.ndarray
@@ -101,13 +104,15 @@ def envelope(values: np.ndarray, bins: Bins) -> Envelope:
 
 
 def worst(state_code: np.ndarray, bins: Bins) -> np.ndarray:
-    """Return (b,) the worst state of each group."""
+    """Return (b,) the largest value in each group of frames. Worse states have larger codes, so among state codes (n,)
+    the largest is the worst state.
+    """
     return np.maximum.reduceat(state_code, bins.start)
 
 
 UNITS: Final = 1000
-"""Side, in units, of the square on which rows are drawn before they are stretched. Places are whole numbers of units,
-which keeps the page small.
+"""Width and height of the drawing of a row, which the page stretches to the row's size. Coordinates in the drawing are
+whole numbers, which keeps the page small.
 """
 MOST_TICKS: Final = 5
 
@@ -123,24 +128,25 @@ class Axis:
     ticks: tuple[float, ...]
 
     def down(self, value: np.ndarray) -> np.ndarray:
-        """Convert values to whole units from the top. A value beyond the axis lies outside the picture, by at most its
-        height.
+        """Convert values to distances from the top of the picture, in whole units (``UNITS`` per picture height). A
+        value beyond the axis is placed outside the picture, at most one picture height away.
         """
         place = (self.high - np.asarray(value, dtype=np.float64)) / (self.high - self.low)
         return np.round(UNITS * np.clip(place, -1.0, 2.0))
 
     def labels(self) -> list[tuple[float, str]]:
-        """Return (share from the top, text) of each tick."""
+        """Return (place, text) of each tick; place: distance from the top as a share of the axis's height."""
         step = self.ticks[1] - self.ticks[0] if len(self.ticks) > 1 else 1.0
         decimals = max(0, -math.floor(math.log10(step) + 1e-9))
         return [((self.high - tick) / (self.high - self.low), number(tick, decimals)) for tick in self.ticks]
 
 
 def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
-    """Make an axis that holds all values.
+    """Make an axis whose range covers all values.
 
-    It includes the bands as far as the values still fill at least half of the height. values, bands: (lowest, highest)
-    pairs of arrays, NaN where unknown. least_span: least range, so that noise is not magnified.
+    It also covers the uncertainty bands, but only as far as the values still fill at least half of the height; the rest
+    of a wider band is not shown. values, bands: (lowest, highest) pairs of arrays, NaN where unknown. least_span:
+    minimum range of the axis, so that noise is not magnified.
     """
     low, high = _extremes(values)
     if low is None or high is None:
@@ -171,7 +177,7 @@ def _extremes(spans: Spans) -> tuple[float | None, float | None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mark:
-    """A sign over a row of a chart: its text, CSS class and place. link: target of a link; title: its name in words."""
+    """A sign over a row of a chart. kind: CSS class; style: CSS of its place; title: its meaning; link: its target."""
 
     text: str
     kind: str
@@ -197,12 +203,12 @@ class Row:
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """Return (share from the top, text) of each number beside the row."""
+        """Return (place, text) of each number beside the row, as ``Axis.labels`` does."""
         return [] if self.axis is None else self.axis.labels()
 
     @property
     def grid(self) -> str:
-        """Return a line at each tick, as an SVG path."""
+        """Return a horizontal line at each tick, as an SVG path."""
         return "".join(f"M0 {round(UNITS * top)}h{UNITS}" for top, _ in self.ticks)
 
 
@@ -213,7 +219,7 @@ def heading(label: str) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of the numbers behind a chart, one cell per group of frames, empty if nothing is known."""
+    """A column of a chart's CSV, with one cell per group of frames; a cell is empty if nothing is known."""
 
     name: str
     cells: Sequence[str]
@@ -221,8 +227,8 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """The numbers of a series that the slider shows: a column of text, or columns with the lowest and highest value,
-    sigma and state.
+    """The values of a curve or row that the slider shows: one column of text, or, if they are numbers, columns with the
+    lowest and highest value, sigma and state. A column that the curve or row does not have is None.
     """
 
     label: str
@@ -235,14 +241,14 @@ class Reading:
 
     @property
     def columns(self) -> list[tuple[str, Column]]:
-        """Return (role, column) of the existing columns."""
+        """Return (role, column) of each column that is not None; role: the name of its field."""
         roles = ("text", "low", "high", "sigma", "state")
         return [(role, getattr(self, role)) for role in roles if getattr(self, role) is not None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chart:
-    """Rows above one another over one time axis.
+    """Rows (one picture each) over a common time axis.
 
     identity: id of the chart on the page and name of its CSV file; title: description for people who cannot see it;
     caption: text above it; sources: the tables that it is drawn from.
@@ -270,7 +276,7 @@ class Chart:
 
     @property
     def spec(self) -> str:
-        """Return the page script's data: each reading's label, unit and positions of its columns in the CSV."""
+        """Return JSON for the page's script: each reading's label, unit and positions of its columns in the CSV."""
         position, spec = len(_leading_columns(self.bins)), []
         for reading in self.readings:
             entry: dict[str, object] = {"label": reading.label, "unit": reading.unit}
@@ -282,7 +288,7 @@ class Chart:
 
     @property
     def csv(self) -> str:
-        """Return the numbers of all readings as CSV, escaped for a data address."""
+        """Return the numbers of all readings as CSV, escaped for a ``data:`` URL."""
         columns = _leading_columns(self.bins) + [column for reading in self.readings for _, column in reading.columns]
         lines = [",".join(column.name for column in columns)]
         lines += map(",".join, zip(*(column.cells for column in columns), strict=True))
@@ -302,7 +308,7 @@ def _leading_columns(bins: Bins) -> list[Column]:
 
 def lowest_and_highest(name: str, values: np.ndarray, bins: Bins, decimals: int) -> dict[str, Column]:
     """Return two columns, the lowest and the highest value of each group. name: column name with a placeholder for
-    either word.
+    "lowest" or "highest".
     """
     line = envelope(values, bins)
     ends = {"low": ("lowest", line.low), "high": ("highest", line.high)}

@@ -1,8 +1,9 @@
-"""Decide which sessions may be compared, and list differences between sessions that a reader must know.
+"""Decide which sessions may be compared, and list the differences between them that a reader must know.
 
-Some measures grow when more was recorded, or when more of the recording is known: time upright, how often the patient
-stood up, the longest bout, the path of the sway. Between sessions of different lengths a change of such a measure has
-no meaning for the patient, so it is shown but not tested. Shares, means, speeds and percentiles do not grow.
+Some measures grow when the recording is longer, or when the posture is known for a longer part of it: time upright, how
+often the patient stood up, the longest time upright, the path of the sway. Between sessions of different lengths a
+change of such a measure says nothing about the patient, so it is shown but not tested. Shares, means, speeds and
+percentiles do not grow.
 """
 
 from __future__ import annotations
@@ -22,15 +23,15 @@ from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
 ALIKE: Final = 0.05
-"""Share of the longer span by which two comparable spans may differ. A measure's change by this share rarely exceeds
-its errors.
+"""Maximum difference between two comparable spans of time, as a share of the longer span. Such a difference changes a
+measure that grows with time by about the same share, which is rarely more than the measure's errors.
 """
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
 
 _LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures whose value is the best of all tries
 
-_AVERAGED: Final = ("hands_on_at_once_mean",)  # a count that does not grow with time, since it is a mean
+_AVERAGED: Final = ("hands_on_at_once_mean",)  # its unit is a count, but as a mean it does not grow with time
 
 _EXTREMES: Final = (
     "_shortest",
@@ -38,7 +39,7 @@ _EXTREMES: Final = (
     "_most",
     "_largest",
     "_range",
-)  # extreme values grow more extreme with more repetitions
+)  # name endings of measures that are an extreme of all repetitions: the more repetitions, the more extreme
 
 
 class Span(NamedTuple):
@@ -49,18 +50,17 @@ class Span(NamedTuple):
 
 
 def grows_with_time(measure: Measure) -> bool:
-    """Return whether twice the time of the same training would give a larger (or more extreme) number."""
+    """Return whether a measure's value would be larger (or more extreme) if the same training took twice as long."""
     name = measure.measure
     grows = name.endswith(("_time", *_EXTREMES)) or name.startswith("longest_") or measure.unit == "count"
     return (grows or name in (*_SWAY, *_LARGEST)) and name not in _AVERAGED
 
 
 def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> str | None:
-    """Return why a change of this measure between two sessions has no meaning for the patient; None if it may have a
-    meaning.
+    """Return why a change of this measure between two sessions is not tested; None if it is tested.
 
-    first, later: all measures of the two sessions. A measure that grows with time is not tested if the length of a
-    session is unknown.
+    first, later: all measures of the two sessions. A measure that grows with time is not tested if the lengths of the
+    sessions differ or are unknown.
     """
     if not grows_with_time(measure):
         return None
@@ -69,7 +69,9 @@ def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Meas
 
 
 def span_sentences(first: Sequence[Measure], later: Sequence[Measure]) -> list[str]:
-    """Return one sentence for each span whose length differs between two sessions."""
+    """Return a sentence for each time span whose length differs between two sessions: the time recorded, the time with
+    known posture, and the time from which sway is computed.
+    """
     return [
         f"{old.words}: {number(new.seconds, 1)} instead of {number(old.seconds, 1)} s, so that times, counts, extremes "
         "and paths taken over it are not tested"
@@ -102,7 +104,7 @@ def _differ(old_s: float, new_s: float) -> bool:
     return abs(new_s - old_s) > ALIKE * max(old_s, new_s)
 
 
-MOST_NAMES: Final = 8  # maximum number of differing settings that are named; others are only counted
+MOST_NAMES: Final = 8  # maximum number of differing settings that a sentence names; it only counts the others
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:
@@ -120,8 +122,8 @@ def require_comparable(sessions: Sequence[Session]) -> None:
 
 
 def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
-    """Return sentences on versions, settings, cameras, rates, lengths and bodies that differ from the first
-    session's.
+    """Return sentences on how each later session differs from the first: in program version, settings, cameras, frame
+    rate, time spans and the patient's learnt height.
     """
     first, notes = sessions[0], []
     for later, label in zip(sessions[1:], labels[1:], strict=True):
@@ -159,8 +161,8 @@ def _other_definition(first: Session, later: Session) -> str | None:
 
 
 def _units(session: Session) -> dict[str, str]:
-    """Return the units of the measures that every session has, without measures of a body part or a person, which
-    depend on what happened.
+    """Return the unit of each measure that is not about a single body part or person. Every session has these measures;
+    the others exist only in sessions in which that part was touched or that person touched the patient.
     """
     return {m.measure: m.unit for m in session.measures if m.part is None and m.person is None}
 
@@ -188,7 +190,7 @@ def _settings(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
 
 
 def _changed(old: Any, new: Any) -> list[str]:
-    """Return the names of all numbers that differ between two nested configs, or are in only one of them."""
+    """Return the dotted names of all settings that differ between two nested configs, or are in only one of them."""
     flat, own = _flat(old), _flat(new)
     return [name for name in dict.fromkeys([*flat, *own]) if flat.get(name) != own.get(name)]
 

@@ -1,10 +1,10 @@
 """Write comparison.html: several sessions of one patient side by side, and which changes exceed the errors of
 measurement.
 
-A change exceeds the errors where |b - a| > 1.96 sqrt(sigma_a^2 + sigma_b^2), the smallest detectable change (Weir 2005,
-doi:10.1519/15184.1). Errors of measurement alone, normal and independent between the sessions, exceed it only 5 times
-in 100. This change does not cover how a patient varies from day to day, so even a larger change may mean nothing. The
-thresholds in a table of ``anchorpose reliability`` do cover that variation.
+A change from a to b exceeds the errors if |b - a| is larger than the smallest detectable change, 1.96 sqrt(sigma_a^2 +
+sigma_b^2) (Weir 2005, doi:10.1519/15184.1). If errors of measurement are normally distributed and independent between
+the sessions, they alone exceed this limit only 5 times in 100. The limit does not cover how a patient varies from day
+to day, so even a larger change may be such a variation. Limits from ``anchorpose reliability`` do cover this variation.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from anchorpose.results.folder import write_text_whole
 from anchorpose.results.records import Measure
 from anchorpose.results.uncertainty import NORMAL_95
 
-MARK: Final = '<meta name="generator" content="anchorpose report">'  # mark in the head of the page
+MARK: Final = '<meta name="generator" content="anchorpose report">'  # only a page with this mark is overwritten
 
 
 def write_comparison(
@@ -54,9 +54,9 @@ def write_comparison(
     """Write one page on two or more results folders, in the order given; all others are compared with the first.
 
     labels: one per session; by default the name of its recording, or the name of its folder where two recordings share
-    a name. reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide. dates: one
-    per session, as 2025-03-28, for trends; by default the labels, where all of them are dates.
-    Raises InputError if a folder is unusable or the sessions cannot be compared; nothing is written then.
+    a name. reliability: a table of ``anchorpose reliability``; its minimal detectable changes then replace the limits
+    from the sigmas. dates: one per session, as 2025-03-28, for trends; by default the labels, where all of them are
+    dates. Raises InputError if a folder is unusable or the sessions cannot be compared; it then writes nothing.
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
@@ -106,8 +106,8 @@ def _page(
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change. difference: later minus first; detectable: the least change that exceeds the errors, None if no
-    error is stated.
+    """The change of a measure between two sessions. difference: later minus first; detectable: the limit above which a
+    change exceeds the errors, None if no error is stated.
 
     repeated: whether detectable comes from repeated sessions (MDC95), not from the stated errors.
     """
@@ -123,8 +123,8 @@ class Change:
 
 
 def change_between(first: Measure, later: Measure, repeated: float | None = None) -> Change | None:
-    """Return the change of a measure between two sessions; None if either has no value. repeated: the measure's
-    MDC95, in its unit, if known.
+    """Return the change of a measure between two sessions; None if either has no value. repeated: the measure's minimal
+    detectable change from repeated sessions (MDC95), in its unit, if known.
 
     Raises ValueError for different measures or units.
     """
@@ -135,7 +135,7 @@ def change_between(first: Measure, later: Measure, repeated: float | None = None
     difference = later.value - first.value
     if repeated is not None:
         return Change(difference, repeated, repeated=True)
-    if not first.sigma or not later.sigma:  # no conclusion without an error; an error of 0 was not measured
+    if not first.sigma or not later.sigma:  # no limit without both sigmas; 0 means that no error was measured
         return Change(difference, None)
     return Change(difference, NORMAL_95 * math.hypot(first.sigma, later.sigma))
 
@@ -154,17 +154,18 @@ REPEATED_VERDICTS: Final[dict[bool | None, tuple[str, str]]] = {
 
 
 class ChangeGroup(NamedTuple):
-    """Measures that are shown together; rows: (title, meaning, a cell per session and per change since the first)."""
+    """Measures shown together; rows: (title, meaning, a cell per session and per change since the first session)."""
 
     heading: str
     rows: list[tuple[str, str, list[Markup]]]
 
 
 def change_groups(sessions: Sequence[Session], detectable: Detectable | None = None) -> list[ChangeGroup]:
-    """Return the measures of all sessions side by side; detectable: minimal detectable changes of
-    ``read_detectable``.
+    """Return the measures of all sessions side by side; detectable: minimal detectable changes, as ``read_detectable``
+    returns them.
 
-    Measures of one person are left out: people have no names that persist from session to session.
+    Measures about one person who touched the patient are left out, since a name such as "person 2" may mean somebody
+    else in another session.
     """
     limits = detectable or {}
     found = [{(m.measure, m.side, m.part): m for m in session.measures if m.person is None} for session in sessions]
@@ -224,8 +225,8 @@ def _signed(change: Change, measure: Measure) -> str:
 
 
 def angle_rows(sessions: Sequence[Session]) -> list[tuple[str, list[Markup]]]:
-    """Return rows (name, one cell per session) with the range of each angle that all sessions have, and its inferred
-    share.
+    """Return rows (name, one cell per session) for the angles that all sessions have: the angle's range, its median,
+    and the share of frames in which it was inferred.
     """
     names = [name for name in sessions[0].angles.names if all(name in each.angles.names for each in sessions)]
     return [(named_part(name), [_range(session, name) for session in sessions]) for name in names]

@@ -1,5 +1,5 @@
-"""Write the section on the conditions of a session's trials: main measures under each condition, differences, and
-curves over parameters.
+"""Write the section on the conditions of a session's trials: the main measures under each condition, their differences,
+and their curves over the trials' parameters (numbers set in each trial, such as an amplitude).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from anchorpose.results.trial_table import TRIALS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEFT_OUT: Final = ("recorded_time", "found_time", "unknown_time", "sway_time")
-"""Times that measure how much was recorded, not what the patient did."""
+"""Times that measure how much was recorded, not what the patient did; they are not compared."""
 
 CURVES: Final = (
     "upright_share",
@@ -38,7 +38,7 @@ CURVES: Final = (
     "assistance_share_upright",
     RATING,
 )
-"""Measures whose curves over parameters are drawn if the user chose no measures."""
+"""Measures that are drawn as curves over the trials' parameters if the user chose no measures."""
 
 DESIGNS: Final = {
     PAIRS: "Neighbouring trials of two conditions are compared in pairs, since they alternate.",
@@ -48,8 +48,8 @@ DESIGNS: Final = {
 
 
 class ConditionRow(NamedTuple):
-    """A row for one condition: its name, the number of its trials that have a value, their mean, the difference from
-    the reference, and what the difference shows.
+    """A row for one condition: its name, the number of its trials that have a value, their mean, its difference from
+    the reference condition, and the verdict: whether the trials demonstrate the difference, or why not.
     """
 
     condition: str
@@ -68,8 +68,8 @@ class ConditionGroup(NamedTuple):
 
 
 class ConditionSection(NamedTuple):
-    """The section's content. about: sentences on the trials; designs: how they are compared; tested: how many
-    differences are tested; groups: one per measure; charts: curves over parameters.
+    """The section's content. about: sentences on the trials; designs: sentences on how trials are compared; tested: how
+    many differences are tested; groups: one per measure; charts: curves over the trials' parameters.
     """
 
     about: list[str]
@@ -80,8 +80,8 @@ class ConditionSection(NamedTuple):
 
 
 def with_reference(session: Session, trials: Trials, reference: str) -> Session:
-    """Return the session whose trials are compared with those of this condition; raises InputError if no trial has
-    this condition.
+    """Return the session with ``reference`` as the condition with which all others are compared; raises InputError if
+    no trial has this condition.
     """
     if reference not in trials.conditions:
         named = ", ".join(f"'{name}'" for name in trials.conditions)
@@ -116,8 +116,8 @@ def condition_section(
 
 
 def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Measure]]:
-    """Return, per measure that is shown, the rows of all trials, in the order of reading; a measure without any value
-    is left out.
+    """Return, for each measure that is shown, its table rows for all trials, in the order in which measures are shown;
+    a measure without any value is left out.
     """
     names = list(chosen) or [name for name in PRINTED if name not in LEFT_OUT]
     found: dict[MeasureKey, list[Measure]] = {}
@@ -181,7 +181,9 @@ def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | Non
 
 
 def _difference(effect: Effect, like: Measure) -> Markup:
-    """Return the difference with its interval, with as many digits as the interval justifies."""
+    """Return the cell of a difference from the reference condition with its 95 % interval, with as many digits as the
+    interval justifies. like: a table row of the same measure, which has its name and unit.
+    """
     if effect.difference is None:
         return Markup('<span class="unknown">not known</span>')
     form = _form(effect, like)

@@ -1,10 +1,10 @@
-"""Draw curves of a quantity over time, left and right in one picture, as SVG paths in whole units.
+"""Draw curves of a quantity over time, left and right in one picture, as SVG paths with whole numbers.
 
-A thick line means seen, a thin line inferred. The left side is solid, the right side dashed, and each curve is named at
-its end. The band contains the true value 95 times in 100. Where a group of frames is drawn as one point, the line runs
-midway between its lowest and highest value, and a darker band spans both. Below the picture, each curve has a row of
-columns: half as high as the row where the curve was inferred, as high as the row where it is lost. No information
-depends on colour alone.
+A line is thick where the quantity was seen and thin where it was inferred. The line of the left side is solid, that of
+the right side dashed, and each curve has a letter at its end. The band around a line is expected to contain the true
+value 95 times in 100. Where a group of frames is drawn as one point, the line runs midway between the group's lowest
+and highest value, and a darker band reaches from one to the other. Below the picture, each curve has a row of columns,
+of half height where the curve was inferred and of full height where it is lost. No information depends on colour alone.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """The common properties of one picture's curves: name, unit in text and in column names, decimals, least span."""
+    """The properties of all curves in a picture: name, unit in text and in column names, decimals, least axis range."""
 
     label: str
     unit: str
@@ -66,7 +66,7 @@ class Quantity:
 
 
 def curve_row(curves: Sequence[Curve], quantity: Quantity, bins: Bins, height: int) -> Row:
-    """Return the picture of the curves over one pair of axes."""
+    """Return one picture with all curves, on common axes."""
     lines = [envelope(curve.value, bins) for curve in curves]
     bands = [_band(curve, bins) for curve in curves]
     axis = make_axis([(e.low, e.high) for e in lines], bands, quantity.least_span)
@@ -93,7 +93,9 @@ def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
 
 
 def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_state: bool = True) -> Reading:
-    """Return what the slider shows of a curve; several curves of a joint share one state."""
+    """Return the curve's values for the slider. with_state: whether to include sigma and state. The x, y and z curves
+    of a joint's path have the same sigma and state, so only one of the three includes them.
+    """
     name = f"{curve.key}_{{}}_{quantity.unit_name}"
     columns = lowest_and_highest(name, curve.value, bins, quantity.decimals)
     if with_state:
@@ -111,7 +113,7 @@ def _band(curve: Curve, bins: Bins) -> tuple[np.ndarray, np.ndarray]:
 def _shapes(
     curve: Curve, line: Envelope, band: tuple[np.ndarray, np.ndarray], bins: Bins, axis: Axis
 ) -> list[tuple[str, str]]:
-    """Return the shapes from the lowest to the topmost: the band, the spread within the groups, and the line."""
+    """Return a curve's shapes in the order of drawing: uncertainty band, band from lowest to highest value, line."""
     middle = (line.low + line.high) / 2.0
     seen, inferred = line_paths(Envelope(middle, middle, line.rising), worst(curve.state_code, bins) == 0, bins, axis)
     side = curve.side or "both"
@@ -121,7 +123,7 @@ def _shapes(
 
 
 def end_marks(sides: Sequence[str], lines: Sequence[Envelope], axis: Axis, height: int) -> tuple[Mark, ...]:
-    """Return the curves' initials beside their last values, pushed apart where they would overlap."""
+    """Return the letters L and R, each beside the last value of its curve, pushed apart where they would overlap."""
     known = [(side, line.high[np.isfinite(line.high)]) for side, line in zip(sides, lines, strict=True)]
     places = sorted((float(axis.down(values[-1:])[0]) / UNITS, side) for side, values in known if len(values))
     if len(places) == 2 and places[1][0] - places[0][0] < LETTER_PX / height:
@@ -136,8 +138,8 @@ Points = list[tuple[int, int]]
 
 
 def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tuple[str, str]:
-    """Return two SVG paths: the links between two groups that are both ``seen`` (b,), and all other links. Nothing is
-    drawn across a gap.
+    """Return two SVG paths: the line segments between neighbouring groups that are both ``seen`` (b,), and all other
+    segments. No line is drawn across a pause or a group without a value.
     """
     finite, across = np.isfinite(curve.low), _across(bins.place)
     low, high = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (curve.low, curve.high))
@@ -151,7 +153,7 @@ def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tup
 
 
 def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
-    """Return the SVG path of the area between two curves (b,), with one outline for each run without a gap."""
+    """Return the SVG path of the area between two curves (b,), with one outline per run of groups without a gap."""
     across, finite = _across(bins.place), np.isfinite(low) & np.isfinite(high)
     top, bottom = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (high, low))
     outlines = []
@@ -167,7 +169,7 @@ def step_path(level: np.ndarray, bins: Bins) -> str:
     nothing.
     """
     place, height = bins.place, np.array(_across(np.nan_to_num(level)))  # a group without a value draws nothing
-    middle = (place[1:] + place[:-1]) / 2.0  # neighbours meet midway, except beside a pause
+    middle = (place[1:] + place[:-1]) / 2.0  # columns of neighbouring groups meet midway, except beside a pause
     left = _across(np.append(0.0, np.where(bins.after_pause[1:], place[1:], middle)))
     right = _across(np.append(np.where(bins.after_pause[1:], place[:-1], middle), 1.0))
     parts = []
@@ -187,13 +189,13 @@ def _whole(values: np.ndarray) -> list[int]:
 
 
 def _runs(known: np.ndarray, bins: Bins) -> list[slice]:
-    """Return each run of known groups without a pause."""
+    """Return each run of neighbouring groups with ``known`` (b,) True and no pause between them."""
     return runs_of(known, ~bins.after_pause[1:])
 
 
 def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
-    """Split a run into pieces in which all links between groups are seen, or all are unseen; neighbouring pieces share
-    a group. A link is seen if both of its ends are seen.
+    """Split a run of groups into pieces whose line segments (from each group to the next) are all seen, or all unseen;
+    neighbouring pieces share a group. A line segment is seen if the groups at both its ends are seen.
     """
     if run.stop - run.start == 1:
         return [(run, bool(seen[run.start]))]
@@ -203,8 +205,8 @@ def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
 
 
 def _trace(points: Points) -> str:
-    """Return an SVG path of relative steps, which are shorter to write than places. A single point becomes a step of
-    length zero: a dot.
+    """Return an SVG path of relative steps, which are shorter to write than coordinates. A single point becomes a step
+    of length zero: a dot.
     """
     x, y = points[0]
     steps = [f"M{x} {y}l"]

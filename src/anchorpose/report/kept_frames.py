@@ -23,7 +23,7 @@ folder.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """A picture for the page. size: (width, height) in pixels; data: WebP in base64, empty if it is damaged."""
+    """A picture for the page. size: (width, height) in pixels; data: WebP in base64, empty if the file is damaged."""
 
     caption: str
     size: tuple[int, int]
@@ -58,7 +58,7 @@ def _kept_frame(session: Session, frame: int, pictures: Sequence[dict[str, Any]]
 
 
 def _figure(folder: Path, picture: dict[str, Any]) -> Figure:
-    """Decode and encode the picture again, so that no other content of a file gets into the page."""
+    """Decode the picture and encode it again, so that nothing but its pixels gets into the page."""
     caption = f"Camera {picture['camera']}. {picture['caption']}"
     pixels = read_image(folder / picture["file"], cv2.IMREAD_COLOR)
     if pixels is None:

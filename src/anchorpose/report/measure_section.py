@@ -1,7 +1,8 @@
-"""Write the measures of stand training as tables: value, uncertainty, and how much is inferred; or why there is no
-value.
+"""Write the measures of stand training as tables: value, uncertainty, and the share of frames with inferred joints; or
+why there is no value.
 
-The words for each measure are in measures.csv; they shorten docs/measures.md, which has thresholds and sources.
+Title and meaning of each measure are in measures.csv. docs/measures.md describes the measures at length, with
+thresholds and sources.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ _ROWS: Final = read_words("anchorpose.report", "measures.csv")
 _WORDS: Final = {row["measure"]: Words(row["title"], row["meaning"]) for row in _ROWS}
 
 GROUPS: Final = {heading: [row["measure"] for row in rows] for heading, rows in groupby(_ROWS, itemgetter("group"))}
-"""Headings of tables, and their measures."""
+"""Heading of each table, and the names of its measures."""
 
 PRINTED: Final = [row["measure"] for row in sorted(_ROWS, key=lambda row: int(row["printed"] or 0)) if row["printed"]]
-"""The measures that are printed, in this order; all others are in measures.parquet."""
+"""Names of the main measures, which are printed in this order; measures.parquet has all measures."""
 
 OTHERS: Final = "Other measures"
 
@@ -49,7 +50,7 @@ _UNITS: Final = {
 
 
 def grouped_measures(measures: Sequence[Measure]) -> dict[str, list[Measure]]:
-    """Return the measures under each heading, both in reading order; empty groups are left out."""
+    """Return the measures under each heading, both in the order of measures.csv; empty groups are left out."""
     groups: dict[str, list[Measure]] = {heading: [] for heading in (*GROUPS, OTHERS)}
     order = {name: position for position, name in enumerate(_WORDS)}
     for measure in sorted(measures, key=lambda m: (m.part is not None, order.get(m.measure, len(order)))):
@@ -59,18 +60,18 @@ def grouped_measures(measures: Sequence[Measure]) -> dict[str, list[Measure]]:
 
 
 def words_of(name: str) -> Words:
-    """Return the words for a measure; a measure that this version does not know keeps the name in its table."""
+    """Return the words for a measure; if measures.csv lacks the measure, its title is its name."""
     return _WORDS.get(name, Words(spaced(name), "See docs/measures.md."))
 
 
 def unit_of(unit: str) -> tuple[float, str]:
-    """Return the factor by which a value is multiplied, and the unit written after it."""
+    """Return the factor from a table's unit to the printed unit, and the printed unit as text."""
     return _UNITS.get(unit, (1.0, f" {unit}"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasureRow:
-    """A table row: the left and right value of a measure, or all measures that lack a value for the same reason.
+    """A table row: one measure, both sides of a measure, or measures that lack a value for the same reason.
 
     why: that reason, empty if there is a value; values: one, or left and right.
     """
@@ -91,8 +92,8 @@ class MeasureGroup(NamedTuple):
 
 
 class MeasureSection(NamedTuple):
-    """The section's content. whole: measures of the session and of parts of the body; detail: measures of single
-    persons; words: what the measures mean.
+    """The section's content. whole: measures of the session and of parts of the body; detail: measures about single
+    persons who touched the patient, and numbers of contacts of each part; words: what the measures mean.
     """
 
     whole: list[MeasureGroup]
@@ -116,7 +117,7 @@ def _is_detail(measure: Measure) -> bool:
 
 
 def title_of(measure: Measure) -> str:
-    """Return the title of a measure, with its side, its part and the person."""
+    """Return the title of a measure, with the side, part of the body and person that it is about."""
     words = [words_of(measure.measure).title]
     words += [named_part(measure.part)] if measure.part else [measure.side] if measure.side else []
     words += [f"by {measure.person}"] if measure.person else []
@@ -124,7 +125,7 @@ def title_of(measure: Measure) -> str:
 
 
 def value_form(measure: Measure) -> Form:
-    """Return the form of a value, with as many digits as its uncertainty justifies."""
+    """Return how to write a measure's value: in its unit, with as many digits as its uncertainty justifies."""
     times, after = unit_of(measure.unit)
     reach = None if measure.sigma is None else NORMAL_95 * measure.sigma * times
     value = times * (measure.value or 0.0)
@@ -138,7 +139,7 @@ def _groups(measures: Sequence[Measure]) -> list[MeasureGroup]:
 
 
 def _entries(measures: Sequence[Measure]) -> list[list[Measure]]:
-    """Return the measures of each row, see ``MeasureRow``."""
+    """Group the measures into table rows, see ``MeasureRow``."""
     entries: list[list[Measure]] = []
     for measure in measures:
         last = entries[-1][-1] if entries else None
@@ -182,17 +183,19 @@ def value_and_error(measure: Measure) -> Markup:
 
 
 def inferred_share(measure: Measure, after: str = " %") -> Markup:
-    """Return how much of a measure is inferred; empty if unknown."""
+    """Return the percentage of a measure's frames with an inferred joint, followed by ``after``; empty if unknown."""
     if measure.inferred_share is None:
         return Markup()
     return figure(measure.inferred_share, Form(times=100.0, after=after, share=True))
 
 
-ROUNDING_S: Final = 0.001  # s; an unknown time below this is a rounding error
+ROUNDING_S: Final = 0.001  # s; a shorter time of unknown posture, or without the patient, is a rounding error
 
 
 def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:
-    """Return a row of texts per printed measure: title, value with its error, inferred share, why there is no value."""
+    """Return a row per printed measure: title, value with its error, share of frames with inferred joints, and the
+    reason if there is no value.
+    """
     rows, lower_bounds = [], _lower_bounds(measures)
     for name in PRINTED:
         for row in measures:
@@ -212,7 +215,9 @@ def _value_text(measure: Measure) -> str:
 
 
 def _lower_bounds(measures: Sequence[Measure]) -> set[str]:
-    """Return the measures whose true value may be larger, since part of the recording is unknown."""
+    """Return the names of measures that are lower bounds, since the posture is unknown or the patient not found in part
+    of the recording.
+    """
     seconds = {row.measure: row.value for row in measures if row.value is not None and row.unit == "s"}
     found: set[str] = set()
     if seconds.get("unknown_time", 0.0) > ROUNDING_S:

@@ -1,4 +1,4 @@
-"""Write joint angles and paths of joints: tables of ranges and states, and a chart of each, left and right together."""
+"""Write the sections on angles and paths of joints: tables of angle ranges and joint states, charts of both sides."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GROUPS: Final = {
     "Arms": ("shoulder", "elbow", "wrist", "forearm"),
     "Head and neck": ("neck", "head"),
 }
-"""Headings, and the first words of the names of their angles; angles without a heading come last."""
+"""Heading of each group of angles, and the first words of its angles' names; angles that fit no group come last."""
 
 OTHERS: Final = "Other angles"
 
@@ -39,8 +39,8 @@ AXES: Final = {"x": "forward (X), m", "y": "up (Y), m", "z": "to the right (Z), 
 
 
 class AngleGroup(NamedTuple):
-    """The angles of a part of the body; rows: (name, cells) of its table; charts: a sentence replaces a missing
-    chart.
+    """The angles of one part of the body. rows: (name, cells) of each angle in its table; charts: one chart per angle,
+    left and right together; for an angle without a value in any frame, a sentence instead.
     """
 
     heading: str
@@ -49,7 +49,7 @@ class AngleGroup(NamedTuple):
 
 
 def angle_section(session: Session) -> list[AngleGroup]:
-    """Return, for each part of the body from the ground up, a table of ranges and the charts."""
+    """Return, for each part of the body in the order of ``GROUPS``, a table of the angles' ranges, and their charts."""
     groups = []
     for heading, bases in grouped_angles(session.angles.names).items():
         charts = [_angle_chart(session, base, names) for base, names in bases.items()]
@@ -59,7 +59,7 @@ def angle_section(session: Session) -> list[AngleGroup]:
 
 
 def grouped_angles(names: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
-    """Return, by heading, each angle without its side and the angles of both sides, left first."""
+    """Return {heading: {name of an angle without its side: its names with each side}}, in the order of ``names``."""
     groups: dict[str, dict[str, list[str]]] = {heading: {} for heading in (*GROUPS, OTHERS)}
     for name in sorted(names, key=lambda name: (names.index(name), split_side(name)[1] or "")):
         base, _ = split_side(name)
@@ -96,14 +96,14 @@ def _angle_curve(session: Session, name: str) -> Curve:
 
 
 def angle_figures(session: Session, name: str) -> list[Markup]:
-    """Return lowest, median and highest value of an angle, on the shortest arc that holds all of them."""
+    """Return lowest, median and highest value of an angle, shifted by ``on_shortest_arc``, as HTML."""
     degrees = on_shortest_arc(session.angles.degrees[:, session.angles.column(name)])
     known = degrees[np.isfinite(degrees)]
     return [figure(reduce(known) if len(known) else None, Form(after="°")) for reduce in (np.min, np.median, np.max)]
 
 
 def state_share(state_code: np.ndarray, *states: JointState) -> float:
-    """Return the share of state codes that are one of the states."""
+    """Return the share of the codes in ``state_code`` that are codes of ``states``."""
     return float(np.isin(state_code, [STATE_CODE[state] for state in states]).mean())
 
 
@@ -125,7 +125,9 @@ def known_median(values: np.ndarray) -> float | None:
 
 
 def state_table(session: Session) -> list[tuple[str, list[Markup]]]:
-    """Return (name, cells) of each joint: per cent of its frames in each state, and its typical uncertainty."""
+    """Return (name, cells) of each joint: percentage of the frames in each state, and the joint's typical
+    uncertainty.
+    """
     return [(named_part(name), _joint_cells(session, JOINT_INDEX[name])) for name in JOINT_NAMES]
 
 
@@ -136,7 +138,9 @@ def _joint_cells(session: Session, joint: int) -> list[Markup]:
 
 
 def joint_charts(session: Session) -> list[Chart | str]:
-    """Return the path of each joint or pair of joints (forward, up, to the right); a sentence where both are lost."""
+    """Return a chart of the path of each joint, left and right together; for a joint that is lost in all frames, a
+    sentence instead.
+    """
     pairs: dict[str, list[str]] = {}
     for name in JOINT_NAMES:
         pairs.setdefault(split_side(name)[0], []).append(name)
@@ -177,11 +181,12 @@ def _path_curve(session: Session, name: str, axis: str) -> Curve:
 
 
 def on_shortest_arc(degrees: np.ndarray) -> np.ndarray:
-    """Shift angles (n,) in degrees from -180 to 180, NaN where unknown, by whole turns to the shortest arc that holds
-    all of them.
+    """Shift angles by whole turns so that all of them lie on the shortest arc that holds them. degrees (n,): from -180
+    to 180, NaN where unknown.
 
-    A patient who faces against X has a pelvis at 179 in one frame and at -179 in the next: two degrees apart, not 358.
-    The shift is chosen such that the median is from -180 to 180. Angles that span less than half a turn stay unchanged.
+    If a patient faces against the X axis, the rotation of the pelvis may be 179 degrees in one frame and -179 in the
+    next: a difference of 2 degrees, not of 358. After the shift, the median is from -180 to 180. Angles that span less
+    than half a turn stay unchanged.
     """
     known = np.sort(degrees[np.isfinite(degrees)])
     if len(known) < 2:

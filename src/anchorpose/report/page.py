@@ -1,4 +1,4 @@
-"""Write report.html, a single page that opens anywhere, from the tables, run.json and the kept pictures."""
+"""Write report.html, a single page without other files, from the tables, run.json and pictures of a results folder."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ MOST_LINES: Final = 60
 """Maximum number of problems listed on the page; all others are only counted there, and listed in run.json."""
 
 
-# px, minimum stated range over which neighbouring readings share their error; below it, errors are almost independent
+# px; the page mentions patches of pixels with a common depth error if they are at least this wide; if patches are
+# smaller, the errors of neighbouring pixels are almost independent
 ALIKE_PX: Final = 1.5
 
 
 def problems(session: Session) -> list[str]:
-    """Return one sentence per run of frames with the same problem: the patient is lost, or depth is too poor."""
+    """Return a sentence per run of frames with the same problem, such as a lost patient or poor depth."""
     sentences = [_stretch(drops) for drops in _stretches(session.run.get("dropped", []))]
     sentences += [f"{_frames(entry)}: the patient is lost: {entry['why']}" for entry in session.run.get("lost", [])]
     sentences += [f"{_frames(entry)}: {entry['why']}" for entry in session.run.get("poor_depth", [])]
@@ -45,7 +46,7 @@ def problems(session: Session) -> list[str]:
 
 
 def _frames(entry: dict[str, Any]) -> str:
-    """Return the frames of an interval of run.json."""
+    """Return the frames and times of an interval of run.json as text."""
     first, last, start_s = entry["first_frame"], entry["last_frame"], entry["start_s"]
     if last == first:
         return f"Frame {first} ({start_s:.2f} s)"
@@ -53,7 +54,9 @@ def _frames(entry: dict[str, Any]) -> str:
 
 
 def _stretches(dropped: Sequence[dict[str, Any]]) -> list[list[dict[str, Any]]]:
-    """Join neighbouring frames with the same reason, where frame numbers in file names do not count as a difference."""
+    """Group the dropped frames into runs of neighbouring frames with the same reason. Reasons that differ only in the
+    frame number of a file name count as the same.
+    """
     stretches: list[list[dict[str, Any]]] = []
     for drop in sorted(dropped, key=lambda drop: (_reason(drop), drop["frame"])):
         last = stretches[-1][-1] if stretches else None
@@ -76,8 +79,8 @@ def _stretch(drops: Sequence[dict[str, Any]]) -> str:
 
 
 def corrections(session: Session) -> list[str]:
-    """Return each entry of the reviewer's file that tracking used, with the reviewer's name; see
-    ``CorrectionsRecord``.
+    """Return a sentence, with the reviewer's name, for each correction that tracking used, and a last sentence that
+    names the corrections file; see ``CorrectionsRecord``.
     """
     record = session.run.get("corrections")
     if record is None:
@@ -108,7 +111,9 @@ def _signed(entry: dict[str, Any]) -> str:
 
 
 class Facts(NamedTuple):
-    """A table that is folded at first: rows of (name, cells); no rows where run.json has no entry."""
+    """A table that the page shows only when the user unfolds it. rows: (name, cells) of each row, empty if run.json has
+    no entry for the table.
+    """
 
     title: str
     head: Sequence[str]
@@ -116,7 +121,7 @@ class Facts(NamedTuple):
 
 
 def provenance(session: Session) -> list[Facts]:
-    """Return versions, cameras, residuals, the body, times and the hashes of all inputs."""
+    """Return tables of versions, cameras, calibration residuals, the learnt body, computing times and input hashes."""
     run = session.run
     measured = session.definition.anchorpose if session.definition else "measures.parquet does not say"
     versions = [*run.get("versions", {}).items(), ("the measures: anchorpose", measured)]
@@ -151,7 +156,9 @@ def _position(camera: dict[str, Any]) -> str:
 
 
 def _depth(camera: dict[str, Any]) -> str:
-    """Return noise, step and width of edges at 2.5 m, where patients stand; older results lack these values."""
+    """Describe a camera's depth: at 2.5 m, where patients stand, its noise and the step between two successive depth
+    values; and over how many pixels it blurs an edge in depth. Results of older versions lack these values.
+    """
     depth = camera.get("depth")
     if depth is None:
         return "not known"
@@ -161,7 +168,7 @@ def _depth(camera: dict[str, Any]) -> str:
 
 
 def _noise(noise: DepthNoise) -> str:
-    """Return the random error of a camera in words."""
+    """Return the random error of a camera's depth in words."""
     at_m = f"± {1000 * float(noise.sigma_m(np.array(USUAL_DISTANCE_M))):.0f} mm (one sigma)"
     if not noise.measured:
         return f"{at_m} between neighbouring readings; no still background is seen to measure all of the noise on"
@@ -195,11 +202,11 @@ def write_report(
     """Write report.html into a results folder and return its path. The same folder with the same raters' scores gives
     the same bytes.
 
-    reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide about differences
-    between conditions; measures: names of the measures that are compared between conditions, empty for the main
-    measures; reference: the condition that the others are compared with, empty for that of the first trial. Raises
-    InputError if a table or run.json is missing or unusable, where the reference condition does not exist, and where
-    one of the three arguments is given but there are no trials. Nothing is written then.
+    reliability: a table of ``anchorpose reliability``; a difference between conditions below the table's minimal
+    detectable change does not count as demonstrated; measures: names of the measures that are compared between
+    conditions, empty for the main measures; reference: the condition that the others are compared with, empty for that
+    of the first trial. Raises InputError if a table or run.json is missing or unusable, if no trial has the reference
+    condition, or if one of the three arguments is given but there are no trials. It then writes nothing.
     """
     session = read_session(results)
     if session.trials is None and (reliability is not None or measures or reference):

@@ -1,4 +1,4 @@
-"""Draw curves of measures over the numbers set in each trial, such as an amplitude, with their uncertainty."""
+"""Draw measures and their uncertainty over a parameter: a number set in each trial, such as an amplitude."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ MOST_TICKS: Final = 9
 
 
 class Level(NamedTuple):
-    """All trials with the same value of a parameter: that value, the number of trials, their mean, and half of its 95 %
-    interval (NaN: unknown).
+    """All trials with the same value of a parameter: that value, the number of trials, the measure's mean over these
+    trials, and half of the mean's 95 % interval (NaN: unknown).
     """
 
     at: float
@@ -34,9 +34,9 @@ class Level(NamedTuple):
 def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray) -> list[Level]:
     """Return, for each distinct value of the parameter in ascending order, the mean of the trials with this value.
 
-    at, value, sigma (n,); sigma NaN where unknown. The interval covers the scatter of the trials, which is never taken
-    to be smaller than their random errors; for a single trial it covers only the random error. The systematic error,
-    which would shift all levels alike, is left out.
+    at, value, sigma (n,): of each trial the parameter, the measure's value and its sigma, NaN where unknown. The mean's
+    interval covers the scatter of the trials, which is never taken to be smaller than their random errors; for a single
+    trial it covers only the random error. The systematic error, which would shift all levels alike, is left out.
     """
     return [_level(float(place), value[at == place], sigma[at == place]) for place in np.unique(at)]
 
@@ -53,8 +53,8 @@ def _level(at: float, value: np.ndarray, sigma: np.ndarray) -> Level:
 
 
 def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure]]) -> list[StillChart]:
-    """Return a chart for each measure and each numeric column with at least two different numbers; left and right share
-    a chart.
+    """Return a chart for each measure and each numeric column of events.tsv with at least two different numbers; left
+    and right share a chart.
     """
     names = dict.fromkeys(key[0] for key in found)
     numeric = [column for column in trials.columns if column.unit is not None]
@@ -67,7 +67,7 @@ def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure
 
 
 def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure]]) -> StillChart | None:
-    """Return the chart of one measure over a column; None if no side has values at two numbers."""
+    """Return a measure's chart over a column's numbers; None unless a side has values at two different numbers."""
     cells = dict(zip([trial.number for trial in trials.rows], trials.column(column.name), strict=True))
     points, lines, table = list[Points](), list[Line](), list[tuple[str, Sequence[str]]]()
     times, unit = unit_of(sides[0][0].unit)

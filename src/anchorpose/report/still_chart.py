@@ -1,7 +1,7 @@
-"""Build a static chart: measured points with their errors, and a line with its band, over any horizontal axis.
+"""Build a static chart: measured points with their errors, and lines with uncertainty bands, over any horizontal axis.
 
-As in the curves over time, left is solid and right dashed. Points are round for the left, square for the right. Colour
-adds no information. Every number of a chart is in the table below it.
+As in the curves over time, the line of the left side is solid and that of the right side dashed. Points are round for
+the left side and square for the right. Colour adds no information. Every number of a chart is in the table below it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MARGIN: Final = 0.06
 """Share of the width left free at either end, so that no point lies on the border."""
 
 APART: Final = 6
-"""Distance in units between the left and the right point of the same x, so that both are visible."""
+"""Distance between left and right points of the same x, in units (``UNITS`` per width), so that both are visible."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,7 +37,7 @@ class Points:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """A line of one side through x (k,), y (k,), and its band from low to high (k,), NaN where it has none."""
+    """A line of one side through x (k,), y (k,); low, high (k,): edges of its uncertainty band, NaN where none."""
 
     side: str
     x: np.ndarray
@@ -63,14 +63,14 @@ class StillChart:
 
 
 def across(values: np.ndarray, span: tuple[float, float]) -> np.ndarray:
-    """Convert values to shares of the width; span: the least and the greatest value."""
+    """Convert values to shares of the width, with ``MARGIN`` free at either end. span: least and greatest value."""
     low, high = span
     share = (values - low) / (high - low) if high > low else np.full(np.shape(values), 0.5)
     return MARGIN + (1.0 - 2.0 * MARGIN) * np.asarray(share, dtype=np.float64)
 
 
 def still_row(label: str, points: Sequence[Points], lines: Sequence[Line], span: tuple[float, float]) -> Row:
-    """Return the chart's picture; span: the least and the greatest x."""
+    """Return the chart's picture. label: text of the vertical axis; span: the least and the greatest x."""
     values = [(each.y, each.y) for each in points] + [(each.y, each.y) for each in lines]
     bands = [(np.where(np.isnan(p.reach), p.y, p.y - p.reach), p.y + np.nan_to_num(p.reach)) for p in points]
     bands += [(np.fmin(each.low, each.y), np.fmax(each.high, each.y)) for each in lines]

@@ -1,4 +1,4 @@
-"""Write in plain words what was recorded, how good it is, and the moments to check, from the tables alone."""
+"""Write in plain words what was recorded, how good the data are, and which moments to check, from the tables."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ from anchorpose.results.records import (
 from anchorpose.results.uncertainty import NORMAL_95
 
 SELDOM_SEEN, USUALLY_SEEN = 0.5, 0.9
-"""Shares of the frames in which a joint is seen. Below the first, its curve is more inference than measurement, so the
-joint is named. Above the second (mean of all joints), the patient was in plain view.
+"""Limits of the share of frames in which a joint is seen. Below the first, most of a joint's curve is inferred, so the
+summary names the joint. If the mean of all joints is above the second, the patient was in plain view.
 """
 
 MUCH_LOST, MOSTLY_LOST = 0.1, 0.5
-"""Shares of lost joint positions. Above the first share, the summary begins with the loss; above the second, it states
-that most positions are lost.
+"""Limits of the share of lost joint positions. Above the first limit, the verdict begins with the loss; above the
+second, it states that most positions are lost.
 """
 
 
 def summary(session: Session) -> list[Markup]:
-    """Return paragraphs: what was recorded, what the patient did, how much of it can be used."""
+    """Return paragraphs: what was recorded, what the patient did, how reliable the joints are."""
     if session.joints.lost.all():  # then it is unknown what the patient did
         return [_recorded(session), NEVER_FOUND]
     return [_recorded(session), Markup(" ").join([_posture(session), _touch(session)]), _quality(session)]
@@ -67,7 +67,7 @@ def _recorded(session: Session) -> Markup:
 
 
 def _duration_s(session: Session) -> float:
-    """Return the duration as the measures define it: the last frame lasts as long as all others."""
+    """Return the duration in s as the measures define it: the last frame counts as long as a usual frame."""
     measured = _measure(session, "recorded_time")
     if measured is None or measured.value is None:
         return float(np.ptp(session.joints.time_s))
@@ -96,7 +96,9 @@ def _posture(session: Session) -> Markup:
 
 
 def _transitions(session: Session) -> Markup:
-    """Return a sentence on the transitions seen, which is a lower bound where posture is not known throughout."""
+    """Return sentences on how often the patient stood up and sat down ("at least" if the posture is unknown in any
+    frame), and which events were seen.
+    """
     seen, least = [], "at least " if (session.posture.upright == UNKNOWN).any() else ""
     for kind, words in ((SIT_TO_STAND, "stood up"), (STAND_TO_SIT, "sat down")):
         count = sum(episode.kind == kind for episode in session.episodes)
@@ -108,7 +110,7 @@ def _transitions(session: Session) -> Markup:
 
 
 def _events(session: Session) -> Markup:
-    """Return a sentence on the events seen; empty without events, since some may have been hidden."""
+    """Return a sentence on the events that were seen. It is empty if none was seen: hidden events may have occurred."""
     words = (
         ("knee buckle", "knee buckles", (BUCKLE_LEFT, BUCKLE_RIGHT)),
         ("failed stand", "failed stands", (FAILED_STAND,)),
@@ -211,8 +213,8 @@ def _weak(session: Session) -> str:
 
 
 def _problems(session: Session) -> Markup:
-    """Return a sentence on problems, with a link to their list if the page has one: only pages of a single session
-    do.
+    """Return a sentence on the number of frames with problems. On a page of a single session, which lists the problems,
+    it has a link to the list.
     """
     count = len({drop["frame"] for drop in session.run.get("dropped", [])})
     if not count:
@@ -239,8 +241,8 @@ class MomentSection(NamedTuple):
 
 
 def moment_section(session: Session) -> MomentSection | None:
-    """Return the moments that the fitted body explains worst; None if it explains all frames, or where this is
-    unknown.
+    """Return the moments that the fitted body explains worst; None if it explains all frames, or if the folder has no
+    table of this.
     """
     table = session.explained
     moments = () if table is None else worst_moments(table)

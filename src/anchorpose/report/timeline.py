@@ -1,7 +1,7 @@
-"""Draw the session over time: posture, contacts, visibility, certainty of the joints, omitted frames.
+"""Draw the session over time: trials, posture, contacts, visibility and sigma of joints, frames with problems.
 
-A contact is drawn light from its beginning to its end, and dark up to the share of the touching skin that was seen.
-This share is one number per contact, since the tables do not state which moments were seen.
+A contact is a light column from its beginning to its end. The column is dark up to the share of the touching skin that
+was seen. This share is one number per contact, since the tables do not state which moments were seen.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ MOST_CONDITIONS: Final = 12
 
 
 def condition_rows(session: Session) -> list[Row]:
-    """Return a row per condition with its trials; none without trials, or with very many conditions."""
+    """Return a row per condition, with columns during its trials; none without trials or with too many conditions."""
     trials = session.trials
     if trials is None or len(trials.conditions) > MOST_CONDITIONS:
         return []
@@ -119,7 +119,7 @@ def condition_rows(session: Session) -> list[Row]:
 
 
 def trial_readings(session: Session) -> list[Reading]:
-    """Return the trials of each group of frames; an empty list without trials."""
+    """Return which trials each group of frames belongs to; an empty list without trials."""
     if session.trials is None:
         return []
     texts: list[list[str]] = [[] for _ in range(session.bins.count)]
@@ -136,13 +136,13 @@ def _trial_files(session: Session) -> tuple[str, ...]:
 
 
 def _event_files(session: Session) -> tuple[str, ...]:
-    """Return those tables of posture and contacts that exist."""
+    """Return the names of those tables of posture and contacts that exist."""
     return (POSTURE_FILE, EPISODES_FILE, *(() if session.contacts is None else (CONTACTS_FILE,)))
 
 
 def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n,) 1.96 sigma of the median joint, and (n,) of the worst joint, in mm. Lost joints are left out; NaN
-    where all are lost.
+    """Return 1.96 times the median and the largest sigma of the joints in each frame, (n,) each, in mm. Lost joints are
+    left out; NaN where all are lost.
     """
     reach_mm = 1000.0 * NORMAL_95 * session.joints.sigma_m
     known = np.isfinite(reach_mm).any(axis=1)
@@ -152,8 +152,8 @@ def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
 
 
 def matched_percent(session: Session) -> np.ndarray | None:
-    """Return (n,) run.json's ``association.matched_share`` in per cent, NaN where no point was followed; None without
-    that entry.
+    """Return (n,) how many per cent of the followed surface points were matched in the next frame, NaN where none was
+    followed (``association.matched_share`` in run.json). Return None if run.json does not state this for every frame.
     """
     shares = session.run.get("association", {}).get("matched_share", [])
     if len(shares) != len(session.joints.frame):
@@ -211,8 +211,8 @@ def _confidence_readings(session: Session) -> list[Reading]:
 
 
 def kept_rows(session: Session) -> list[Row]:
-    """Return rows of frames with problems, of frames marked unusable by a reviewer, and of pictures, each linked to its
-    section.
+    """Return rows of frames with problems, of frames marked unusable by a reviewer, and of frames with pictures. The
+    marks in the row of pictures are links to them.
     """
     bad = np.isin(session.joints.frame, [drop["frame"] for drop in session.run.get("dropped", [])])
     rows = [
@@ -240,7 +240,9 @@ def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
 
 
 def _state_row(label: str, bins: Bins, height: int, **levels: np.ndarray) -> Row:
-    """Return a low row of columns. levels: by CSS class, with ``_`` for a space, the heights (b,) of its columns."""
+    """Return a row of columns. levels: heights (b,) of columns, 0 to 1; each keyword is the CSS class of these columns,
+    with ``_`` in place of a space.
+    """
     shapes = tuple((kind.replace("_", " "), step_path(level, bins)) for kind, level in levels.items())
     return Row(label=label, height=height, shapes=shapes, kind="state")
 
@@ -264,10 +266,10 @@ POSTURE_WORDS: Final = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN:
 
 
 def posture_rows(session: Session) -> list[Row]:
-    """Return the posture rows.
+    """Return the rows of posture, transitions and events.
 
-    A full column means that the patient is upright, no column not upright, a column of half height unknown; a light
-    column is inferred. The worst state of a group of frames is drawn: dark only where all its upright frames were seen.
+    A column of full height means upright, of half height unknown; there is none where the patient is not upright. A
+    column is dark only if the joints that determine posture were seen in all upright frames of its group, else light.
     """
     bins, upright = session.bins, session.posture.upright
     unknown, standing, inferred = (
@@ -290,7 +292,7 @@ EVENTS: Final = {
     RECOVERY_LEFT: ("L", "recovery step of the left foot", "recovery steps, L left, R right"),
     RECOVERY_RIGHT: ("R", "recovery step of the right foot", "recovery steps, L left, R right"),
 }
-"""Sign, words and row of each kind of event."""
+"""For each kind of event: its sign, its description, and the label of its row."""
 
 
 def event_rows(session: Session) -> list[Row]:
@@ -304,7 +306,7 @@ def event_rows(session: Session) -> list[Row]:
 
 
 def _depth(episode: Episode) -> str:
-    """Return the depth of an event, with 1.96 times its sigma."""
+    """Return how far an event went (``Episode.depth``), with 1.96 times its sigma."""
     times, after = unit_of(episode.unit or "1")
     depth, reach = times * (episode.depth or 0.0), times * NORMAL_95 * (episode.sigma or 0.0)
     decimals = decimals_for(reach, depth)
@@ -312,7 +314,7 @@ def _depth(episode: Episode) -> str:
 
 
 def posture_readings(session: Session) -> list[Reading]:
-    """Return for each group of frames every posture in it, and the transitions and events under way."""
+    """Return, for each group of frames, all postures in it, and all transitions and events that it overlaps."""
     bins = session.bins
     words = [
         POSTURE_WORDS[code] + ("" if seen or code == UNKNOWN else " (inferred)")
@@ -347,7 +349,7 @@ SEEN_SHARE: Final = Form(times=100.0, after=" % seen", share=True)
 
 
 def touch_rows(session: Session) -> list[Row]:
-    """Return one row per part of the body and toucher, from head to foot."""
+    """Return one row per part of the body and person or equipment that touches it, from head to foot."""
     rows = [heading("Touched by")]
     if session.contacts is None:
         return [*rows, _state_row("not known: no contacts.parquet", session.bins, 14)]

@@ -72,8 +72,9 @@ def dates_in(labels: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A straight line through sessions: slope per unit of x with its 95 % half interval, intercept, and the inputs of
-    the band: the scatter about the line, the quantile of t, the mean of x, the sum of squares of x and their count.
+    """A straight line through sessions: slope per unit of x with its 95 % half interval, intercept, and what the band
+    is computed from: scatter (standard deviation about the line), quantile (of Student's t), middle (mean of x),
+    squares (sum of the squared deviations of x) and count of sessions.
     """
 
     slope: float
@@ -92,8 +93,8 @@ class Fit:
 
 
 def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
-    """Fit a line by least squares through x, y (n,), n at least 3 with different x; sigma (n,), NaN where no error is
-    stated.
+    """Fit a line by least squares. x, y (n,): at least 3 sessions, not all at the same x. sigma (n,): standard
+    deviation of each y, NaN where none is stated; then only the sessions' scatter determines the band.
     """
     count, middle = len(x), float(x.mean())
     squares = float(np.sum((x - middle) ** 2))
@@ -106,7 +107,7 @@ def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
 
 
 class TrendRow(NamedTuple):
-    """A measure: its title, meaning, slope per week, change over the whole time, and what this change shows."""
+    """A measure: its title, meaning, slope per week, change over the whole time, and the verdict on this change."""
 
     title: str
     meaning: str
@@ -124,8 +125,8 @@ class TrendSection(NamedTuple):
 
 
 def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, detectable: Detectable) -> TrendSection:
-    """Return the trends of the main measures, in the order of reading. detectable: minimal detectable changes, as for
-    changes between sessions.
+    """Return the trends of the main measures, in the order of ``PRINTED``. dates: None if they are unknown. detectable:
+    minimal detectable changes; a smaller change over the whole time is not called a trend.
     """
     if dates is None:
         return TrendSection(NO_DATES, [], [])
@@ -148,8 +149,8 @@ def _keys(sessions: Sequence[Session]) -> list[MeasureKey]:
 
 
 class _Followed(NamedTuple):
-    """A measure over all sessions. like: one of its table rows; x, value, sigma (n,), NaN where missing; why: why no
-    line is fitted.
+    """A measure over all sessions. like: one of its table rows, which has its name and unit; x (n,): weeks since the
+    first session; value, sigma (n,): NaN where missing; why: why no line is fitted, empty if there is one.
     """
 
     like: Measure
@@ -241,7 +242,7 @@ def _chart(name: str, sides: Sequence[_Followed], dates: Sequence[date]) -> Stil
 
 
 DRAWN: Final = 25
-"""Number of places along a line at which its curved band is drawn."""
+"""Number of points along a line at which the edges of its band, which are curved, are computed."""
 
 
 def _line(side: str, followed: _Followed, span: tuple[float, float], times: float) -> Line:
@@ -264,11 +265,11 @@ def _cells(side: str, followed: _Followed, dates: Sequence[date]) -> list[tuple[
 
 
 APART: Final = 0.12
-"""Share of the width between the written dates, about the width of a date."""
+"""Minimum distance between two dates below a chart, as a share of its width: about the width of a written date."""
 
 
 def _spread(shares: np.ndarray, dates: Sequence[date]) -> list[tuple[float, date]]:
-    """Return the dates that can be written with enough space between them."""
+    """Return those dates that can be written with enough space between them, each with its share of the width."""
     kept = list[tuple[float, date]]()
     for share, day in zip(shares.tolist(), dates, strict=True):
         if not kept or share - kept[-1][0] >= APART:

@@ -39,8 +39,8 @@ def spaced(name: str) -> str:
 
 
 def split_side(name: str) -> tuple[str, str | None]:
-    """Split ``knee_flexion_left`` into (``knee_flexion``, ``left``); without a side, None. ``KneeLeft`` is split in the
-    same way.
+    """Split ``knee_flexion_left`` into (``knee_flexion``, ``left``), and ``KneeLeft`` in the same way. A name without a
+    side is returned with None.
     """
     match = _SIDED.match(name) or re.match(r"(.*)(Left|Right)$", name)
     return (match.group(1), match.group(2).lower()) if match else (name, None)
@@ -56,8 +56,8 @@ def decimals_for(uncertainty: float | None, value: float) -> int:
     """Return the digits after the point: as many as the uncertainty justifies, or three significant digits without an
     uncertainty.
 
-    An uncertainty that begins with 100 to 354 keeps two digits, a larger one a single digit (the rule of the
-    Particle Data Group, doi:10.1103/PhysRevD.110.030001, section 5.3 of its introduction).
+    An uncertainty whose first three digits are 100 to 354 is written with two digits, any other with one (the rule of
+    the Particle Data Group, doi:10.1103/PhysRevD.110.030001, section 5.3 of its introduction).
     """
     size = uncertainty or abs(value)
     if not size or not math.isfinite(size):
@@ -87,7 +87,7 @@ def counted(count: int, one: str, many: str | None = None) -> str:
 class Form:
     """The form of a number: the factor to multiply it by, the decimals, and words before and after it.
 
-    share: whether it is a share of a whole; then a small share is not written as 0, nor a large share as all.
+    share: whether the number is a share of a whole; one near 0 or 1 is then "under 1" or "over 99", not 0 or 100.
     """
 
     decimals: int = 0
@@ -115,10 +115,11 @@ def figure(value: float | None, form: Form) -> Markup:
 
 
 def render_page(package: str, template: str, **values: object) -> str:
-    """Fill the template, a file of ``package``; every value is escaped unless it is ``Markup``.
+    """Fill the template, a file of ``package``. Every value is escaped for HTML unless it is ``Markup``.
 
-    Templates include others of the package and ``page_head.html``, which needs a ``title``, by name;
-    ``inline(name)`` puts in a file as it is. Raises jinja2.UndefinedError for a value that is missing.
+    A template can include other templates of the package by name, and ``page_head.html``, which needs the value
+    ``title``. In a template, ``inline(name)`` inserts a file unchanged. Raises jinja2.UndefinedError if a value is
+    missing.
     """
     return _environment(package).get_template(template).render(values)
 
@@ -134,5 +135,5 @@ def _environment(package: str) -> Environment:
 
 
 def read_words(package: str, name: str) -> list[dict[str, str]]:
-    """Read the rows of a CSV of ``package``, by the names of their columns."""
+    """Read a CSV file of ``package``: one dict per row, with the names of the columns as keys."""
     return list(csv.DictReader(resources.files(package).joinpath(name).read_text("utf-8").splitlines()))

@@ -1,11 +1,11 @@
-"""Provide other solvers of geodesic distance, to compare fast marching with.
+"""Provide other solvers of geodesic distance, with which fast marching is compared.
 
-| solver | what it is | early stop | links and edges without triangles |
+| solver | what it is | distances above the maximum | paths follow links and other edges without triangles |
 |---|---|---|---|
-| ``FAST_MARCHING`` | used by tracking: error 3 mm from the centre, 9 mm from a tip | while solving | are paths |
-| ``DIJKSTRA`` | along edges, as in the paper: 5 to 14 % too long | while solving | are paths |
-| ``HEAT`` | from the gradient of diffused heat | cut afterwards | are not paths |
-| ``EXACT`` | exact on the triangles: the reference | cut afterwards | are not paths |
+| ``FAST_MARCHING`` | used by tracking: error 3 mm from the centre, 9 mm from a limb's end | are not computed | yes |
+| ``DIJKSTRA`` | along edges, as in the paper: 5 to 14 % too long | are not computed | yes |
+| ``HEAT`` | from the gradient of diffused heat | are removed afterwards | no |
+| ``EXACT`` | exact on the triangles: the reference | are removed afterwards | no |
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from anchorpose.surface.links import links, pieces, straight_m
 from anchorpose.surface.mesh import faces, grid_edges
 from anchorpose.surface.surface import Surface
 
-LONGEST_M: Final = 1e6  # m; for unreached nodes, solvers return greater numbers
+LONGEST_M: Final = 1e6  # m; a greater number from a solver means that no path leads to the node
 
 
 class Solver(StrEnum):
@@ -147,7 +147,7 @@ def triangle_mesh(surface: Surface) -> TriangleMesh:
 
 
 def _components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return (count,) int32: the connected component of each node if the nodes of every pair are joined."""
+    """Return (count,) int32: the connected component of each node if one[i] and other[i] are joined for every i."""
     graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
     return connected_components(graph, directed=False)[1].astype(np.int32)
 

@@ -20,15 +20,15 @@ from anchorpose.surface.surface import Surface
 TOLERANCE_M: Final = 1e-4
 """Maximum change of a distance, in metres, that counts as undistorted with the exact solver.
 
-It covers rounding, and cells at the rim that are divided along the other diagonal. With a larger tolerance, nodes
-around a corner would count as bright, since a path that bends by 0.1 rad 0.1 m before its end is only 0.5 mm longer.
-With fast marching, use 4 mm, which is its error between two meshes.
+It covers rounding, and grid cells at the rim that are cut along one diagonal on the whole surface, and along the other
+on the seen surface. With a larger tolerance, nodes around a corner would count as bright, since a path that bends by
+0.1 rad 0.1 m before its end is only 0.5 mm longer. With fast marching, use 4 mm, which is its error between two meshes.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """Part of a surface: nodes (k,) int32 ascending, edges (e, 2) int32 with the smaller node first."""
+    """A part of a surface: nodes (k,) int32, ascending, and edges (e, 2) int32 with the smaller node first."""
 
     nodes: np.ndarray
     edges: np.ndarray
@@ -69,7 +69,7 @@ class Light:
 
     @property
     def shadow(self) -> Region:
-        """Return the shadow nodes and edges (Definition 5): everything seen at a distorted distance."""
+        """Return the shadow (Definition 5): all seen nodes with a distorted distance, and the edges between them."""
         return _within(self._dark, self.occlusion.node[edges(self.occlusion.seen)])
 
     @property
@@ -110,7 +110,7 @@ def light_from(occlusion: Occlusion, node: int) -> Light:
     free = solve_distance(occlusion.whole, np.array([node]), solver=occlusion.solver)[0]
     bound = np.full(len(free), np.nan, np.float32)
     bound[occlusion.node] = solve_distance(occlusion.seen, np.array([place]), solver=occlusion.solver)[0]
-    bound[np.isnan(bound) & ~occlusion.hidden] = np.inf  # nodes that only edges without triangles connect
+    bound[np.isnan(bound) & ~occlusion.hidden] = np.inf  # NaN: only edges without triangles lead there
     with np.errstate(invalid="ignore"):
         return Light(occlusion, np.where(np.isfinite(free), bound - free, np.nan).astype(np.float32))
 
@@ -119,7 +119,8 @@ def border_is_covered(lights: Sequence[Light]) -> bool:
     """Return whether the bright regions together cover every edge of the occlusion's boundary (Proposition 2).
 
     If this is true and Proposition 1 applies (docs/occlusion.md), every seen node has an undistorted distance to at
-    least one of the lights' nodes. If it is false, all distances of nodes just outside an uncovered edge are distorted.
+    least one of the nodes from which the lights start. If it is false, all distances of nodes just outside an uncovered
+    edge are distorted.
     """
     if not lights:
         return False

@@ -1,11 +1,11 @@
 """Define angles: names, the joints they are computed from, formulas, and the axes of the body's segments.
 
-Arrays of vectors have the components on the first axis, (3, ...): numpy then works on whole rows of frames, several
-times as fast. Axes are x forward, y up, z to the patient's right (ISB).
+Arrays of vectors have the components on the first axis, (3, ...): numpy then computes whole rows of frames at once,
+several times as fast as with the components on the last axis. Axes are x forward, y up, z to the patient's right (ISB).
 
 Sources: Wu et al. 2002 (doi:10.1016/S0021-9290(01)00222-6) for pelvis and spine, Wu et al. 2005
-(doi:10.1016/j.jbiomech.2004.05.042) for thorax and arm. Depth does not show their bony landmarks; docs/angles.md states
-which joint centres replace them.
+(doi:10.1016/j.jbiomech.2004.05.042) for thorax and arm. Depth images do not show the bony landmarks that these papers
+use; docs/angles.md states which joint centres replace them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross product (3, ...)."""
+    """Return the cross product (3, ...) of vectors."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
@@ -48,42 +48,43 @@ def square_to(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the angle (...) between vectors, exact also for small angles; NaN where a vector has length zero."""
+    """Return the angle (...) in radians between vectors, exact also for small angles; NaN where a vector has length
+    zero.
+    """
     across, along = length(cross(a, b)), dot(a, b)
     return np.where((across == 0) & (along == 0), np.nan, np.arctan2(across, along))
 
 
 def arcsin(sine: np.ndarray) -> np.ndarray:
-    """Return the arcsine (...) of numbers, some of which rounding may have moved beyond 1."""
+    """Return the arcsine (...) of ``sine``, which rounding may have moved beyond -1 or 1."""
     angle: np.ndarray = np.arcsin(np.clip(sine, -1.0, 1.0))
     return angle
 
 
 LEAST_LEVER: Final = 0.2588
 """Sine of 15 degrees. An angle about an axis is computed from the part of a vector that is perpendicular to the axis.
-If that part is shorter than this share of the vector, the axes of the angle nearly coincide (gimbal lock) and a joint's
-error is enlarged at least four times, so no value is given.
+No angle is given if this part is shorter than ``LEAST_LEVER`` times the vector: the vector then nearly coincides with
+the axis (gimbal lock), and an error of a joint changes the angle about four times as much as at a right angle, or more.
 """
 
 PLANE_UNKNOWN_RAD: Final = np.radians(15.0)
 PLANE_KNOWN_RAD: Final = np.radians(30.0)
-"""Two angles of a bent limb. Below the first, the limb's plane of bending is mostly noise and the bow of the limb;
-above the second, the plane is reliable.
+"""Bending angles of an arm or leg. Below ``PLANE_UNKNOWN_RAD``, the plane in which the limb bends is mostly determined
+by noise and by the limb's sideways bow; above ``PLANE_KNOWN_RAD``, the plane is reliable.
 """
 
 Points = Mapping[str, np.ndarray]
-"""Joint centres by name, (3, n) each, metres, world."""
+"""Joint centres by name, each (3, n) in metres, in world coordinates."""
 
 Reading = tuple[np.ndarray, "np.ndarray | float"]
-"""An angle (n,) in radians, and its lever (n,): the share of the vector from which it is computed, see ``LEAST_LEVER``.
-"""
+"""An angle (n,) in radians, and its lever (n,): the ratio of lengths whose minimum is ``LEAST_LEVER``."""
 
 
 @dataclass(frozen=True, slots=True)
 class AngleGroup:
     """Angles that one formula computes from the same joints, in the order of ``names``.
 
-    own_sigma: (n,) radians, standard deviation of the error that the formula has even with exact joints.
+    own_sigma: returns the standard deviation (n,) in radians of the error that the formula has with exact joints.
     """
 
     names: tuple[str, ...]
@@ -93,11 +94,11 @@ class AngleGroup:
 
 
 def hinge_sigma(points: Points, limb: tuple[str, str, str], aside_rad: float) -> np.ndarray:
-    """Return (n,) radians: the standard deviation of the angle between the plane of a bent limb and the plane in which
-    its hinge bends it.
+    """Return (n,) radians: the standard deviation of the angle between the plane through the three joints of a bent
+    limb and the plane perpendicular to the hinge (elbow or knee).
 
     limb: the joints at its root, hinge and end. aside_rad: standard deviation, between people, of the angle by which
-    limbs are bowed sideways. The less the limb is bent, the more a sideways bow rotates its plane.
+    limbs are bowed sideways. The less the limb is bent, the more a sideways bow rotates the plane through its joints.
     """
     root, hinge, end = (points[name] for name in limb)
     bent = np.sin(between(hinge - root, end - hinge))
@@ -106,7 +107,7 @@ def hinge_sigma(points: Points, limb: tuple[str, str, str], aside_rad: float) ->
 
 
 class Axes(NamedTuple):
-    """Unit vectors (3, n) in the world."""
+    """The axes of a body segment in n frames, as unit vectors (3, n) in world coordinates."""
 
     x: np.ndarray
     y: np.ndarray
@@ -114,7 +115,7 @@ class Axes(NamedTuple):
 
 
 def pelvis_axes(points: Points) -> Axes:
-    """Return the pelvis axes: z along the hip joints, y towards SpineMid, made perpendicular to z."""
+    """Return the pelvis axes: z along the line of the hip joints, y perpendicular to z and towards SpineMid."""
     across = points["HipRight"] - points["HipLeft"]
     middle = 0.5 * (points["HipRight"] + points["HipLeft"])
     z = unit(across)
@@ -123,13 +124,13 @@ def pelvis_axes(points: Points) -> Axes:
 
 
 def thorax_axes(points: Points) -> Axes:
-    """Return the thorax axes: y from SpineMid to SpineShoulder, z along the shoulders, made perpendicular to y."""
+    """Return the thorax axes: y from SpineMid to SpineShoulder, z perpendicular to y and along the shoulders."""
     return _upright_axes(points["SpineShoulder"] - points["SpineMid"], points)
 
 
 def trunk_axes(points: Points) -> Axes:
-    """Return the axes of the whole trunk: y from SpineBase to SpineShoulder, z along the shoulders, made perpendicular
-    to y.
+    """Return the axes of the whole trunk: y from SpineBase to SpineShoulder, z perpendicular to y and along the
+    shoulders.
     """
     return _upright_axes(points["SpineShoulder"] - points["SpineBase"], points)
 

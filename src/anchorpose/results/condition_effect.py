@@ -1,5 +1,5 @@
-"""State how a measure differs between a condition and the reference: difference, interval and p, or why there is no
-test.
+"""Compare a measure between a condition of an experiment and its reference condition: difference, interval and p value,
+or why there is no test.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from anchorpose.results.uncertainty import NORMAL_95, SYSTEMATIC_SHARE
 CONFIDENCE: Final = 0.95
 
 PAIRS, BLOCKS, FREE = "pairs", "blocks", "free"
-"""Ways in which the order of conditions may have been drawn: within pairs of neighbouring trials, within named blocks,
-or over all trials.
+"""Ways in which the order of conditions may have been drawn: within pairs of successive trials, within the blocks that
+the trials' file names, or over all trials.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effect:
-    """The difference of a condition to the reference.
+    """The effect of a condition on a measure, compared with the reference condition.
 
     reference, condition: their names; counts: how many trials of each were compared. difference: condition minus
     reference; low, high: its 95 % interval, None if there are too few trials. p: p value of the permutation test,
     adjusted for the number of conditions; exact: whether p comes from all assignments of conditions to trials, not from
-    a sample. detectable: the difference that errors of measurement alone exceed only 5 times in 100, None if no error
-    is stated. repeated: whether detectable is an MDC95 from repeated sessions. design: ``PAIRS``, ``BLOCKS`` or
-    ``FREE``. why: why the difference is not tested; then p is None.
+    a sample. detectable: the difference that errors of measurement alone exceed only 5 times in 100; None if the sigma
+    of a trial's value is unknown. repeated: whether detectable is an MDC95 (minimal detectable change) from repeated
+    sessions. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: why the difference is not tested; then p is None.
     """
 
     reference: str
@@ -72,8 +72,8 @@ def effects(
 ) -> list[Effect]:
     """Return the effect of every condition but the reference on one measure.
 
-    rows: the measure of each trial, in the order of the file. The reference is the first of ``trials.conditions``.
-    repeated: the measure's MDC95 where it is known. why: why the measure is not tested at all; None if it is tested.
+    rows: the measure in each trial. The reference is the first of ``trials.conditions``. repeated: the measure's MDC95
+    if it is known from repeated sessions. why: why the measure is not tested at all; None if it is tested.
     """
     by_number = {row.trial: row for row in rows}
     reference, *others = trials.conditions
@@ -116,8 +116,8 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
 
 
 def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np.ndarray]:
-    """Return how the order was drawn, the indices of the trials of two conditions in the order of time, and their
-    blocks.
+    """Return how the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``), the indices of the two
+    conditions' trials in the order of time, and the block of each trial.
 
     A trial without a named block forms a block by itself, so it is not compared.
     """
@@ -133,7 +133,7 @@ def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np
 
 
 def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
-    """Return a sentence for too few trials: it states how many are needed for a test that can show a difference."""
+    """Return a sentence on how many trials there are, and how many are needed for a significant p."""
     reference, treated = int((~blocks.treated).sum()), int(blocks.treated.sum())
     several = "" if comparisons == 1 else f" of {comparisons} comparisons"
     if design == PAIRS:
@@ -151,8 +151,8 @@ def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """The uncertainty of a difference. half: half the width of its 95 % interval; detectable: see ``Effect``; both None
-    if unknown.
+    """The uncertainty of a difference. half: half the width of its 95 % interval; detectable: as in ``Effect``. Each is
+    None if unknown.
     """
 
     half: float | None
@@ -160,10 +160,12 @@ class Spread:
 
 
 def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
-    """Return the uncertainty of a weighted difference of values (n,) that have errors sigma (n,), NaN where unknown.
+    """Return the uncertainty of the difference between conditions. value (n,): the measure in each trial; sigma (n,):
+    the standard deviations of these values, NaN where unknown.
 
-    The scatter of the trials includes their random errors, so it is never taken to be smaller than these. All trials of
-    a session share their systematic error; only the part by which it differs between the conditions is added.
+    The scatter of the trials includes their random errors of measurement, so the variance of the scatter is never taken
+    to be smaller than that of these errors. The systematic errors of a session's trials are fully correlated, so they
+    cancel in the difference as far as they are equally large; the variance of what remains is added.
     """
     weights = blocks.weights
     random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum((weights * sigma) ** 2))
@@ -178,12 +180,12 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
 
 
 def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:
-    """Return the variance of the weighted difference, estimated from the scatter of the trials, and its degrees of
-    freedom; NaN for too few trials.
+    """Return the variance of the difference between conditions, estimated from the scatter of the trials, and its
+    degrees of freedom; NaN for too few trials.
 
-    With one block, the formula of Welch 1947 (doi:10.1093/biomet/34.1-2.28) is used, in which the conditions may
-    scatter differently. With several blocks, the scatter within conditions is used if every block repeats each
-    condition, else the scatter of the blocks' differences.
+    With one block, the formula of Welch 1947 (doi:10.1093/biomet/34.1-2.28) is used, in which trials of the two
+    conditions may scatter differently. With several blocks, the scatter among trials of the same block and condition is
+    used if every block has each condition at least twice; else the scatter among the blocks' differences.
     """
     cells = [(value[p][~blocks.treated[p]], value[p][blocks.treated[p]]) for p in blocks.members]
     if len(cells) == 1:

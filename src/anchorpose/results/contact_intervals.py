@@ -1,4 +1,4 @@
-"""Turn each frame's distances to people and equipment into contacts that begin, continue unseen, and end."""
+"""Turn the distances from the patient to people and equipment in each frame into contacts that begin, last and end."""
 
 from __future__ import annotations
 
@@ -17,35 +17,36 @@ from anchorpose.results.records import PERSON, Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
 FREE_SHARE: Final = 0.5
-"""Share of the last touched skin that must be seen without contact for the contact to have ended."""
+"""If cameras see at least this share of the skin touched last, and nobody touches it, the contact has ended."""
 
 HIDDEN_M: Final = 0.08
-"""Distance in m between a person's skin and the skin last touched, up to which an unseen contact continues. It is the
-length of a palm, since cameras may see only the back or the wrist of a holding hand; a person who has let go is farther
-away.
+"""Maximum distance in m between another person's skin and the patient's skin that this person last touched, for the
+contact to continue while it is hidden. It is the length of a palm, since cameras may see only the back or the wrist of
+a holding hand; a person who has let go is farther away.
 """
 
 SHOWN_SHARE: Final = 0.2
-"""Share of the skin beside a part of the equipment that must be seen for the contact to be seen; the same as for a
-joint.
+"""Minimum share of the patient's skin beside a part of the equipment that must be seen, for a contact with this part to
+count as seen; the same share is required for a joint to be observed.
 """
 
 
 @settings
 class ContactConfig:
-    """When skin counts as touched, when touched skin becomes a contact, and when the contact ends."""
+    """Limits that define when skin counts as touched, when touched skin becomes a contact, and when a contact ends."""
 
-    # m, maximum distance of touching skins: 3 cm, plus 2 cm for the fingers of a holding hand of which the cameras see
-    # only the back, plus half the spacing of the points on other people.
+    # m, maximum distance between touched skin and the skin of another person: 3 cm, plus 2 cm for the fingers of a
+    # holding hand of which the cameras see only the back, plus half the spacing of the points on other people.
     reach_m: Positive = 0.06
     begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few finger tips); less may be noise
-    keep_m2: Positive = 0.0007  # m2, minimum touched area to continue a contact (one skin point)
-    begin_s: NotNegative = 0.1  # s, minimum duration of a contact; a sleeve brushes past in less
-    release_s: NotNegative = 0.3  # s, maximum gap in a contact; isolation may lose a hand for a few frames
-    # m from the skin to the surface of equipment: the model is accurate to 1 cm, and folds of clothes are as large.
+    keep_m2: Positive = 0.0007  # m2, minimum touched area to continue a contact (that of one skin point)
+    begin_s: NotNegative = 0.1  # s, minimum duration of a contact; a passing sleeve touches for a shorter time
+    release_s: NotNegative = 0.3  # s, maximum pause in a contact; segmentation may miss a hand for a few frames
+    # m, maximum gap between touched skin and equipment: the model of the equipment is accurate to 1 cm, and folds of
+    # clothes are as large.
     equipment_touch_m: Positive = 0.01
-    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # minimum probability of touching to continue one
-    equipment_sigma_m: Positive = 0.03  # m, maximum sigma of an unseen gap that begins a contact (half a fist)
+    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # minimum probability of touch to continue a contact
+    equipment_sigma_m: Positive = 0.03  # m, maximum sigma with which an unseen gap may begin a contact (half a fist)
 
     def __post_init__(self) -> None:
         if self.keep_m2 > self.begin_m2:
@@ -53,7 +54,9 @@ class ContactConfig:
 
 
 class _Key(NamedTuple):
-    """A region of the body (index into ``REGIONS``), and a person's label or the index of a part of the equipment."""
+    """The partners of a contact: the patient's region (index into ``REGIONS``), and the label of a person or, if
+    ``is_equipment``, the index of a part of the equipment (``number``).
+    """
 
     is_equipment: bool
     number: int
@@ -61,8 +64,8 @@ class _Key(NamedTuple):
 
 
 class _Touch(NamedTuple):
-    """Evidence of one frame for a contact: indices of the touched skin points (empty for equipment), whether they
-    suffice to begin a contact, the touched area, the share of this area that is seen, and the gap.
+    """Evidence of one frame for a contact: indices of the touched skin points (none for equipment), whether the touch
+    suffices to begin a contact, the touched area, its seen share, and the gap between the two surfaces.
     """
 
     skin: np.ndarray
@@ -74,11 +77,11 @@ class _Touch(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Open:
-    """A contact that has not ended, or a touch that is still too small for a contact (not ``begun``).
+    """A contact that has not ended, or a touch that was so far too small to begin a contact (not ``begun``).
 
-    first, last: frame number and time. skin: skin points touched in the last frame with a touch. frames, area_m2,
-    seen_frames: sums over frames with skin in reach. hidden: number of frames up to ``last`` in which the contact
-    continued unseen. seen: whether it was seen in the last frame.
+    first, last: number and time of the frame in which it began, and of the last frame in which it continued. skin: skin
+    points touched in the last frame with a touch. frames, area_m2, seen_frames: sums over frames with a touch. hidden:
+    number of frames up to ``last`` in which the contact continued unseen. seen: whether it was seen in the last frame.
     """
 
     first: tuple[int, float]
@@ -104,7 +107,8 @@ class _Open:
 
 
 class ContactIntervals:
-    """A collector of contacts that takes frames in the order of time and holds only contacts that have not ended.
+    """A collector that gets frames in the order of time, yields contacts that have ended, and stores those that have
+    not.
 
     region (p,): index into ``REGIONS`` of each skin point; area_m2: area of skin that one point represents; equipment:
     names of the parts to which gaps are measured.
@@ -116,7 +120,7 @@ class ContactIntervals:
         self._region, self._area_m2, self._config, self._equipment = region, area_m2, config, equipment
         self._keep_sigmas = float(-ndtri(config.equipment_keep))
         self._open: dict[_Key, _Open] = {}
-        self._names: dict[int, str] = {}  # names by label, since the patient was last found
+        self._names: dict[int, str] = {}  # names of people by label; cleared when the patient is lost
         self._named = 0
 
     def push(
@@ -124,8 +128,8 @@ class ContactIntervals:
     ) -> Iterator[Contact]:
         """Add one more frame; yield the contacts that ended before it.
 
-        near: None if the patient is lost; then nobody is followed, so all people get new names afterwards. gaps: None
-        if the patient is lost or the equipment unknown.
+        near: None if the patient is lost. Other people are then not followed either, so they get new names afterwards.
+        gaps: None if the patient is lost or the equipment is unknown.
         """
         if near is None:
             yield from self.finish()
@@ -156,7 +160,7 @@ class ContactIntervals:
         return kept.begun and kept.last[1] - kept.first[1] >= self._config.begin_s
 
     def _by_people(self, near: Nearness) -> Iterator[tuple[_Key, _Touch]]:
-        """Yield the contacts of regions with enough skin within reach of a person's skin."""
+        """Yield the touches by people in a frame: regions of which enough skin is within ``reach_m`` of a person."""
         config = self._config
         touched = np.flatnonzero(near.distance_m < config.reach_m)
         keys = near.person[touched].astype(np.int64) * len(REGIONS) + self._region[near.point[touched]]
@@ -169,8 +173,8 @@ class ContactIntervals:
                 yield _Key(False, *divmod(key, len(REGIONS))), touch
 
     def _by_equipment(self, gaps: EquipmentGaps) -> Iterator[tuple[_Key, _Touch]]:
-        """Yield the contacts of regions whose skin probably touches a part of the equipment, or touched it and may
-        still do so.
+        """Yield the touches by equipment in a frame: regions whose skin probably touches a part of the equipment, or
+        touched it before and may still do so.
 
         A gap that no camera shows begins a contact only if its sigma is small enough to distinguish touching from being
         near.
@@ -186,8 +190,8 @@ class ContactIntervals:
                 yield key, _Touch(none, bool(begins[row]), area_m2, float(shown[row]), gap_m)
 
     def _continues(self, now: tuple[int, float], near: Nearness, key: _Key, kept: _Open) -> bool:
-        """Return whether a contact continues: touched in this frame, hidden with the person in reach, or interrupted
-        briefly.
+        """Return whether a contact continues: there is a touch in this frame, or the contact is hidden while the person
+        is within ``HIDDEN_M``, or it has paused for at most ``release_s``.
         """
         if kept.last == now:
             return True

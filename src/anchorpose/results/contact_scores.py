@@ -1,6 +1,4 @@
-"""Compare contacts of a result, with people and with equipment, with the true contacts, by frame and part of the
-body.
-"""
+"""Compare the contacts (with people and equipment) that tracking found with the true ones, by frame and body part."""
 
 from __future__ import annotations
 
@@ -28,12 +26,13 @@ class ContactScore:
     """Scores of how well contacts were found; a share is None if its denominator is 0.
 
     precision: share of the reported pairs of part and frame in which a bone of the part is truly touched. recall: share
-    of the truly touched pairs of part and frame in which the part, or a part that shares a bone with it, is reported.
-    The truth names bones, so a knee held from both sides counts as a touched thigh and a touched shank.
+    of the truly touched pairs of part and frame in which the part is reported, or another part that contains one of its
+    bones. The truth names bones, and no bone is a knee: a knee that is held counts as a touched thigh, a touched shank,
+    or both.
     """
 
     reported: int  # number of reported pairs of part and frame
-    touched: int
+    touched: int  # number of truly touched pairs of part and frame
     precision: float | None
     recall: float | None
 
@@ -52,10 +51,10 @@ class ContactEvaluation:
 def score_contacts(
     table: Path, truth: Path, frame: np.ndarray, rows: np.ndarray
 ) -> tuple[ContactEvaluation | None, ContactEvaluation | None]:
-    """Evaluate the contacts of a contacts.parquet, with people and with equipment. Each is None if the truth does
-    not state such contacts, and for equipment where the result was made without searching them.
+    """Evaluate the contacts of a contacts.parquet, with people and with equipment. Each is None if the truth does not
+    state such contacts. The second is also None if tracking did not search for contacts with equipment.
 
-    rows (t,): the frames of the truth that are compared; frame (t,): number of the result's frame at each of them.
+    rows (t,): indices of the compared frames of the truth; frame (t,): number of the result's frame matched to each.
     """
     contacts = read_contacts(table)
     touched, supported = read_true_touch(truth), read_true_support(truth) if read_equipment_names(table) else None
@@ -68,12 +67,12 @@ def score_contacts(
 
 
 def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: TrueTouch) -> ContactEvaluation:
-    """Evaluate the contacts of a result against the truth. frame (t,): number of the result's frame at each frame of
-    the truth.
+    """Evaluate the contacts of a result against the truth. frame (t,): number of the result's frame that is matched to
+    each frame of the truth.
     """
     holds = np.array([[name in bones for name in truth.names] for bones in REGION_BONES.values()])  # (regions, bones)
-    own = np.array([not name.startswith("knee") for name in REGIONS])  # parts that the truth's bones distinguish
-    touched = truth.bones @ holds.T  # product of bool: whether any bone of the part is touched
+    own = np.array([not name.startswith("knee") for name in REGIONS])  # knees have no bone of their own
+    touched = truth.bones @ holds.T  # (t, regions) bool: whether any bone of the region is touched
     due, shared = touched & own, holds @ holds.T
     reported = reported_parts(contacts, frame)
     found = reported @ shared
@@ -90,8 +89,8 @@ def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: Tru
 
 
 def reported_parts(contacts: Sequence[Contact], frame: np.ndarray) -> np.ndarray:
-    """Return (t, regions) bool: whether a part has any of the contacts at each frame of the truth; frame (t,) as in
-    ``evaluate_contacts``.
+    """Return (t, regions) bool: whether one of the contacts touches the region in the frame of the truth; frame (t,) as
+    in ``evaluate_contacts``.
     """
     reported = np.zeros((len(frame), len(REGIONS)), dtype=bool)
     for contact in contacts:

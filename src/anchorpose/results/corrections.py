@@ -1,4 +1,4 @@
-"""Hold a reviewer's corrections of results, and read and write their file.
+"""Define a reviewer's corrections of tracked results, and read and write their file.
 
 corrections.json, the format ``anchorpose-corrections``, is read by ``track --corrections`` and written by the viewer.
 Frames and times are those of the results' tables, positions are in their world frame. No entry is ever deleted: a
@@ -28,7 +28,7 @@ from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
-LATEST_FRAME: Final = 2**31 - 1
+LATEST_FRAME: Final = 2**31 - 1  # largest number of a frame in the tables (int32)
 SUREST_M: Final = 1e-4
 """Minimum sigma of a corrected joint in m. Nobody places a joint more precisely, and the inverse square of a smaller
 value overflows.
@@ -89,8 +89,8 @@ class UnusableInterval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCorrection:
-    """The corrected position of a joint in one frame, in the world, and the reviewer's uncertainty (one sigma per
-    axis).
+    """The corrected position of a joint in one frame, in world coordinates, and the reviewer's uncertainty (one sigma
+    per axis).
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -106,7 +106,7 @@ class JointCorrection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedPatient:
-    """The person whom a reviewer named as the patient: a point on this person's surface in one frame, world frame."""
+    """The person whom a reviewer named as the patient: a point on this person's surface, in world coordinates."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     frame: Frame
@@ -118,7 +118,7 @@ class NamedPatient:
 
     @property
     def xz_m(self) -> tuple[float, float]:
-        """Return the patient's place on the floor."""
+        """Return the patient's place (x, z) on the floor."""
         return self.position_m[0], self.position_m[2]
 
 
@@ -135,8 +135,8 @@ def _subject(entry: Correction) -> tuple[int, str] | str | None:
 
 
 def _kind_of(value: Any) -> str:
-    """Return the kind of a correction: about a joint if it has the key ``joint``, else about the patient if it has a
-    place.
+    """Return the class name of a correction in JSON form: it corrects a joint if it has the key ``joint``, else it
+    names the patient if it has a position, else it is an interval.
     """
     if not isinstance(value, dict):
         return "UnusableInterval"
@@ -173,8 +173,8 @@ EachJointOnce = Annotated[tuple[JointCorrection, ...], AfterValidator(_require_e
 
 @dataclass(frozen=True, slots=True)
 class CorrectionsRecord:
-    """The corrections as recorded in run.json: name, hash and entries of their file, and a sentence for each corrected
-    joint that the results do not follow.
+    """The corrections as recorded in run.json: name, hash and entries of their file. not_honoured: a sentence for each
+    corrected joint that is elsewhere in the results.
     """
 
     file: str
@@ -187,7 +187,9 @@ class CorrectionsRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """The valid and the withdrawn corrections (taken back or replaced). patient: None if nobody was named."""
+    """All corrections of a recording: valid ones, and withdrawn ones (taken back or replaced). patient: None if nobody
+    was named.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     recording: ReviewedRecording
@@ -211,14 +213,14 @@ class Corrections:
         return self._holding((*(old for old in self.valid if old not in same), entry), (*self.withdrawn, *replaced))
 
     def taken_back(self, withdrawal: Withdrawal) -> Corrections:
-        """Return the corrections without an entry, which moves to ``withdrawn``; the entry that it had replaced is
-        valid again. Raises ValueError if the entry is not valid.
+        """Return the corrections without the entry of ``withdrawal``, which moves to ``withdrawn``; an entry that it
+        had replaced is valid again. Raises ValueError if the entry is not valid.
         """
         entry = withdrawal.entry
         if entry not in self.valid:
             raise ValueError("this correction does not exist, or was withdrawn")
         about = _subject(entry)
-        replaced = [  # an entry that ``added`` withdrew for this entry has its author and time
+        replaced = [  # ``added`` stored the replaced entry with the author and time of the new one
             old
             for old in self.withdrawn
             if about is not None and (_subject(old.entry), old.who, old.when) == (about, entry.who, entry.when)
@@ -244,7 +246,7 @@ def now_utc() -> str:
 
 
 def require_recording(path: Path, corrections: Corrections, recording: ReviewedRecording) -> None:
-    """Raise InputError if the corrections read from ``path`` are about another recording or another world."""
+    """Raise InputError if the corrections read from ``path`` are about another recording or other camera poses."""
     theirs = corrections.recording
     if theirs.sha256 != recording.sha256:
         problem = f"is about another recording ('{theirs.name}', other depth images or times)"
@@ -265,21 +267,19 @@ class CorrectionsDocument(Corrections):
 
 
 def corrections_beside(results: Path) -> Path:
-    """Return ``RESULTS.corrections.json``: next to the folder, not in it, so that tracking again does not replace
-    it.
-    """
+    """Return ``RESULTS.corrections.json``, a path beside the results folder, since a new run replaces that folder."""
     folder = results.resolve()
     return folder.with_name(f"{folder.name}.corrections.json")
 
 
 def read_corrections(path: Path) -> Corrections:
-    """Read a corrections.json; raises InputError naming the file, the place in it and the remedy."""
+    """Read a corrections.json. Raises InputError, which names the file, the place in it and a remedy."""
     return read_document(path, CorrectionsDocument)
 
 
 def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
-    """Return the corrections with which the results of the run.json at ``path`` were tracked, possibly none: the next
-    review begins with them. Raises InputError if they cannot be used.
+    """Return the corrections (possibly none) with which the results of ``run``, the content of the run.json at
+    ``path``, were tracked. The next review begins with them. Raises InputError if they cannot be used.
     """
     recording, part = recording_of_run(run), {"corrections": run.get("corrections")}
     held = validate(path, dict[str, CorrectionsRecord | None], part)["corrections"]
@@ -287,7 +287,7 @@ def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
 
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
-    """Write the whole file or leave it unchanged; raises InputError for corrections that could not be read back."""
+    """Write corrections.json completely or not at all; raises InputError for corrections that cannot be read back."""
     document = {"format": CORRECTIONS_FORMAT, "version": 1, **asdict(corrections)}
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False, default=np.ndarray.tolist)
     validate(path, CorrectionsDocument, json.loads(text))
@@ -295,11 +295,11 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
 
 
 def parse_correction(path: Path, values: dict[str, Any]) -> Correction:
-    """Parse one correction in the form of the file; raises InputError with the name ``path``."""
+    """Parse one correction in the JSON form of the file. Raises InputError, which names ``path``."""
     found: Correction = validate(path, cast("Any", AnyCorrection), values)
     return found
 
 
 def parse_withdrawal(path: Path, values: dict[str, Any]) -> Withdrawal:
-    """Parse one withdrawal in the form of the file; raises InputError with the name ``path``."""
+    """Parse one withdrawal in the JSON form of the file. Raises InputError, which names ``path``."""
     return validate(path, Withdrawal, values)

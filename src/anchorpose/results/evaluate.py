@@ -1,5 +1,5 @@
-"""Compare a result with the truth: errors, how well the stated uncertainties fit them, contacts, and large errors with
-a small stated uncertainty.
+"""Compare tracked results with the truth of a recording: errors of joints and angles, how well the stated sigmas fit
+these errors, large errors with a small sigma, and contacts.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 
 FAR_M: Final = 0.10
-"""Maximum error in m of a joint that is on the right part of the body."""
+"""Error in m above which a joint may be a confident error; with a smaller one, it is on the right body part."""
 
 CONFIDENT_SIGMAS: Final = 4.0
-"""Limit of a joint's error along an axis, as a multiple of its stated sigma. If the sigmas are right, one error in 16
-000 is larger.
+"""A confident error exceeds this multiple of the joint's stated sigma along at least one axis. If the sigmas are right,
+one error along an axis in 16 000 does.
 """
 
 PLAIN_VIEW: Final = 0.5
@@ -49,7 +49,7 @@ LIMBS_JUDGED: Final[Mapping[str, np.ndarray]] = {
     name: np.array([JOINT_INDEX[joint] for joint in joints])
     for name, joints in {**_FREE, "trunk_and_head": _TRUNK}.items()
 }
-"""Joints (k,) by limb, whose errors count as errors of that limb; shoulders and hips belong to the trunk."""
+"""By limb, indices (k,) of the joints whose errors count as the limb's; shoulders and hips belong to the trunk."""
 
 
 SEEN_SHARE: Final = 0.25
@@ -58,7 +58,9 @@ SEEN_SHARE: Final = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrongInView:
-    """The longest unbroken time in which a limb was wrong in plain view; start_s is None if it was never wrong."""
+    """The longest unbroken time in which a limb was over ``WRONG_M`` off in plain view; start_s is None if it never
+    was.
+    """
 
     start_s: float | None
     seconds: float
@@ -91,8 +93,8 @@ def seen_joints(truth: Truth) -> np.ndarray | None:
 
 
 def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
-    """Return, per limb, (t,) bool: whether some camera sees most of the limb, by the mean of its ``seen_share`` over
-    the limb's joints.
+    """Return, per limb, (t,) bool: whether some camera sees most of the limb: the mean of ``truth.seen_share`` over the
+    limb's joints exceeds ``PLAIN_VIEW``.
 
     A truth without ``seen_share`` only states which frames are occluded; in all other frames every limb then counts as
     in plain view.
@@ -106,8 +108,8 @@ def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
 def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInView], ...]:
     """Return, per limb, the longest time in which one of its joints was over ``WRONG_M`` off in plain view.
 
-    joints, truth: frames matched row by row. A lost joint does not count as wrong. Each frame counts as one usual step
-    between frames.
+    Row i of joints and row i of truth are the same frame. A lost joint does not count as wrong. The duration of a frame
+    is the usual time between two frames.
     """
     off = distance_m(joints, truth.position_m) > WRONG_M
     visible = in_plain_view(truth)
@@ -128,9 +130,9 @@ def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, fl
 
 
 LEAST_SHARE: Final = 0.1
-"""Minimum share of the frames of the results, or of the truth, that must have a partner in the other. A smaller share
-may match by chance, for example if times are in another unit. A truth for every thirtieth frame is accepted, since all
-of its frames match.
+"""Minimum share of the frames of the results, or of the truth, for which the other has a frame of the same time. A
+smaller share may match by chance, for example if times are in another unit. A truth for every thirtieth frame is
+accepted, since all of its frames match.
 """
 
 
@@ -146,7 +148,7 @@ class LongestError:
 def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
     """Return the longest error of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
 
-    A frame in which the joint is lost ends the error. Each frame counts as one usual step between frames.
+    A frame in which the joint is lost ends the error. The duration of a frame is the usual time between two frames.
     """
     off = distance_m(joints, truth_m) > WRONG_M  # False where either position is NaN
     longest = LongestError(joint=None, start_s=None, seconds=0.0)
@@ -159,7 +161,7 @@ def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AngleError:
-    """Error of one angle; None if no frame has both the angle and its truth."""
+    """The error of one angle; fields are None if no frame has both the angle and its truth."""
 
     frames: int
     mean_abs_deg: float | None
@@ -180,8 +182,8 @@ def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, An
 
 
 def axis_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
-    """Return the angle between the axis of each knee and elbow and the true joints' axis; truth_m as in
-    ``angle_errors``.
+    """Return the error of the axis of rotation of each knee and elbow: its angle to the axis that follows from the true
+    joints. truth_m: as in ``angle_errors``.
     """
     found = revolute_axes(joints)
     true = revolute_axes(replace(joints, position_m=truth_m, sigma_m=np.zeros_like(joints.sigma_m)))
@@ -208,24 +210,24 @@ def _mean(values: np.ndarray) -> float | None:
 
 
 HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.OBSERVED, JointState.LOST))
-"""The states that a joint may have if it is inferred."""
+"""The states of inferred joints: they are neither observed nor lost."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
-    """Errors of some joints in some frames; each is None if there are no such joints."""
+    """The errors of some joints in some frames; fields are None if there are no such joints."""
 
     joint_frames: int  # number of joint positions whose truth is known
     lost_share: float | None  # share of ``joint_frames`` that are lost
-    mean_mm: float | None  # mean error; no error includes lost joints
+    mean_mm: float | None  # mean distance from the true place; here and below, lost joints are left out
     median_mm: float | None
     p95_mm: float | None
-    coverage_95: float | None  # share of axes on which the truth lies within 1.96 sigma; ideally 0.95
+    coverage_95: float | None  # share of coordinates (x, y, z) whose truth is within 1.96 sigma; ideally 0.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evaluation:
-    """A comparison of a result with the truth."""
+    """The comparison of a results folder with the truth."""
 
     matched_frames: int
     truth_frames: int  # number of frames of the truth after the skipped start
@@ -237,7 +239,7 @@ class Evaluation:
     observed: ErrorSummary  # joints that the result calls observed
     hidden: ErrorSummary  # joints that the result calls hidden, for any reason
     truly_seen: ErrorSummary | None  # joints that some camera truly sees; None if the truth does not state it
-    truly_hidden: ErrorSummary | None
+    truly_hidden: ErrorSummary | None  # joints that no camera truly sees; None as above
     confident_errors: float | None  # share of overall.joint_frames with a large error but a small sigma
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
@@ -247,18 +249,19 @@ class Evaluation:
     longest_off: LongestError  # longest unbroken time in which one joint was far off
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
-    drift_ratio: float | None  # mean error of the frames' second half, divided by that of the first
+    drift_ratio: float | None  # mean error in the second half of the frames, divided by that in the first half
     contacts: ContactEvaluation | None = None  # contacts with people; None if the truth or the result has none
-    # contacts with equipment; None also where the result was made without searching such contacts
+    # contacts with equipment; None as for ``contacts``, and if tracking did not search for contacts with equipment
     supports: ContactEvaluation | None = None
     session: SessionEvaluation | None = None  # None unless the truth is of a simulated session
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
-    """Compare a results folder with a truth.npz; frames are matched to the nearest time within half a period.
+    """Compare a results folder with a truth.npz; each frame of the truth is matched to the frame of the results nearest
+    in time, if the two are at most half of the truth's frame interval apart.
 
-    The first ``skip_s`` seconds of the truth are left out. Raises InputError if a file cannot be used or the two
-    have no time in common.
+    The first ``skip_s`` seconds of the truth are left out. Raises InputError if a file cannot be used, or results and
+    truth have too few times in common.
     """
     require_own(results, (JOINTS_FILE, CONTACTS_FILE, TRIALS_FILE))
     joints, known = read_joints(results / JOINTS_FILE), read_truth(truth)
@@ -282,13 +285,13 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
 
 
 CLOSER: Final = 10.0
-"""Times of the truth are taken to be in another unit if its frames are this many times closer together, and its whole
-span this many times shorter, than the frames and the span of the results. If times are in minutes, both factors are 60.
+"""The truth's times are taken to be in another unit if both the time between its frames and its duration are more than
+this many times smaller than those of the results. For a truth in minutes, both are 60 times smaller.
 """
 
 
 def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:
-    """Raise InputError if times are in minutes or hours; a truth with few frames, or with many more, is accepted."""
+    """Raise InputError if the truth's times are in minutes or hours; its number of frames does not matter."""
     if min(len(truth_s), len(results_s)) < 2:
         return
     steps, spans = ((each(results_s) / each(truth_s)) for each in (_median_step, np.ptp))
@@ -302,7 +305,7 @@ def _median_step(time_s: np.ndarray) -> float:
 
 
 def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frames: int) -> None:
-    """Raise InputError if too few frames have a partner, or no joint of them has a position."""
+    """Raise InputError if too few frames are matched (``LEAST_SHARE``), or no joint has a true position in them."""
     found = match >= 0
     if found.sum() < LEAST_SHARE * min(len(match), results_frames) or not found.any():
         problem = (
@@ -316,9 +319,7 @@ def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frame
 
 
 def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames: int) -> Evaluation:
-    """Return the evaluation of n frames that are matched row by row, given how many frames truth and results have in
-    all.
-    """
+    """Return the evaluation of matched frames (row i of both). truth_frames, results_frames: numbers of all frames."""
     errors, seen, codes = _errors(joints, truth.position_m), seen_joints(truth), joints.state_code
     occluded, frames = truth.occluded[:, None], np.arange(len(joints.frame))[:, None]
     first, second = (_summary(errors, half) for half in (frames < len(frames) // 2, frames >= len(frames) // 2))

@@ -19,7 +19,7 @@ MARK: Final = '"matched_frames"'
 
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:
-    """Write the evaluation: first the overall figures, then figures per joint and per state, then all others."""
+    """Write the evaluation as JSON: errors of all joints together, per joint and per state, then the rest."""
     contacts, supports, session = evaluation.contacts, evaluation.supports, evaluation.session
     document = {
         **as_json(evaluation.overall),
@@ -51,7 +51,7 @@ def _named(evaluation: Evaluation, *names: str) -> dict[str, Any]:
 def contact_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
     """Return rows of text (with, part, frames touched, precision, recall): contacts with people, then with equipment.
     For people and for equipment, a row for all parts is followed by a row for each part that was touched or reported.
-    There are no rows without contacts.
+    The list is empty if no contacts were evaluated.
     """
     return [
         (toucher, name.replace("_", " "), str(score.touched), *_cells((score.precision, score.recall), 100, 0))
@@ -62,8 +62,8 @@ def contact_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text (what, mean, median, 95 %, lost, coverage): all joints, each joint, each state that occurs,
-    ...
+    """Return rows of text (what, mean, median, 95 %, lost, coverage) for all joints, each joint, each state and other
+    groups; groups without joints are left out.
     """
     groups = [
         ("all joints", evaluation.overall),
@@ -83,7 +83,7 @@ def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text: an angle, or the axis of a knee or elbow, with mean error, 95 %, degrees and coverage."""
+    """Return rows of text (angle, or axis of a knee or elbow; mean error and 95 % error in degrees; coverage)."""
     axes = ((f"axis of {name}", error) for name, error in evaluation.axes)
     return [
         (name.replace("_", " "), *_cells((error.mean_abs_deg, error.p95_deg)), *_cells((error.coverage_95,), 100))
@@ -93,8 +93,8 @@ def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text, one per kind of event: how many are true, found, found in time and false, and the mean delay
-    in s. There are no rows unless the truth is of a session.
+    """Return rows of text, one per kind of event: how many are true, found, found in time and falsely found, and the
+    mean delay in s. The list is empty unless the truth is of a session.
     """
     return [
         (
@@ -107,8 +107,8 @@ def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def independence_sentence(evaluation: Evaluation) -> str | None:
-    """Return a sentence on how many measured times of independence agree with the truth; None if they cannot be
-    compared.
+    """Return a sentence on how many measured times of independence (such as upright without a helper's hands) agree
+    with the truth; None if they cannot be compared.
     """
     times = evaluation.session and evaluation.session.times
     if not times:

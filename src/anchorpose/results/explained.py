@@ -1,5 +1,5 @@
-"""Write explained.parquet, which states how well each reported pose explains the depth images, and find the worst
-moments.
+"""Write explained.parquet, which states how well each reported pose explains the depth images, and find the frames that
+are explained worst.
 """
 
 from __future__ import annotations
@@ -22,19 +22,20 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # cm2, maximum uncovered area (a hand's); clothes and grips cause up to half of it
-SEEN_PAST: Final = 0.3  # maximum share of a part's skin that a camera sees past; in its true place a limb has less
+UNCOVERED_CM2: Final = 80.0  # cm2, bad uncovered area (that of a hand); clothes and grips cause up to half of it
+SEEN_PAST: Final = 0.3  # bad share of a part's skin that a camera sees past; a limb in its true place has less
 APART_S: Final = 0.5  # s, minimum time between two moments; closer moments show the same situation
-MOST_MOMENTS: Final = 5
+MOST_MOMENTS: Final = 5  # maximum number of moments in run.json
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedFrame:
     """The measures of how well the pose of one frame explains the frame (``Explanation``).
 
-    uncovered_cm2: seen surface of the patient that no part of the body covers, NaN where the patient is lost or nothing
-    of the patient is seen. seen_past (5,): share of each part's skin that a camera sees past, in the order of
-    ``PART_NAMES``; NaN where the patient is lost or too little of the part is in view.
+    uncovered_cm2: area of the patient's seen surface that no part of the reported body covers, NaN where the patient is
+    lost or nothing of the patient is seen. seen_past (5,): share of each part's skin that a camera sees past (the
+    camera measures a surface farther away there), in the order of ``PART_NAMES``; NaN where the patient is lost or too
+    little of the part is in view.
     """
 
     frame: int
@@ -56,7 +57,7 @@ class ExplainedTable:
 
 
 LARGEST_CM2: Final = 1e6
-"""Maximum area in cm2 (a hundred square metres), more than the walls that a camera sees."""
+"""Maximum uncovered area in the table, in cm2: a hundred square metres, more than the walls that a camera sees."""
 
 EXPLAINED: Final = FrameTable(
     file="explained.parquet",
@@ -80,8 +81,9 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
-    """Return (n,) the uncovered area or the largest share of a part that is seen past, each divided by its limit,
-    whichever is larger. At 1 or more, a limb is probably not where it is reported. NaN if neither is known.
+    """Return how badly each frame (n,) is explained: the uncovered area divided by ``UNCOVERED_CM2``, or the largest
+    share of a part that is seen past divided by ``SEEN_PAST``, whichever is larger. At 1 or more, a limb is probably
+    not where it is reported. NaN if neither is known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)
@@ -89,7 +91,7 @@ def unexplained(table: ExplainedTable) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A frame whose pose explains it poorly, and the reason in words."""
+    """A frame that its pose explains poorly, and the reason in words."""
 
     frame: int
     time_s: float
@@ -98,10 +100,11 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class ExplainedSummary:
-    """The summary in run.json: the share of frames in which more than ``uncovered_limit_cm2`` is uncovered, and the
+    """The summary in run.json: the share of frames with an uncovered area of at least ``uncovered_limit_cm2``, and the
     worst moments.
 
-    uncovered_share: share of the ``known_frames``, in which the area is known; None if there are no such frames.
+    known_frames: number of frames in which the uncovered area is known; uncovered_share: share of these frames, None if
+    there are none.
     """
 
     uncovered_limit_cm2: float
@@ -111,7 +114,7 @@ class ExplainedSummary:
 
 
 def summarise(table: ExplainedTable) -> ExplainedSummary:
-    """Compute the share of frames with uncovered surface, and the worst moments."""
+    """Compute the share of frames with too much uncovered surface, and the worst moments."""
     known = table.uncovered_cm2[np.isfinite(table.uncovered_cm2)]
     share = float((known >= UNCOVERED_CM2).mean()) if len(known) else None
     return ExplainedSummary(UNCOVERED_CM2, len(known), share, worst_moments(table))

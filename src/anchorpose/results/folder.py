@@ -1,7 +1,7 @@
 """Write folders and files completely or not at all, and resume a results folder whose run was stopped or killed.
 
-An unfinished folder is recognised by a file in it, not by its name: a folder without that file, or with a link in it,
-is never touched.
+An unfinished folder is recognised by a file in it, not by its name: a folder without that file (``MARK_FILE``), or with
+a link in it, is never touched.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class FolderKind:
 
 CALIBRATION: Final = FolderKind("a calibration", ("calibration.json",), ("calibration.json", "*.png"))
 
-DISK_ERRORS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
+DISK_ERRORS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)  # errors of failed writes
 
 RESULTS: Final = FolderKind(
     "a results folder",
@@ -62,7 +62,7 @@ def new_results_folder(
     """Yield a folder for results of ``recording`` that becomes ``path`` at the end; see ``whole_or_nothing``.
 
     An existing result, recognised by the marks of its kind, is replaced only with ``overwrite``; any other folder that
-    is not empty is never touched. Raises InputError before anything is written where results may not go to ``path``.
+    is not empty is never touched. Raises InputError, before writing anything, if ``path`` may not be replaced.
     """
     check_results_path(path, recording, overwrite, kind)
     with whole_or_nothing(path, kind.own if overwrite else ()) as partial:
@@ -71,8 +71,8 @@ def new_results_folder(
 
 @contextmanager
 def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
-    """Yield a folder beside ``path`` that replaces it when the block ends without an error, and is removed
-    otherwise.
+    """Yield a new folder beside ``path``. When the ``with`` block ends, the new folder replaces ``path``, or is removed
+    if there was an error.
 
     own: patterns of the files that may be replaced; see ``publish``. Raises InputError if nothing can be written
     there, or ``path`` is a link.
@@ -105,11 +105,11 @@ def naming_place(place: Path) -> Iterator[None]:
 
 
 def publish(made: Path, path: Path, own: Sequence[str] = ()) -> None:
-    """Put the finished folder ``made`` in place of ``path``, whose files from an earlier run are replaced.
+    """Move the finished folder ``made`` to ``path``, and delete the files that an earlier run has written there.
 
     own: patterns, as for ``fnmatch``, of the files that may be deleted; without patterns only an empty folder is
-    replaced. Files of ``path`` that match no pattern are kept in a folder ``NAME.kept`` beside it. Raises InputError
-    where something has appeared at ``path`` that may not be replaced; all of ``made`` is then in a folder of another
+    replaced. Files of ``path`` that match no pattern are kept in a folder ``NAME.kept`` beside it. Raises InputError if
+    something has meanwhile appeared at ``path`` that may not be replaced; ``made`` is then moved to a folder of another
     name.
     """
     target = path.resolve()
@@ -133,8 +133,8 @@ def _replaced(target: Path) -> Path:
 
 
 def _restore_replaced(target: Path, kind: FolderKind) -> None:
-    """Undo a replacement that was killed half-way, when the old folder was moved away and the new folder is not in
-    place yet.
+    """Move the old folder back if a replacement was killed after the old folder was moved away and before the new
+    folder was in place.
     """
     old = _replaced(target)
     if not os.path.lexists(target) and not old.is_symlink() and kind.is_at(old):
@@ -170,7 +170,7 @@ def write_text_whole(path: Path, text: str) -> None:
 
 
 def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind: FolderKind = RESULTS) -> None:
-    """Raise InputError unless results of ``recording`` (None: of cameras) may be written to ``path``."""
+    """Raise InputError unless results of ``recording`` (None for live cameras) may be written to ``path``."""
     check_place(path, recording)
     target = path.resolve()
     if not path.is_symlink():
@@ -188,20 +188,20 @@ def check_results_path(path: Path, recording: Path | None, overwrite: bool, kind
 
 
 JOURNAL: Final = "journal"
-"""The folder in an unfinished results folder that holds the run's progress so far."""
+"""Name of the folder in an unfinished results folder that holds the run's progress so far."""
 
 EARLIER: Final = "earlier"
-"""The journal of the run that is being overwritten. It is restored if the new run ends before it stores something."""
+"""Name of the journal of an overwritten run. It is restored if the new run ends before it has stored anything."""
 
 LIVE: Final = "live session"
-"""Prefix of the identity of a live session, which cannot be tracked again, only finished."""
+"""Prefix of the identity of a live session. A live session cannot be tracked again, only finished."""
 
 FIRST_SECONDS: Final = "first-seconds"
-"""Folder in a journal with the first seconds of a live session; a journal with nothing else is not worth keeping."""
+"""Folder in a journal with the first seconds of a live session; a journal that contains nothing else is not kept."""
 
-BEGUN_FILE: Final = "begun.json"
-LOCK_FILE: Final = ".lock"
-MARK_FILE: Final = ".anchorpose"
+BEGUN_FILE: Final = "begun.json"  # file in a journal with the run's identity and the hashes of its inputs
+LOCK_FILE: Final = ".lock"  # file that a run locks while it writes into its unfinished folder
+MARK_FILE: Final = ".anchorpose"  # file with the text ``MARK`` by which an unfinished folder is recognised
 MARK: Final = json.dumps({"format": "anchorpose-unfinished", "version": 1})
 
 RESUME: Final = "the same command with --resume"
@@ -211,14 +211,15 @@ RESUME: Final = "the same command with --resume"
 def unfinished_results(
     path: Path, recording: Path | None, overwrite: bool = False, resume: bool = False, go_on: str = RESUME
 ) -> Iterator[Path]:
-    """Yield the folder ``.NAME.unfinished`` beside ``path``, which becomes ``path`` when the block ends without an
-    error.
+    """Yield the folder ``.NAME.unfinished`` beside ``path``, which becomes ``path`` when the ``with`` block ends
+    without an error.
 
-    Otherwise the folder stays, if the run has stored anything in it, and ``resume`` continues the run. An unfinished
-    run that ``overwrite`` replaces is kept until the new run has stored something. The folder is locked: a second run
-    into ``path`` at the same time is refused. recording: None if the images come from cameras. go_on: how the user
-    resumes a stopped run. Raises InputError before anything is written where results may not go to ``path``, another
-    folder has that name, or an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
+    After an error the folder stays if the run has stored anything in it; ``resume`` then continues the run. An
+    unfinished run that ``overwrite`` replaces is kept until the new run has stored something. The folder is locked: a
+    second run into ``path`` at the same time is refused. recording: None if the images come from cameras. go_on: how
+    the user resumes a stopped run. Raises InputError, before anything is written, if results may not be written to
+    ``path``, if another folder is called ``.NAME.unfinished``, or if there is an unfinished run and neither ``resume``
+    nor ``overwrite`` is given.
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)
@@ -256,7 +257,7 @@ def begun_identity(path: Path) -> str | None:
 
 
 def wait_until_free(path: Path, timeout_s: float) -> None:
-    """Wait while another run writes into ``path``, at most ``timeout_s``; a killed run takes a moment to end."""
+    """Wait at most ``timeout_s`` while another run writes into ``path``; a killed run takes a moment to end."""
     work = _work_of(path)
     if _is_own(work):
         with suppress(Timeout), FileLock(work / LOCK_FILE, timeout=timeout_s):
@@ -270,8 +271,8 @@ def _work_of(path: Path) -> Path:
 
 @contextmanager
 def _claimed(work: Path, path: Path) -> Iterator[None]:
-    """Yield the unfinished folder, made if absent, marked and locked; raises InputError if this program did not make
-    it, or another run uses it.
+    """Make the unfinished folder ``work`` if it is absent, mark it, and lock it during the ``with`` block; raises
+    InputError if this program did not make it, or another run uses it.
     """
     if os.path.lexists(work) and (work.is_symlink() or not work.is_dir()):
         raise InputError(work, "is in the way, and is not an unfinished run", "rename it")
@@ -299,7 +300,7 @@ def _is_own(work: Path) -> bool:
 
 
 def _require_own(work: Path) -> None:
-    """Raise InputError unless this program has made the folder and no link in it leads out of it."""
+    """Raise InputError unless this program has made the folder and no link is in it."""
     marked = False
     with suppress(InputError):
         marked = not work.is_symlink() and read_text(work / MARK_FILE) == MARK
@@ -310,7 +311,7 @@ def _require_own(work: Path) -> None:
 
 
 def _journal_of(work: Path) -> Path:
-    """Return the valid journal. Until the new run has stored something, it is the journal of the overwritten run."""
+    """Return the valid journal: the overwritten run's until the new run has stored something, then the new run's."""
     new, earlier = work / JOURNAL, work / EARLIER
     return earlier if os.path.lexists(earlier) and not _has_stored(new) else new
 
@@ -327,7 +328,9 @@ def _keep_one_journal(work: Path) -> bool:
 
 
 def _has_stored(journal: Path) -> bool:
-    """Return whether the journal has more than its beginning. Unreadable content counts too, so that it is kept."""
+    """Return whether a journal holds more than ``BEGUN_FILE`` and ``FIRST_SECONDS``. A journal that is not a folder
+    counts too, so that it is kept.
+    """
     if not journal.is_dir():
         return os.path.lexists(journal)
     names = {entry.name for entry in journal.iterdir() if ".partial" not in entry.name}
@@ -351,7 +354,7 @@ def _remedy(path: Path, go_on: str) -> str:
 
 
 def _going_on(path: Path, go_on: str) -> str:
-    """Return a clause on how to continue the stored run."""
+    """Return the part of a sentence that states how to continue the stored run."""
     return f"'anchorpose live --finish -o {path}' finishes it" if is_live_session(path) else f"{go_on} goes on"
 
 
@@ -370,13 +373,15 @@ def _remove(entry: Path) -> None:
 
 def clear_beside_journal(work: Path) -> None:
     """Remove what a resumed run does not need: tables and pictures of a stopped run, which are written again, and the
-    journal of an overwritten run. Call it after reading all inputs that can be refused.
+    journal of an overwritten run. Call it only after all inputs have been accepted.
     """
     _clear(work, (LOCK_FILE, MARK_FILE, JOURNAL))
 
 
 def _leave(work: Path, error: BaseException, go_on: str, path: Path) -> None:
-    """Remove the folder if it holds nothing useful, else note how to resume. An InputError already states a remedy."""
+    """Remove the unfinished folder if no run has stored anything in it; else add to ``error`` how to resume, unless the
+    error states a remedy.
+    """
     restored = _keep_one_journal(work)
     if _has_stored(work / JOURNAL):
         what = "The unfinished run that was there" if restored else "What was done"
@@ -391,8 +396,8 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
     identity.
 
     identity: hash of inputs, settings and code; inputs: the hash of each file by its path in the recording. Raises
-    InputError if the unfinished run had other inputs, settings or code, or its journal cannot be read; nothing was
-    changed then.
+    InputError, without changing anything, if the unfinished run had other inputs, settings or code, or its journal
+    cannot be read.
     """
     journal = results / JOURNAL
     if os.path.lexists(journal):
@@ -416,7 +421,7 @@ def _require_same(results: Path, identity: str, inputs: dict[str, str]) -> None:
 
 
 def end_journal(results: Path) -> None:
-    """Remove the files that only an unfinished run needs."""
+    """Remove the journal, which only an unfinished run needs."""
     with suppress(FileNotFoundError):
         shutil.rmtree(results / JOURNAL)
 

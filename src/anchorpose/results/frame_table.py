@@ -1,4 +1,6 @@
-"""Declare, write and read tables with the same rows in every frame; in memory a table is a set of arrays."""
+"""Declare, write and read parquet tables that have the same rows (such as one per joint) in every frame. In memory, a
+table is a dataclass of arrays.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,8 @@ from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, re
 Frames = TypeVar("Frames")
 
 FRAMES_PER_ROW_GROUP: Final = 512
-"""Frames per row group (half a megabyte of joints in memory). It never changes, since the bytes of the file depend on
-it.
+"""Number of frames per row group of a file (half a megabyte of joints in memory). It never changes, since the bytes of
+the file depend on it.
 """
 
 UNKNOWN: Final = -1
@@ -28,7 +30,8 @@ UNKNOWN: Final = -1
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns that are one array (..., names) in memory, or (...) if there is a single name; NaN is null in the file.
+    """Columns of numbers that are one array (..., names) in memory, or (...) if there is a single name. NaN is null in
+    the file.
 
     least, most: the minimum and the maximum of each number.
     """
@@ -39,11 +42,11 @@ class Numbers:
     type: pa.DataType = field(default_factory=pa.float64)
 
     def schema(self) -> list[pa.Field]:
-        """Return nullable columns of numbers."""
+        """Return the declaration of nullable columns of numbers."""
         return [pa.field(name, self.type) for name in self.names]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
-        """Return the columns of an array."""
+        """Return the columns that hold ``values`` in the file."""
         flat = values.astype(self.type.to_pandas_dtype(), copy=False).reshape(-1, len(self.names))
         return [pa.array(column, self.type, from_pandas=True) for column in flat.T]
 
@@ -59,13 +62,13 @@ class Numbers:
 
 @dataclass(frozen=True, slots=True)
 class Codes:
-    """A column of texts that is an int8 array of indices into ``texts`` in memory."""
+    """A column of texts that is an int8 array of indices into ``texts`` in memory (codes)."""
 
     name: str
     texts: tuple[str, ...]
 
     def schema(self) -> list[pa.Field]:
-        """Return one column of texts, which is never null."""
+        """Return the declaration of one column of texts, which is never null."""
         return [pa.field(self.name, pa.string(), nullable=False)]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
@@ -84,7 +87,7 @@ class Flags:
     name: str
 
     def schema(self) -> list[pa.Field]:
-        """Return one nullable column of booleans."""
+        """Return the declaration of one nullable column of booleans."""
         return [pa.field(self.name, pa.bool_())]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
@@ -108,8 +111,8 @@ class FrameTable(Generic[Frames]):
     arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and one array per
     entry of ``columns``, (n, ...) or (n, subjects, ...). thing: the column that names the subject of a row, such as
     "joint"; None if there is one row per frame. names: the subjects in their order; None if they differ from file to
-    file, and are then in the field ``names`` of ``arrays``. text: a field stored in the file's metadata, and its key
-    there. agree: function that tests whether numbers and texts of the table are consistent.
+    file, and are then in the field ``names`` of ``arrays``. text: the name of a field that is stored in the file's
+    metadata, and its key there. agree: function that tests whether numbers and texts of the table are consistent.
     """
 
     file: str
@@ -140,9 +143,9 @@ class FrameTable(Generic[Frames]):
 
     @contextmanager
     def open(self, path: Path) -> Iterator[RowGroups[Any]]:
-        """Open the file for writing frame by frame; it is complete when the block ends without an error.
+        """Open the file for writing frame by frame; it is complete when the ``with`` block ends without an error.
 
-        A frame has the fields of ``arrays`` without their first axis.
+        Each appended frame must have the fields of ``arrays`` without their first axis.
         """
         schema = self.schema()
 
@@ -180,7 +183,7 @@ class FrameTable(Generic[Frames]):
         return frames
 
     def _require_times(self, path: Path, frame: np.ndarray, time_s: np.ndarray) -> None:
-        """Raise InputError if frames (n,) or their times (n,) cannot be those of a recording."""
+        """Raise InputError if a frame's number is negative, or the times (n,) do not increase or are impossible."""
         if frame[0] < 0:
             raise InputError(path, f"has the frame {frame[0]}", self.remedy)
         if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0).all()):

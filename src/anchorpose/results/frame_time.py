@@ -1,4 +1,4 @@
-"""Compute the time that each frame represents, and find missing frames."""
+"""Compute the time that each frame represents, and find missing frames and runs of frames."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 LONGEST_STEP: Final = 1.5
-"""Maximum step between frames as a multiple of the usual step; in a longer step, at least one frame is missing."""
+"""Maximum time between two frames, as a multiple of the usual time between frames; beyond it, a frame is missing."""
 
 LONGEST_GAP_S: Final = 0.5
-"""Maximum gap in s that is too short for sitting down or standing up. If the patient has the same posture before and
-after such a gap, the posture continued. Events in a longer gap are unknown.
+"""Maximum length in s of a gap between frames that is too short for sitting down or standing up. If the patient has the
+same posture before and after such a gap, the posture continued in it. What happened in a longer gap is unknown.
 """
 
 
@@ -21,8 +21,8 @@ FRAMES_AT_ONCE: Final = 4096
 
 
 def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
-    """Yield slices that cover the rows from 0 to ``frames``, ``at_once`` rows each (None: ``FRAMES_AT_ONCE``). Such
-    slices are used in computations that need much more memory than their result.
+    """Yield slices that cover the rows from 0 to ``frames``, ``at_once`` rows each (None: ``FRAMES_AT_ONCE``). They are
+    for computations that need much more memory than their results.
     """
     at_once = FRAMES_AT_ONCE if at_once is None else at_once
     for first in range(0, frames, at_once):
@@ -30,36 +30,37 @@ def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
 
 
 def usual_step_s(time_s: np.ndarray) -> float:
-    """Return the median step between frames; NaN for fewer than two frames."""
+    """Return the median time between frames; NaN for fewer than two frames."""
     return float(np.median(np.diff(time_s))) if len(time_s) > 1 else float("nan")
 
 
 def longest_even_step_s(time_s: np.ndarray) -> float:
-    """Return the step in s above which a frame is missing, so that filters must not pass it; NaN for fewer than two
-    frames.
+    """Return the maximum time in s between successive frames; if it is longer, a frame is missing, and filters must not
+    bridge the gap. NaN for fewer than two frames.
     """
     return LONGEST_STEP * usual_step_s(time_s)
 
 
 def longest_known_gap_s(time_s: np.ndarray) -> float:
-    """Return the step between frames above which events are unknown. For slow cameras it is ``LONGEST_STEP`` of their
-    usual steps.
+    """Return the time in s between two frames above which it is unknown what happened: ``LONGEST_GAP_S``, or for slow
+    cameras ``LONGEST_STEP`` times the usual time between frames.
     """
     return max(LONGEST_GAP_S, longest_even_step_s(time_s))
 
 
 def recorded_seconds(time_s: np.ndarray) -> float:
-    """Return the time from the first frame to the end of the last, which lasts a usual step; 0 for a single frame,
-    which has no duration.
+    """Return the time from the first frame to the end of the last frame, which lasts a usual step; 0 for a single
+    frame, which has no duration.
     """
     return float(time_s[-1] - time_s[0]) + usual_step_s(time_s) if len(time_s) > 1 else 0.0
 
 
 def frame_seconds(time_s: np.ndarray) -> np.ndarray:
     """Return the seconds (n,) that each frame represents: half of the time to the previous frame plus half of the time
-    to the next. Half a usual step is used towards either end of the recording and towards a gap of unknown time.
+    to the next. Half of the usual time is used at the recording's ends and at gaps above ``longest_known_gap_s``.
 
-    All zeros for a single frame, which has no duration. The sum is ``recorded_seconds`` less the unknown time.
+    All zeros for a single frame, which has no duration. The sum is ``recorded_seconds``, with the usual time for such
+    gaps.
     """
     if len(time_s) < 2:
         return np.zeros(len(time_s))
@@ -69,7 +70,7 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
 
 
 def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
-    """Return ``unbroken_runs`` of the frames that are ``known`` (n,) bool; unknown frames count as dropped.
+    """Return the runs of ``chosen`` frames (``unbroken_runs``), as if frames not ``known`` (n,) bool did not exist.
 
     A joint that is lost for a moment therefore ends no run. A run may contain unknown frames, but neither begins nor
     ends with an unknown frame.
@@ -80,7 +81,7 @@ def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> 
 
 
 def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float | None = None) -> list[slice]:
-    """Return runs of frames that are all ``chosen`` (n,) bool; a step longer than longest_step_s also ends a run.
+    """Return runs of frames that are all ``chosen`` (n,) bool; a gap longer than longest_step_s also ends a run.
 
     longest_step_s: ``longest_known_gap_s`` where None, so that a dropped frame does not end a run.
     """

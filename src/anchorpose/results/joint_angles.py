@@ -1,8 +1,8 @@
 """Compute the body's angles from joint centres, for all frames, with state and uncertainty.
 
 The angles of the pelvis are computed in the order rotation, obliquity, tilt (Baker 2001,
-doi:10.1016/S0966-6362(00)00083-7), the reverse of the order for joints. So each angle agrees with its clinical name
-even if the patient has turned.
+doi:10.1016/S0966-6362(00)00083-7), the reverse of the order that is used for joints. Each angle therefore agrees with
+its clinical name even if the patient has turned.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def trunk_lean(points: Points) -> tuple[Reading, ...]:
     """Return the lean of the line from SpineBase to SpineShoulder against the vertical: forwards, then to the patient's
     right.
 
-    Forwards is horizontal and perpendicular to the hip joints; where their line is nearly vertical (lying on a side),
-    both angles are undetermined.
+    Forwards is the horizontal direction perpendicular to the line through both hip joints. If this line is nearly
+    vertical (the patient lies on a side), both angles are undetermined.
     """
     across, up = points["HipRight"] - points["HipLeft"], unit(points["SpineShoulder"] - points["SpineBase"])
     nothing = np.zeros_like(across[0])
@@ -97,8 +97,8 @@ def pelvis_angles(points: Points) -> tuple[Reading, ...]:
 
 
 SOLE_SLOPE_DEG: Final = 19.3
-"""Slope of the line from ankle to toe base, towards the toes, when the sole is level: mean of the body asset's shapes;
-its standard deviation between people, 1.6 degrees, is not included in sigma.
+"""Downward slope in degrees of the line from ankle to toe base when the sole is level, as the mean over the shapes of
+the body model. Its standard deviation between people, 1.6 degrees, is not included in the angle's sigma.
 """
 
 
@@ -125,12 +125,13 @@ def hip_to_pelvis(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the rotation of the thigh about its long axis, by the plane in which the leg is bent: 0 = the shank points
-    straight back from the knee, perpendicular to the hip joints; positive = inwards, the foot to the outside.
+    """Return the rotation of the thigh about its long axis, as determined by the plane in which the leg is bent: 0 =
+    the shank points straight back from the knee, perpendicular to the line through the hip joints; positive = inwards,
+    the foot to the outside.
 
     It is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. There is no value for a leg
-    that is bent by less than ``PLANE_KNOWN_RAD``, since its plane is undetermined, and for a leg that is bent
-    backwards, since the normal of its plane is reversed.
+    that is bent by less than ``PLANE_KNOWN_RAD``, since its plane is undetermined, or for a leg that is bent backwards,
+    since the normal of its plane is reversed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
@@ -138,18 +139,19 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     bent, z = length(normal), unit(-normal)
     aside, along = dot(across, cross(y, z)), dot(across, z)
     inwards = -1.0 if side == "Left" else 1.0
-    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # a leg bent backwards does not bend at its hinge
+    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # along < 0: bent backwards, so the normal is reversed
     return ((inwards * np.arctan2(-aside, along), np.where(hinged, bent * np.hypot(aside, along), 0.0)),)
 
 
 def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
     """Return how far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
 
-    The plane in which a nearly straight leg bends is mostly noise and the bow of the leg. Below ``PLANE_UNKNOWN_RAD``
-    only the rotation about the line of the hips counts, with its sign, so that noise about a straight knee has the mean
-    zero. A clearly bent leg is bent in the plane of its hinge: above ``PLANE_KNOWN_RAD`` the whole angle between thigh
-    and shank counts. Between the two limits, the angle changes gradually from the first to the second. No knee bends
-    backwards beyond ``PLANE_KNOWN_RAD``, so there the angle is positive and does not need the line of the hips.
+    The plane in which a nearly straight leg bends is mostly determined by noise and by the leg's sideways bow. Below
+    ``PLANE_UNKNOWN_RAD``, the angle is therefore the signed rotation about the line of the hips, so that noise about a
+    straight knee has the mean zero. A clearly bent leg is bent in the plane of its hinge: above ``PLANE_KNOWN_RAD``,
+    the angle is the whole angle between thigh and shank. Between the two limits, it changes gradually from the first
+    definition to the second. No knee bends backwards beyond ``PLANE_KNOWN_RAD``, so there the angle is positive and
+    does not need the line of the hips.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     thigh, shank = unit(knee - hip), unit(ankle - knee)
@@ -163,8 +165,8 @@ def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def ankle_dorsiflexion(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the angle of the foot against the shank: 0 = the sole of a mean foot is perpendicular to the shank,
-    positive = toes up (dorsiflexion).
+    """Return the angle of the foot against the shank: 0 = the sole of a foot of mean shape is perpendicular to the
+    shank, positive = toes up (dorsiflexion).
     """
     knee, ankle, foot = (points[f"{name}{side}"] for name in ("Knee", "Ankle", "Foot"))
     return ((0.5 * np.pi + np.radians(SOLE_SLOPE_DEG) - between(knee - ankle, foot - ankle), 1.0),)
@@ -176,7 +178,9 @@ def _swing(up: np.ndarray, right: np.ndarray, thigh: np.ndarray) -> Reading:
 
 
 CARRYING_RAD: Final = np.radians(5.0)
-"""Standard deviation of the elbow's carrying angle; assumed, not measured here."""
+"""Standard deviation, between people, of the angle by which elbows are bowed sideways (carrying angle); assumed, not
+measured here.
+"""
 
 
 def shoulder_elevation(points: Points, side: str) -> tuple[Reading, ...]:
@@ -198,13 +202,13 @@ def shoulder_plane(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the rotation of the upper arm about its long axis, by the plane in which the arm is bent: 0 = the forearm
-    of the hanging arm points forward; positive = inwards, the hand towards the other side.
+    """Return the rotation of the upper arm about its long axis, as determined by the plane in which the arm is bent: 0
+    = the forearm of the hanging arm points forward; positive = inwards, the hand towards the other side of the body.
 
-    It is computed from the arm's rotation relative to the trunk: the shortest swing from the hanging arm is removed,
-    and the rest is the rotation about the long axis. ISB's third angle is not used, since it is undetermined for a
-    hanging arm, the usual posture of patients. An arm that is bent by less than ``PLANE_KNOWN_RAD`` has no such plane,
-    and so no value.
+    It is computed from the arm's rotation relative to the trunk: the shortest rotation from the hanging arm to the
+    arm's direction is removed, and the remaining rotation is about the long axis. ISB's third angle is not used, since
+    it is undetermined for a hanging arm, the usual posture of patients. An arm that is bent by less than
+    ``PLANE_KNOWN_RAD`` has no such plane, and so no value.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)
@@ -228,8 +232,8 @@ _HINGES: Final = {
     hip_rotation: ("Hip* Knee* Ankle*", VARUS_VALGUS_RAD),
     shoulder_rotation: ("Shoulder* Elbow* Wrist*", CARRYING_RAD),
 }
-"""By angle that depends on a limb's plane of bending: the joints of the limb, and the standard deviation in rad of how
-far it is bowed sideways.
+"""For each formula whose angle depends on the plane in which a limb is bent: the limb's joints, and the standard
+deviation in rad of its sideways bow.
 """
 
 
@@ -285,29 +289,29 @@ ARMS: Final = _sided(
 
 
 AT_ONCE: Final = 128
-"""Number of frames processed at once, which fit into a core's cache with all their moved joints."""
+"""Number of frames processed at once. With all variants of ``_moved_too``, their joints fit into a CPU core's cache."""
 
 
 def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a group's angles and their standard deviations, (k, n) radians each; NaN where a joint is lost or the
-    lever is short.
+    lever is below ``LEAST_LEVER``.
 
-    position_m (21, 3, n), sigma_m (21, n): errors are assumed independent between joints and axes. Each coordinate is
-    moved by its sigma, both ways. A derivative is not used: it is undefined at a straight knee and would give no error
-    there. The error of the formula itself is added in quadrature.
+    position_m (21, 3, n), sigma_m (21, n): errors are assumed independent between joints and axes. To find the error of
+    an angle, each coordinate is moved by its sigma in both directions. A derivative is not used: it is undefined at a
+    straight knee and would give no error there. The error of the formula itself (``own_sigma``) is added in quadrature.
     """
     angle, sigma = np.empty((2, len(group.names), position_m.shape[-1]))
     for rows in blocks(angle.shape[1], AT_ONCE):
         points = {name: position_m[JOINT_INDEX[name]][:, rows] for name in group.joints}
         angle[:, rows], sigma[:, rows] = _angles_of_some(group, points, sigma_m[:, rows])
     lost = np.isnan(position_m[[JOINT_INDEX[name] for name in group.joints]]).any(axis=(0, 1))
-    angle[:, lost] = sigma[:, lost] = np.nan  # also where the formula needs no lost joint: sigma is unknown
+    angle[:, lost] = sigma[:, lost] = np.nan  # also angles that do not need the lost joint
     return angle, sigma
 
 
 def _angles_of_some(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     readings = group.formula(_moved_too(group, points, sigma_m))
-    values = np.stack([value for value, _ in readings])  # (k, moves, n), the first reading is of unmoved joints
+    values = np.stack([value for value, _ in readings])  # (k, moves, n); the first "move" leaves all joints in place
     levers = np.stack([np.broadcast_to(lever, values.shape[1:])[0] for _, lever in readings])
     angle = np.where(levers >= LEAST_LEVER, values[:, 0], np.nan)
     variance = 0.5 * (_shorter_way(values[:, 1:] - angle[:, None]) ** 2).sum(axis=1)
@@ -317,11 +321,11 @@ def _angles_of_some(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> t
 
 
 def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points:
-    """Return each joint (3, 1 + 6 joints, n): unchanged, then with each coordinate of each joint moved by its sigma,
-    down and up.
+    """Return variants of each joint (3, 1 + 6 joints, n): first all joints unchanged, then one coordinate of one joint
+    moved by its sigma, down and up.
 
-    All moves are evaluated at once: for a live frame, n = 1, calling the formula for each move would take longer than
-    tracking.
+    The formula is called once for all variants. For a single live frame (n = 1), one call per variant would take longer
+    than tracking.
     """
     count = len(group.joints)
     rows = np.repeat(np.stack([points[name] for name in group.joints])[:, :, None], 1 + 6 * count, axis=2)
@@ -332,7 +336,7 @@ def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points
 
 
 def _shorter_way(angle: np.ndarray) -> np.ndarray:
-    """Shift an angle by whole turns into the range from minus pi to pi."""
+    """Return an angle shifted by whole turns into the range from minus pi to pi."""
     turn: np.ndarray = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
     return turn
 
@@ -340,11 +344,11 @@ def _shorter_way(angle: np.ndarray) -> np.ndarray:
 ANGLE_GROUPS: Final = (*TRUNK, *LEGS, *ARMS)
 
 ANGLE_NAMES: Final = tuple(name for group in ANGLE_GROUPS for name in group.names)
-"""The angles that joint centres determine, in the order of the table."""
+"""The angles that joint centres determine, in the order of the table of angles."""
 
 
 def joint_angles(joints: JointTable) -> AngleTable:
-    """Return ``ANGLE_NAMES`` of all frames; the state is the worst of the joints involved.
+    """Return the angles ``ANGLE_NAMES`` of all frames. The state of an angle is the worst state of the joints involved.
 
     There is no value where one of the joints is lost (then the state is ``lost`` too), and where the pose leaves the
     angle undetermined (then the state is that of the joints; docs/angles.md states when, for each angle).

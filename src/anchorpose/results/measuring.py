@@ -85,7 +85,9 @@ from anchorpose.settings import settings
 
 
 def inferred_touch_share(touch: Touch) -> float | None:
-    """Return, of the frames with any contact, the share in which no contact was seen; None without such frames."""
+    """Return the share of contacts that no camera sees, as the mean over the frames with any contact; None without such
+    frames.
+    """
     any_of = touch.at_once > 0
     return float(np.mean(1.0 - touch.seen[any_of])) if any_of.any() else None
 
@@ -102,8 +104,8 @@ CONTACT_MEASURES: Final = (
 
 
 def assistance_measures(session: Session) -> list[Measure]:
-    """Measure assistance in the whole session; then for each person, each part, and each person and part, the time and
-    the contacts.
+    """Return the measures of assistance: time and number of contacts in all, for each person, each part of the
+    patient's body, and each pair of person and part; then the measures while upright.
 
     Only frames in which the patient was found count, since contacts are unknown in all other frames.
     """
@@ -138,8 +140,8 @@ def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, p
 
 
 def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measure]:
-    """Return the measures while upright: the time and shares with and without hands on the patient, and the mean and
-    the largest number of simultaneous contacts.
+    """Return the measures of the time in which the patient is upright: share with hands on the patient, time and share
+    without, and the mean and the largest number of simultaneous contacts.
     """
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
@@ -150,7 +152,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = inferred_touch_share(helped)
-    of_help = (shared, None, None, shared, shared)  # the time without contacts does not depend on inferred contacts
+    of_help = (shared, None, None, shared, shared)  # None: hands-free time has no contact that could be inferred
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)
@@ -162,7 +164,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
 
 @settings
 class MeasureConfig:
-    """The thresholds in the definitions of docs/measures.md, recorded with the measures."""
+    """The thresholds in the definitions of measures (docs/measures.md). They are stored in the file of the measures."""
 
     upright: UprightConfig = field(default_factory=UprightConfig)
     transitions: TransitionConfig = field(default_factory=TransitionConfig)
@@ -184,7 +186,7 @@ def measure_session(
     """Return the session with its posture and episodes, and every measure of docs/measures.md.
 
     contacts: contacts with people and equipment; None if unknown, which is not the same as no contact. equipment: the
-    parts with which contacts were searched; if there are none, it is unknown whether the patient held on to anything.
+    parts that were searched for contacts; if there are none, it is unknown whether the patient held on to anything.
     With trials, the measures of the whole recording are followed by the measures of every trial and of every condition.
     """
     body = centre_of_mass(joints)
@@ -222,8 +224,8 @@ def measure_session(
 
 
 def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> list[Event]:
-    """Return buckling knees, failed stands and recovery steps of a session whose transitions and steps are known, in
-    the order of kinds, then of time.
+    """Return buckling knees, failed stands and recovery steps of a session, in this order, each kind in the order of
+    time. ``session.episodes`` must contain the transitions.
     """
     return [
         *find_buckles(session, config.events),
@@ -235,7 +237,7 @@ def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> l
 def _measures(
     session: Session, moves: list[Transition], steps: list[Step], events: list[Event], config: MeasureConfig
 ) -> list[Measure]:
-    """Return every measure of a session, or of a part of it, with the transitions, steps and events that lie in it."""
+    """Return every measure of a session or of a part of it. moves, steps, events: those that lie in it."""
     return [
         *time_measures(session, config.upright),
         *transition_measures(session, moves),
@@ -267,8 +269,8 @@ WRITTEN: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureResult:
-    """The result of measuring a folder. measures: measures of the whole recording; policy: the policy of
-    ``ProcessedAngles``, None without processing; trials: the trials that were measured as well, None without trials.
+    """The result of measuring a folder. measures: measures of the whole recording; policy: as in ``ProcessedAngles``,
+    None without processing; trials: the trials that were measured as well, None without trials.
     """
 
     measures: tuple[Measure, ...]
@@ -281,10 +283,10 @@ def write_measured(
 ) -> MeasureResult:
     """Write angles, axes, posture, episodes and measures of a results folder, and the processed angles if any.
 
-    trials: replace the trials in the folder; None keeps them. Angles and measures always come from the joints as
-    tracked: ``processing`` makes angles_processed.parquet and nothing else, and without processing that file is
-    removed. All files are written before the first is replaced. Raises InputError if joints or contacts cannot be
-    used, AnchorposeError if the filter does not fit.
+    trials: the trials that replace those in the folder; None keeps them. Angles and measures always come from the
+    joints as tracked. ``processing`` affects only angles_processed.parquet, which is removed if no processing is
+    chosen. All files are written before the first is replaced. Raises InputError if joints or contacts cannot be used,
+    AnchorposeError if the filter does not fit the frame rate.
     """
     require_own(results, (JOINTS_FILE, CONTACTS_FILE, *((TRIALS_FILE,) if trials is None else ())))
     if trials is None and (results / TRIALS_FILE).exists():
@@ -318,8 +320,8 @@ def write_measured(
 
 
 def processing_sentence(policy: str) -> str:
-    """Return a sentence on how many joint positions were smoothed, filled and left alone. policy: the policy of
-    ``ProcessedAngles``.
+    """Return a sentence on how many joint positions were smoothed, filled and left alone. policy: as in
+    ``MeasureResult``.
     """
     counted = json.loads(policy)
     counts = [f"{counted[f'joint_frames_{name}']} {name}" for name in (*PROCESSING, "lost")]

@@ -1,4 +1,4 @@
-"""Read and write the results' Parquet files, and declare tables of records. Equal values always give equal bytes.
+"""Read and write the results' Parquet files, and declare tables of records. Equal values give files of equal bytes.
 
 Only this module opens parquet files: it writes every page with a checksum, and verifies the checksums on reading.
 """
@@ -56,7 +56,8 @@ def open_parquet(path: Path, schema: pa.Schema) -> Any:
 
 
 def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping[str, Any] | None = None) -> pa.Table:
-    """Read a table with exactly the columns of ``schema``, without forbidden nulls; raises InputError otherwise.
+    """Read a table. Raises InputError unless it has exactly the columns of ``schema``, and nulls only where the schema
+    allows them.
 
     rows: a pyarrow expression that selects the rows to read; None for all. later: columns that files of older versions
     lack, and the values to use instead.
@@ -107,7 +108,7 @@ def _require_names(schema: pa.Schema) -> list[str]:
 
 @contextmanager
 def opened_parquet(path: Path) -> Iterator[Any]:
-    """Open a file for reading it by ``pieces``; raises InputError if reading in the block shows that it is
+    """Open a file for reading it by ``pieces``; raises InputError if reading in the ``with`` block shows that it is
     damaged.
     """
     with refuse_unreadable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
@@ -117,7 +118,7 @@ def opened_parquet(path: Path) -> Iterator[Any]:
 
 def pieces(file: Any) -> Iterator[pa.Table]:
     """Yield the rows of an open file in their order, at most ``ROWS_AT_ONCE`` at a time."""
-    for group in range(file.num_row_groups):  # one at a time: pyarrow would hold several row groups in memory
+    for group in range(file.num_row_groups):  # one at a time, since pyarrow would hold several row groups in memory
         for batch in file.iter_batches(ROWS_AT_ONCE, row_groups=[group], use_threads=False):
             yield pa.Table.from_batches([batch])
 
@@ -126,7 +127,8 @@ _TYPES: Final = {int: pa.int32(), float: pa.float64(), bytes: pa.binary()}
 
 
 def schema_of(record: type, *names: str) -> pa.Schema:
-    """Return the columns of a record's attributes and properties, by default of all attributes in their order.
+    """Return the columns of a dataclass ``record``: one per attribute or property in ``names``, or per attribute if no
+    names are given.
 
     A column may be null where its type allows None. Types other than numbers and bytes are stored as text. A column
     whose name is a Python keyword belongs to the attribute with an underscore after it.
@@ -150,7 +152,7 @@ def _attribute(column: str) -> str:
 
 @contextmanager
 def refuse_unreadable(path: Path) -> Iterator[None]:
-    """Raise InputError if reading the file at ``path`` in the block shows that it is missing or unreadable."""
+    """Raise InputError if reading the file at ``path`` in the ``with`` block shows that it is missing or unreadable."""
     try:
         require_regular(path, LARGEST_ARRAYS)
         yield
@@ -170,9 +172,7 @@ def require_columns(path: Path, found: pa.Schema, schema: pa.Schema) -> None:
 
 
 def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[float, float], remedy: str) -> None:
-    """Raise InputError if a value (n,) of a column is missing, or outside the limits, which are themselves
-    allowed.
-    """
+    """Raise InputError if a value (n,) of the column ``name`` is NaN, below ``limits[0]`` or above ``limits[1]``."""
     wrong = values[~((values >= limits[0]) & (values <= limits[1]))]
     if len(wrong):
         raise InputError(path, f"has the {name} {wrong[0]:.6g}, not {limits[0]:g} to {limits[1]:g}", remedy)
@@ -182,10 +182,10 @@ def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[floa
 class RecordTable(Generic[Row]):
     """A table with one row per record.
 
-    record: the dataclass of a row, whose attributes have the names of the columns. known: the allowed texts of a
-    column. limits: the minimum and the maximum of a column's numbers. rows_per_group: never changed, since the bytes of
-    the file depend on it. may_be_empty: whether the program ever writes the table without rows. later: columns that
-    files of older versions lack, and the values to use instead.
+    record: the dataclass of a row, whose attributes have the names of the columns. known: by column, the allowed texts.
+    limits: by column, the minimum and the maximum of its numbers. rows_per_group: never changed, since the bytes of the
+    file depend on it. may_be_empty: whether the program ever writes the table without rows. later: columns that files
+    of older versions lack, and the values to use instead.
     """
 
     file: str
@@ -206,7 +206,7 @@ class RecordTable(Generic[Row]):
 
     @contextmanager
     def open(self, path: Path, metadata: dict[str, str] | None = None) -> Iterator[RowGroups[Row]]:
-        """Open the file for writing row by row; it is complete when the block ends without an error."""
+        """Open the file for writing row by row; it is complete when the ``with`` block ends without an error."""
         with open_parquet(path, self.schema.with_metadata(metadata) if metadata else self.schema) as writer:
             groups: RowGroups[Row] = RowGroups(
                 writer, lambda rows: self._to_table(rows).replace_schema_metadata(metadata), self.rows_per_group
@@ -224,7 +224,7 @@ class RecordTable(Generic[Row]):
         return self.records(path, table)
 
     def records(self, path: Path, table: pa.Table) -> tuple[Row, ...]:
-        """Return the rows of a table as records. path: the table's file, for messages."""
+        """Return the rows of a table as records; raises InputError for impossible rows. path: named in the error."""
         for column, known in self.known.items():
             for text in table[column].unique().to_pylist():
                 if text not in known:

@@ -1,5 +1,5 @@
-"""Test whether two conditions differ by a permutation test: each trial is a unit, and all orders in which the trials
-could have been done are compared.
+"""Test by permutation whether a measure differs between two conditions. The observed difference is compared with the
+differences that result from all other orders in which the conditions could have been drawn for the trials.
 
 Frames of a recording are not independent, but trials are exchangeable if their condition was drawn at random. If
 conditions make no difference, every assignment of the conditions to the trials of a block is as probable as the
@@ -20,28 +20,31 @@ from typing import Final
 
 import numpy as np
 
-ALPHA: Final = 0.05
+ALPHA: Final = 0.05  # level of significance
 
 MOST_EXACT: Final = 200_000
-"""Maximum number of assignments that are all examined, in a fraction of a second; if there are more, a sample is drawn.
+"""Maximum number of assignments that are all examined, which takes a fraction of a second. If there are more, a sample
+is drawn.
 """
 
 SAMPLED: Final = 9_999
 SEED: Final = 20_240_611
-"""Fixed seed, so that the same trials give the same p. A sample has 10,000 assignments, including the observed one."""
+"""Seed of the sample, fixed so that the same trials give the same p. A sample has 10,000 assignments, including the
+observed one.
+"""
 
 TIE: Final = 1e-9
-"""Relative tolerance of ties: sums in another order may differ by less."""
+"""Relative tolerance within which two differences count as equal: a sum in another order may differ by rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """Trials of a reference (False) and of another condition (True), and the blocks within which the order was drawn.
+    """Trials of the reference condition and of another condition, and the blocks within which their order was drawn.
 
-    treated (n,) bool; block (n,) int: number of each trial's block. Every block has trials of both conditions. weights
-    (n,): the difference is the sum of weights times values; weights are positive for the condition, negative for the
-    reference. A block with n_t and n_r trials of the two conditions counts n_t n_r / (n_t + n_r), the best weight if
-    all trials scatter alike.
+    treated (n,) bool: False for the reference; block (n,) int: number of each trial's block. Every block has trials of
+    both conditions. weights (n,): the difference is the sum of weights times values; weights are positive for the
+    condition, negative for the reference. The difference within a block with n_t and n_r trials of the two conditions
+    has the weight n_t n_r / (n_t + n_r), the best weight if all trials scatter alike.
     """
 
     treated: np.ndarray
@@ -65,20 +68,20 @@ class Blocks:
 
     @property
     def assignments(self) -> int:
-        """Return the number of possible assignments."""
+        """Return the number of possible assignments of the conditions to the trials."""
         return math.prod(math.comb(len(places), int(self.treated[places].sum())) for places in self.members)
 
     @property
     def smallest_p(self) -> float:
         """Return the smallest two-sided p that any values can give: two divided by the number of assignments if each
-        has a mirror image.
+        has a mirror image (both conditions exchanged), else one divided by it.
         """
         mirrored = all(2 * int(self.treated[places].sum()) == len(places) for places in self.members)
         return min(1.0, (2.0 if mirrored else 1.0) / self.assignments)
 
 
 def usable(treated: np.ndarray, block: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: trials in blocks that have both conditions."""
+    """Return (n,) bool: True for trials in blocks that have both conditions."""
     both = [number for number in set(block.tolist()) if len(set(treated[block == number].tolist())) == 2]
     return np.isin(block, both)
 
@@ -96,7 +99,9 @@ def neighbours(treated: np.ndarray) -> np.ndarray | None:
 
 
 def permutation_p(value: np.ndarray, blocks: Blocks) -> tuple[float, bool]:
-    """Return the two-sided p of the weighted difference of values (n,), and whether all assignments were examined."""
+    """Return the two-sided p of the difference between conditions in ``value`` (n,), and whether p was computed from
+    all assignments, not from a sample.
+    """
     observed = abs(float(blocks.weights @ value))
     limit = observed - TIE * max(float(np.abs(value - value.mean()).max()), observed)
     if blocks.assignments <= MOST_EXACT:
@@ -106,7 +111,7 @@ def permutation_p(value: np.ndarray, blocks: Blocks) -> tuple[float, bool]:
 
 
 def _all_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
-    """Return the weighted difference under every assignment."""
+    """Return the difference between conditions (``Blocks``) under every assignment of conditions to trials."""
     weights, total = blocks.weights, np.zeros(1)
     for places in blocks.members:
         treated = blocks.treated[places]
@@ -128,7 +133,7 @@ def _choices(trials: int, treated: int) -> np.ndarray:
 
 
 def _drawn_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
-    """Return the weighted difference under a fixed sample of assignments."""
+    """Return the difference between conditions (``Blocks``) under a fixed random sample of assignments."""
     random, total = np.random.default_rng(SEED), np.zeros(SAMPLED)
     for places in blocks.members:
         weights = np.tile(blocks.weights[places], (SAMPLED, 1))
@@ -137,8 +142,8 @@ def _drawn_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """Adjust the p values of several comparisons, in the order given. Then calling values below 0.05 significant is
-    wrong in at most 5 of 100 cases.
+    """Return the adjusted p values of several comparisons, in the order given. If all adjusted values below 0.05 are
+    called significant, one or more of them is wrong in at most 5 of 100 cases.
     """
     adjusted, largest = [0.0] * len(p), 0.0
     for rank, place in enumerate(sorted(range(len(p)), key=lambda k: p[k])):
@@ -149,21 +154,21 @@ def holm(p: Sequence[float]) -> list[float]:
 
 def pairs_needed(comparisons: int = 1) -> int:
     """Return the minimum number of pairs with which p can fall below 0.05 divided by the number of comparisons; n pairs
-    have 2^n assignments, of which 2 are extreme.
+    have 2^n assignments, so the smallest p is 2 / 2^n.
     """
     return next(n for n in count(1) if 2.0 / 2**n < ALPHA / comparisons)
 
 
 def trials_needed(comparisons: int = 1) -> int:
-    """Return the minimum number of trials of each condition in one block for the p of ``pairs_needed``; 2 of (2n choose
-    n) assignments are extreme.
+    """Return the minimum number of trials of each condition, all in one block, with which p can fall below the limit in
+    ``pairs_needed``; with n trials each, the smallest p is 2 / (2n choose n).
     """
     return next(n for n in count(1) if 2.0 / math.comb(2 * n, n) < ALPHA / comparisons)
 
 
 def blocks_needed(blocks: Blocks, comparisons: int = 1) -> int:
-    """Return the minimum number of blocks for the p of ``pairs_needed``, if all blocks are like the first of the given
-    blocks.
+    """Return the minimum number of blocks with which p can fall below the limit in ``pairs_needed``, if all blocks are
+    like the first of the given blocks.
     """
     first = blocks.members[0]
     treated = int(blocks.treated[first].sum())

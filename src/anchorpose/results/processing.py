@@ -1,7 +1,7 @@
-"""Smooth joints and fill gaps, only on request, by a policy that is stored with its outcome.
+"""Smooth the joints of a recording and fill gaps, only on request. The settings (policy) are stored with the result.
 
-Neither smoother has a delay: the Kalman smoother of Rauch, Tung and Striebel (1965, doi:10.2514/3.3166), and
-Butterworth.
+There are two smoothers, both without a delay: the Kalman smoother of Rauch, Tung and Striebel (1965,
+doi:10.2514/3.3166), and a Butterworth filter in a forward and a backward pass.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.results.uncertainty import random_sigma, systematic_sigma
 from anchorpose.settings import Positive, settings
 
-FIRST_SPEED_M_S: Final = 1.0  # standard deviation of speed (m/s) and of acceleration (m/s2) at the first frame
+FIRST_SPEED_M_S: Final = 1.0  # standard deviations at the first frame: speed (m/s), then acceleration (m/s2)
 FIRST_ACCELERATION_M_S2: Final = 10.0
 
 
 def smooth_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, jerk: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return smoothed position (n, 3) and sigma (n,) of one joint that is known in all frames; time_s (n,) increases,
-    in steps of any size.
+    """Return smoothed position (n, 3) and sigma (n,) of one joint that is known in all frames, by the Kalman smoother.
+    time_s (n,) increases, in steps of any size.
 
-    The acceleration is a random walk: it changes by ``jerk`` times the square root of the time. Smoothing reduces only
-    the random part of sigma; the systematic part is added again, so sigma never falls below it.
+    The acceleration is a random walk: its standard deviation grows by ``jerk`` times the square root of the time.
+    Smoothing reduces only the random part of sigma; the systematic part is added again, so sigma never falls below it.
     """
     course, variance = _smoothed_backwards(
         np.diff(time_s), np.ascontiguousarray(position_m), random_sigma(sigma_m) ** 2, jerk
@@ -45,8 +45,8 @@ def smooth_stretch(
 def _smoothed_backwards(
     steps_s: np.ndarray, position_m: np.ndarray, variance: np.ndarray, jerk: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return position (n, 3) and its variance along each axis (n,); the state's rows are position, speed and
-    acceleration.
+    """Return the smoothed position (n, 3) and its variance along each axis (n,). The smoother's state has the rows
+    position, speed and acceleration.
     """
     count = len(position_m)
     mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # after each frame
@@ -76,7 +76,9 @@ def _motion(step_s: float) -> np.ndarray:
 
 @njit(cache=True)
 def _random_walk(step_s: float) -> np.ndarray:
-    """Return the covariance (3, 3) that position, speed and acceleration gain in a step, for a jerk of one."""
+    """Return the covariance (3, 3) of position, speed and acceleration that a random walk of the acceleration adds in
+    one step, for a jerk of one.
+    """
     h = step_s
     return np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
 
@@ -105,29 +107,30 @@ def _inverse(a: np.ndarray) -> np.ndarray:
     return inverse / determinant
 
 
-_ORDER: Final = 2  # order of one pass; the forward and backward passes together have order four
+_ORDER: Final = 2  # order of the filter in one pass; the forward and backward passes together have order four
 _TWICE: Final = (np.sqrt(2.0) - 1.0) ** 0.25
-"""Cutoff of both passes together over the cutoff of one pass, as tangents of half the digital frequency: two passes are
-3 dB down at a lower frequency than one (Winter, Biomechanics and Motor Control of Human Movement, on digital
+"""Ratio of tan(pi f / rate) at the cutoff f of both passes together to that at the cutoff of one pass. Two passes are 3
+dB down at a lower frequency than one pass (Winter, Biomechanics and Motor Control of Human Movement, on digital
 filtering).
 """
 
 
 def highest_cutoff_hz(rate_hz: float) -> float:
-    """Return the upper limit of the cutoff frequency: 0.9 times half the rate."""
+    """Return the upper limit of the cutoff frequency: 0.9 times half the frame rate."""
     return 0.45 * rate_hz
 
 
 def shortest_frames(rate_hz: float, cutoff_hz: float) -> int:
-    """Return the minimum number of frames of a stretch: two periods of the cutoff, and more than the filter pads."""
+    """Return the minimum number of frames to filter: two periods of the cutoff frequency, and more than the padding."""
     return max(3 * (2 * _ORDER + 1) + 1, int(np.ceil(2.0 * rate_hz / cutoff_hz)))
 
 
 def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray:
-    """Filter values (n, ...) along the first axis by a Butterworth of effective order four, zero lag.
+    """Filter values (n, ...) along the first axis by a Butterworth low-pass of effective order four, without delay.
 
     rate_hz: rate of the values, which are evenly spaced and finite. cutoff_hz: where the two passes together are 3 dB
-    down. Raises ValueError for a cutoff that is not below ``highest_cutoff_hz`` and for fewer than ``shortest_frames``.
+    down. Raises ValueError if the cutoff is not below ``highest_cutoff_hz``, or there are fewer values than
+    ``shortest_frames``.
     """
     if not 0.0 < cutoff_hz < highest_cutoff_hz(rate_hz):
         raise ValueError(f"a cutoff of {cutoff_hz:g} Hz does not fit {rate_hz:g} frames a second")
@@ -140,13 +143,13 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
 
 
 MOST_UNEVEN: Final = 0.25
-"""Maximum deviation of a step between frames, as a share of the usual step. The filter needs even steps, so time stamps
-that jitter more are refused, not resampled.
+"""Maximum deviation of the time between two frames from the usual time, as a share of the usual time. The Butterworth
+filter needs even steps, so recordings whose time stamps jitter more are refused; they are not resampled.
 """
 
 
 def evenness(time_s: np.ndarray) -> float:
-    """Return the greatest deviation of a step between frames (n,) from the usual step, in usual steps."""
+    """Return the largest deviation of the time between two frames from the usual time, as a share of the usual time."""
     step = np.diff(time_s)
     return float(np.abs(step / np.median(step) - 1.0).max()) if len(step) else 0.0
 
@@ -154,11 +157,12 @@ def evenness(time_s: np.ndarray) -> float:
 def filter_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, cutoff_hz: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return filtered position (n, 3) and sigma (n,) of one joint that is known in all frames; None for a stretch that
-    is too short.
+    """Return position (n, 3) after the Butterworth filter and sigma (n,) of one joint that is known in all frames; None
+    if there are fewer frames than ``shortest_frames``.
 
     Sigma becomes the root mean square of the sigmas within half a period of the cutoff if this is larger, since a
-    poorly known frame moves its neighbours. It is never reduced, since filtering does not remove systematic errors.
+    poorly known position also moves the positions of neighbouring frames. Sigma is never reduced, since filtering does
+    not remove systematic errors.
     """
     rate_hz = 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if not rate_hz or len(time_s) < shortest_frames(rate_hz, cutoff_hz):
@@ -172,8 +176,8 @@ def filter_stretch(
 Filling = Literal["none", "linear", "spline"]
 
 LEAST_TRIALS: Final = 20
-"""Minimum number of places at which the same gap is cut into known positions and filled, to measure the error of
-filling.
+"""Minimum number of trials in which as many known positions as the gap lacks are removed and filled, to measure the
+error of filling.
 """
 
 
@@ -190,12 +194,12 @@ class Filled(NamedTuple):
 def fill_gaps(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, fill: Filling, longest_s: float
 ) -> Filled:
-    """Fill the gaps up to longest_s of one joint, position_m (n, 3), NaN where it is lost.
+    """Fill gaps of up to longest_s in the positions position_m (n, 3) of one joint, which are NaN where it is lost.
 
-    A gap is not filled if it is longer (from the last frame before it to the first after it), if it begins or ends the
-    recording, if frames are missing around it, or if the joint was not known for long enough elsewhere to measure the
-    error of filling. That error is measured by cutting the same gap into every stretch in which the joint is known, and
-    filling it. It grows towards the middle of the gap.
+    A gap is not filled if it lasts longer (from the last frame before it to the first after it), if it begins or ends
+    the recording, if frames are missing around it, or if the joint was not known for long enough elsewhere to measure
+    the error of filling. That error is measured by cutting a gap of the same length into every stretch in which the
+    joint is known, and filling it. The error grows towards the middle of the gap.
     """
     known = np.isfinite(position_m).all(axis=1)
     reach = 1 if fill == "linear" else 2
@@ -214,7 +218,7 @@ def fill_gaps(
 
 
 def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -> list[tuple[int, int]]:
-    """Return the gaps that may be filled: each with its first frame, and the frame after its last."""
+    """Return the gaps that may be filled, each as its first row and the row after its last."""
     found = []
     longest_step = longest_even_step_s(time_s)
     for start, stop in ((run.start, run.stop) for run in runs_of(~known)):
@@ -246,8 +250,8 @@ def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
 def _trial_error(
     time_s: np.ndarray, position_m: np.ndarray, known: np.ndarray, reach: int, missing: int
 ) -> np.ndarray | None:
-    """Return the root-mean-square error (missing,) along each axis of filling the same gap where the joint is known;
-    None with too few places.
+    """Return the root-mean-square error (missing,) per axis of filling a gap of ``missing`` frames where the joint is
+    known; None if there are too few such places.
     """
     span = missing + 2 * reach
     if len(time_s) < span:
@@ -269,7 +273,7 @@ def _trial_error(
 Smoothing = Literal["none", "butterworth", "kalman"]
 
 DEFAULT_CUTOFF_HZ: Final = 6.0
-"""Usual cutoff for walking and standing (Winter, Biomechanics and Motor Control of Human Movement)."""
+"""Usual cutoff frequency in Hz for walking and standing (Winter, Biomechanics and Motor Control of Human Movement)."""
 
 
 @settings
@@ -283,9 +287,9 @@ class ProcessingConfig:
 
     smooth: Smoothing = "none"
     cutoff_hz: Positive = DEFAULT_CUTOFF_HZ
-    jerk: Positive = 30.0  # m/s^2.5, random change of acceleration; a reaching hand reverses within about 0.3 s
+    jerk: Positive = 30.0  # m/s^2.5, random change of acceleration; enough for a reaching hand that reverses in 0.3 s
     fill: Filling = "none"
-    longest_gap_s: Positive = 0.2  # s, maximum length of a filled gap; half the time in which a reaching hand reverses
+    longest_gap_s: Positive = 0.2  # s, maximum length of a filled gap; a reaching hand takes longer to reverse
 
     @property
     def active(self) -> bool:
@@ -313,7 +317,7 @@ MEASURED, SMOOTHED, FILLED = range(len(PROCESSING))
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessedJoints:
     """Joints after processing. joints: smoothed and filled; a filled joint has the state ``hidden``. processing (n, 21)
-    int8: how each was processed.
+    int8: how each joint was processed (``MEASURED``, ``SMOOTHED`` or ``FILLED``).
     """
 
     joints: JointTable
@@ -321,7 +325,7 @@ class ProcessedJoints:
 
 
 def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoints:
-    """Fill gaps first, then smooth every unbroken stretch separately.
+    """Fill gaps first, then smooth each joint in every stretch without missing frames separately.
 
     Raises AnchorposeError if the chosen filter does not fit the recording.
     """
@@ -346,8 +350,8 @@ def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoi
 
 
 def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAngles:
-    """Return the angles of the processed joints. How an angle was processed is taken from the most processed of its
-    joints.
+    """Return the angles of the processed joints. An angle counts as filled if one of its joints was filled, else as
+    smoothed if one was smoothed.
     """
     done = process_joints(joints, config)
     counts = {f"joint_frames_{name}": int((done.processing == code).sum()) for code, name in enumerate(PROCESSING)}
@@ -366,7 +370,7 @@ def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAng
 def _smooth(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, config: ProcessingConfig
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return position (n, 3) and sigma (n,) of an unbroken stretch; None if it stays as measured."""
+    """Return smoothed position (n, 3) and sigma (n,) of an unbroken stretch; None if the stretch stays as measured."""
     if config.smooth == "butterworth":
         if len(time_s) > 1 and len(time_s) >= shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
             _require_cutoff(time_s, config.cutoff_hz)  # the stretch may have a lower frame rate than the recording

@@ -1,7 +1,7 @@
-"""Store the scores of blinded raters: beside the results, one table per rater, with a row per trial in the order in
-which trials are shown.
+"""Store the scores that blinded raters give to trials. Each rater has a table beside the results folder, with a row per
+trial in the order in which the rater sees the trials.
 
-The table with the order of trials is written before the first score, so that a rater who was interrupted continues in
+The table is written, with the order of trials, before the first score, so that a rater who was interrupted continues in
 the same order. The table does not name the conditions, so raters who open it stay blinded.
 """
 
@@ -32,7 +32,7 @@ RATING_UNIT: Final = "score"
 BEST_SCORE: Final = 10
 """Highest score. Scores are whole numbers from 0 on a numerical rating scale of 11 points, as for pain or effort."""
 
-MOST_INITIALS: Final = 8
+MOST_INITIALS: Final = 8  # maximum number of letters of a rater's initials
 COLUMNS: Final = ("shown", "trial", "score", "time", "rater", "seed", "session")
 REMEDY: Final = "give the file that 'anchorpose view --rate' wrote, as it was"
 
@@ -60,7 +60,7 @@ class Ratings:
 
     @property
     def scores(self) -> dict[int, int | None]:
-        """Return the score of each trial, by its number."""
+        """Return the score of each trial by the trial's number, None without a score."""
         return {row.trial: row.score for row in self.rows}
 
     def with_score(self, shown: int, score: int, time: str) -> Ratings:
@@ -78,7 +78,7 @@ def parse_initials(text: str) -> str:
 
 
 def ratings_beside(results: Path, rater: str) -> Path:
-    """Return ``RESULTS.rating_AB.tsv``: next to the folder, not in it, so that tracking again does not replace it."""
+    """Return ``RESULTS.rating_AB.tsv``, a path beside the results folder, since a new run replaces that folder."""
     folder = results.resolve()
     return folder.with_name(f"{folder.name}.rating_{rater}.tsv")
 
@@ -100,7 +100,7 @@ def draw_order(rater: str, seed: int, session: str, trials: Sequence[int]) -> Ra
 
 
 def write_ratings(path: Path, ratings: Ratings) -> None:
-    """Write the whole table or leave it as it was."""
+    """Write a rater's table completely or leave the file as it was."""
     text, common = io.StringIO(), (ratings.rater, ratings.seed, ratings.session)
     rows = ([MISSING if cell is None else cell for cell in (*astuple(row), *common)] for row in ratings.rows)
     csv.writer(text, delimiter="\t", lineterminator="\n").writerows([COLUMNS, *rows])
@@ -165,10 +165,10 @@ def read_ratings_beside(results: Path, session: str) -> list[Ratings]:
 
 
 def rating_measures(results: Path, run: dict[str, Any], trials: Trials) -> list[Measure]:
-    """Return the scores as measures of the trials, then of the conditions; no measures where nobody has rated.
+    """Return the scores as measures of the trials, then of the conditions; no measures if nobody has rated.
 
-    Each rater has a row, with the rater as ``person``. A row without a person is the mean of all raters, which needs a
-    score of every rater.
+    Each rater has a row, with the rater as ``person``. A row without a person is the mean of all raters; its value is
+    None unless every rater has given a score.
     """
     raters = read_ratings_beside(results, rated_session(run, trials))
     rows = [row for each in raters for row in _of_rater(each.rater, each.scores, trials)]

@@ -1,4 +1,4 @@
-"""Declare the tables that have one row per record: contacts, episodes, measures, and images of person labels."""
+"""Declare the tables that have one row per record: contacts, episodes, measures, and segmented images."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ class Contact:
 
     part: one of ``REGIONS``. ``with_``: ``PERSON``, or the name of a part in the equipment's model. person: a name that
     stays the same as long as this person is followed; None for equipment. first_frame, last_frame and start_s, end_s:
-    both included. seen_share: share of the touching skin that some camera saw at that moment; the rest of it was seen
-    shortly before. For equipment: share of the frames in which some camera saw the skin beside the part. area_cm2: the
-    patient's skin within reach, mean over the frames. gap_mm: smallest measured distance between the two surfaces,
+    both included. seen_share: share of the touching person's skin that some camera saw in the same frame; the remaining
+    skin was seen shortly before. For equipment: share of the frames in which some camera saw the skin beside the part.
+    area_cm2: area of touched skin, mean over the frames. gap_mm: smallest measured distance between the two surfaces,
     where the patient's is the outer surface of skin or clothes; negative if the skin was measured inside the equipment.
     """
 
@@ -65,7 +65,7 @@ class Contact:
 
     @property
     def state(self) -> str:
-        """Return ``seen`` where most of the touching skin was seen, else ``inferred``."""
+        """Return ``seen`` if ``seen_share`` is at least a half, else ``inferred``."""
         return SEEN if self.seen_share >= 0.5 else INFERRED
 
     @property
@@ -104,7 +104,7 @@ CONTACTS: Final = RecordTable(
 CONTACTS_FILE, read_contacts = CONTACTS.file, CONTACTS.read
 
 EQUIPMENT_KEY: Final = "equipment_parts"
-"""Key in the schema's metadata: a JSON list of the equipment's parts with which contacts were searched."""
+"""Key in the metadata of contacts.parquet: a JSON list of the equipment's parts that were searched for contacts."""
 
 
 def write_contacts(path: Path, equipment: Sequence[str] = ()) -> AbstractContextManager[RowGroups[Contact]]:
@@ -115,11 +115,11 @@ def write_contacts(path: Path, equipment: Sequence[str] = ()) -> AbstractContext
 
 
 def read_equipment_names(path: Path) -> tuple[str, ...]:
-    """Read the equipment's parts with which contacts were searched.
+    """Read the names of the equipment's parts that were searched for contacts.
 
-    The result is empty if the recording had no model of the equipment, and where the file is from a version that did
-    not search such contacts. Then it is unknown whether the patient held on to the equipment. Raises InputError if
-    the record cannot be read.
+    The result is empty if the recording had no model of the equipment, or if the file is from a version that did not
+    search for such contacts. It is then unknown whether the patient held on to the equipment. Raises InputError if the
+    list cannot be read.
     """
     text = (read_parquet_schema(path).metadata or {}).get(EQUIPMENT_KEY.encode(), b"[]")
     try:
@@ -142,7 +142,7 @@ FAILED_STAND: Final = "failed_stand"
 RECOVERY_LEFT, RECOVERY_RIGHT = "recovery_step_left", "recovery_step_right"
 
 EVENT_KINDS: Final = (BUCKLE_LEFT, BUCKLE_RIGHT, FAILED_STAND, RECOVERY_LEFT, RECOVERY_RIGHT)
-"""Kinds of episodes with a depth: events in which something went wrong."""
+"""Kinds of episodes that are events: something went wrong. Only these have a ``depth``."""
 
 EPISODE_KINDS: Final = (UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT, STEP_LEFT, STEP_RIGHT, *EVENT_KINDS)
 
@@ -188,7 +188,7 @@ EPISODES_FILE: Final = EPISODES.file
 
 
 def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
-    """Write episodes.parquet in the order in which they begin."""
+    """Write episodes.parquet, the episodes in the order in which they begin."""
     EPISODES.write(path, sorted(episodes, key=lambda each: (each.start_s, EPISODE_KINDS.index(each.kind))))
 
 
@@ -199,15 +199,15 @@ def read_episodes(path: Path) -> tuple[Episode, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measure:
-    """One number of docs/measures.md.
+    """The value of one measure of docs/measures.md.
 
     side: "left", "right" or None. part: a region of the body (``REGIONS``); person: a name as in contacts.parquet. Both
     are None if the measure is not about a single part or person. value: None if unknown; ``why`` then states the
-    reason. sigma: one standard deviation of the value, None if unknown (counts). frames: number of frames on which the
-    value is based. inferred_share: share of these frames in which a joint that the measure uses was inferred rather
-    than seen. condition, trial: condition and trial of events.tsv (numbered from 1) to which the value belongs. Both
-    are None for the whole recording; only trial is None for a whole condition. Raises ValueError unless exactly one of
-    value and why is given, and for a trial without a condition.
+    reason. sigma: one standard deviation of the value, None if unknown, as for counts. frames: number of frames on
+    which the value is based. inferred_share: share of these frames in which a joint that the measure uses was inferred
+    rather than seen. condition, trial: condition and trial of events.tsv (numbered from 1) to which the value belongs.
+    Both are None for the whole recording; only trial is None for a whole condition. Raises ValueError unless exactly
+    one of value and why is given, and for a trial without a condition.
     """
 
     measure: str
@@ -261,15 +261,14 @@ def read_measures(path: Path) -> tuple[Measure, ...]:
 
 
 def read_trial_measures(path: Path) -> tuple[Measure, ...]:
-    """Read the measures of all trials, then of all conditions; no measures where the results have no trials.
-
-    Raises InputError for another table.
+    """Read the measures of all trials, then of all conditions; no measures if the results have no trials. Raises
+    InputError if the file is not such a table.
     """
     return tuple(row for row in MEASURES.read(path) if row.condition is not None)
 
 
 DEFINITION_KEY: Final = "measure_definition"
-"""Key in the schema's metadata: a JSON text of ``Definition``."""
+"""Key in the metadata of measures.parquet; its value is ``Definition`` as JSON."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,15 +284,15 @@ class Definition:
 
 
 def write_measures(path: Path, measures: Sequence[Measure], config: dict[str, Any]) -> None:
-    """Write measures.parquet in the order given, with this version and ``config`` as its ``Definition``."""
+    """Write measures.parquet in the order given, with the program's version and ``config`` as its ``Definition``."""
     definition = json.dumps({"anchorpose": __version__, "config": config}, sort_keys=True)
     MEASURES.write(path, measures, {DEFINITION_KEY: definition})
 
 
 def read_definition(path: Path) -> Definition | None:
-    """Return the definition of a measures.parquet; None if the file is older than this record.
+    """Return the definition of a measures.parquet; None if the file is from a version that did not store it.
 
-    Raises InputError if the record cannot be read.
+    Raises InputError if the definition cannot be read.
     """
     text = (read_parquet_schema(path).metadata or {}).get(DEFINITION_KEY.encode())
     if text is None:
@@ -304,12 +303,10 @@ def read_definition(path: Path) -> Definition | None:
         raise InputError(path, "its definition of the measures cannot be read", MEASURE_AGAIN) from None
 
 
-FRAMES_KEPT: Final = 64  # number of images kept in memory, of all cameras together; less than a megabyte
+FRAMES_KEPT: Final = 64  # number of frames whose images (all cameras) are kept in memory; less than a megabyte
 
 ROOM: Final = 0
-"""Label of pixels that are neither equipment nor a person, such as the room, small components, and pixels without a
-reading.
-"""
+"""Label of pixels without equipment or a person: the room, small components, and pixels without a reading."""
 
 _PNG_SETTINGS: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
 """Settings of the PNG encoder for label images. Large areas have one value, so run-length coding makes the smallest
@@ -332,7 +329,7 @@ PEOPLE: Final = RecordTable(
     file="people.parquet",
     record=LabelImage,
     schema=schema_of(LabelImage),
-    rows_per_group=256,  # about half a megabyte
+    rows_per_group=256,  # about half a megabyte of images
     remedy=TRACK_AGAIN,
 )
 PEOPLE_FILE, write_people = PEOPLE.file, PEOPLE.open
@@ -355,8 +352,8 @@ def decode_labels(image: LabelImage) -> np.ndarray:
 
 
 def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[int, str], LabelImage]:
-    """Return the label images of some frames, or of all, still encoded, by frame and camera; raises InputError if a
-    frame and camera occur twice.
+    """Return the label images, still encoded, of some frames or of all frames (None), by frame and camera; raises
+    InputError if a frame and camera occur twice.
     """
     rows = PEOPLE.read(path, None if frames is None else pc.field("frame").isin(frames))
     images = {(row.frame, row.camera): row for row in rows}
@@ -366,7 +363,7 @@ def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[i
 
 
 def frames_of_people(path: Path) -> np.ndarray:
-    """Return (k,) int32, increasing: the frames that have an image, without reading the images."""
+    """Return (k,) int32, increasing: the numbers of the frames that have a label image. The images are not read."""
     frames: np.ndarray = np.unique(read_any_parquet(path, columns=["frame"])["frame"].to_numpy())
     return frames
 
@@ -374,7 +371,7 @@ def frames_of_people(path: Path) -> np.ndarray:
 class StoredPeople:
     """The label images of a people.parquet, read on demand, since all images of an hour would fill the memory.
 
-    Raises InputError if the file is not such a table. Threads may share an object.
+    Raises InputError if the file is not such a table. Several threads may use one object.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Collect results folders and skeleton files in one file of reference movements."""
+"""Collect the movements in results folders and skeleton files in one file of reference movements."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own
 
 SUFFIX = ".npz"
-SHORTEST_S: Final = 0.5  # s, minimum length of a clip: motion history, frames that check it, one predicted step
-MOTIONS_MARK: Final = "format.npy"  # name of the first array in a file of movements
+SHORTEST_S: Final = 0.5  # s, minimum duration of a clip: the past frames that prediction uses, and a next frame
+MOTIONS_MARK: Final = "format.npy"  # name of the first array in a file of movements, by which such a file is recognised
 
 
 def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, overwrite: bool) -> ReferenceClips:
-    """Collect the movements of all sources, write these movements to ``out`` and return them.
+    """Collect the movements of all sources, write them to the file ``out`` and return them.
 
     sources: results folders, skeleton files and earlier files of reference movements. rate_hz: frames per second of
-    skeleton files that do not state it. Raises InputError before anything is written where a source cannot be used.
+    skeleton files that do not state it. Raises InputError, before anything is written, if a source cannot be used.
     """
     if out.suffix != SUFFIX:
         raise InputError(out, f"does not end in {SUFFIX}", f"call it {out.name}{SUFFIX}")
@@ -49,8 +49,8 @@ def _read(source: Path, rate_hz: float | None) -> ReferenceClips:
 def clips_of_results(folder: Path) -> ReferenceClips:
     """Return the stretches of a results folder, at least half a second long, in which no joint is lost.
 
-    Frames with a lost joint and gaps in time end a stretch. Raises InputError if the table cannot be used or has no
-    such stretch.
+    A stretch ends before a frame with a lost joint, and at a gap in time. Raises InputError if the folder has no usable
+    joints or no such stretch.
     """
     require_own(folder, (JOINTS_FILE,))
     table = read_joints(folder / JOINTS_FILE)

@@ -1,4 +1,6 @@
-"""Identify the recording and the world that corrections are about: a hash of images and times, and camera poses."""
+"""Identify what a reviewer's corrections are about: the recording by a hash of its images and times, and the world
+frame of their positions by the camera poses.
+"""
 
 from __future__ import annotations
 
@@ -34,8 +36,8 @@ _Height = Annotated[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedCamera:
-    """A camera with its pose (4, 4), None if the camera has no pose and was not used, and its clock, None if
-    unknown.
+    """A camera of the recording. camera_to_world: its pose (4, 4), None if it has none and was not used. clock: its
+    clock, None if unknown.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -49,7 +51,7 @@ class ReviewedRecording:
     """The recording and the world that corrections are about. The recording is identified by a hash of its depth images
     and times (its name is for people), the world by the camera poses.
 
-    Clocks and the height of the floor are kept as used in tracking, so that they need not be found again; None if
+    Clocks and the height of the floor are those that tracking used, so that they need not be found again; None if
     unknown.
     """
 
@@ -77,10 +79,10 @@ def reviewed_recording(
     clocks: dict[str, Clock] | None = None,
     floor_height_m: float | None = None,
 ) -> ReviewedRecording:
-    """Describe a recording; inputs_sha256: (path in the recording folder, hash) as in run.json.
+    """Describe a recording. inputs_sha256: path in the recording folder and hash of each file, as in run.json.
 
-    The hash covers only depth images and times, so the recording stays the same if, for example, a height is added to
-    recording.json.
+    The hash covers only depth images and times, so the hash stays the same if, for example, the patient's height is
+    added to recording.json.
     """
     lines = sorted(
         f"{path} {digest}\n"
@@ -93,7 +95,7 @@ def reviewed_recording(
 
 
 def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
-    """Return the recording and the world of a run.json (``read_run``)."""
+    """Return the recording that a run.json (``read_run``) describes."""
     poses = {
         camera["name"]: None if camera["camera_to_world"] is None else np.array(camera["camera_to_world"])
         for camera in run["cameras"]
@@ -118,6 +120,7 @@ def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None])
 
 
 SAME_WORLD_M: Final = 0.001
-"""Maximum difference between the numbers of the cameras' pose matrices for two worlds to count as the same. At 1 m from
-the camera, such a difference moves a joint by one or two millimetres, less than the error of placing a joint by hand.
+"""Maximum difference between corresponding elements of the cameras' pose matrices for two worlds to count as the same.
+At 1 m from the camera, such a difference moves a joint by one or two millimetres, less than the error of placing a
+joint by hand.
 """

@@ -2,8 +2,8 @@
 
 The axis is the normal of the plane in which both bones lie. A straight limb has no such plane. The skeleton's hinge,
 fixed to the upper bone, would give an axis there too, but depth hardly shows how far a bone is rotated about its long
-axis: on the four simulated clinics for tuning, the root-mean-square error at the knees is some 7 degrees for the hinge
-and 2 for the plane.
+axis: in the four simulated clinics used for tuning, the root-mean-square error of the knees' axes is some 7 degrees by
+the hinge and 2 by the plane.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from anchorpose.results.tables import LARGEST_SIGMA, JointTable
 
 REVOLUTE_JOINTS: Final = ("ElbowLeft", "ElbowRight", "KneeLeft", "KneeRight")
 _ENDS: Final = {"Elbow": ("Shoulder", "Wrist"), "Knee": ("Hip", "Ankle")}
-UNIT: Final = 1e-9  # tolerance of a unit vector's length for rounding
+UNIT: Final = 1e-9  # maximum rounding error of a unit vector's length
 
 
 def _limb(name: str) -> list[int]:
-    """Return the joints above, at and below a revolute joint."""
+    """Return the indices of the joints above, at and below a knee or elbow."""
     kind, side = (name[:-4], "Left") if name.endswith("Left") else (name[:-5], "Right")
     above, below = _ENDS[kind]
     return [JOINT_INDEX[f"{joint}{side}"] for joint in (above, kind, below)]
 
 
 LIMBS: Final = np.array([_limb(name) for name in REVOLUTE_JOINTS])
-"""(4, 3) the joints above, at and below each revolute joint."""
+"""(4, 3): the indices of the joints above, at and below each of ``REVOLUTE_JOINTS``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisTable:
     """Knees and elbows of all frames, in the order of ``REVOLUTE_JOINTS``.
 
-    frame (n,) int32, time_s (n,) float64; position_m (n, 4, 3): the joint; axis (n, 4, 3): unit vector in the world,
-    the sense in which a right-handed rotation of the lower bone bends the limb further; sigma_deg (n, 4) one standard
-    deviation of the axis in the direction in which it is least certain. All float64 and NaN where missing.
+    frame (n,) int32, time_s (n,) float64; position_m (n, 4, 3): the joint; axis (n, 4, 3): unit vector in the world
+    about which a right-handed rotation of the lower bone bends the limb further; sigma_deg (n, 4) one standard
+    deviation of the axis in the direction in which it is least certain. The last three are float64, NaN where missing.
     """
 
     frame: np.ndarray

@@ -1,4 +1,4 @@
-"""Record in run.json the inputs, settings and program of a result, durations, omitted frames, and the learnt body.
+"""Record in run.json how results were made: inputs, settings, program, durations, omitted frames and the learnt body.
 
 The same types define what is written and what may be read. A run.json may have been edited or come from another
 program: unknown keys are ignored, and keys with a default here may be missing.
@@ -35,18 +35,18 @@ from anchorpose.versions import code_digest, machine, versions
 RUN_FILE: Final = "run.json"
 
 PICTURES: Final = "pictures"
-"""The folder in the results with the report's pictures."""
+"""Name of the folder, in the results folder, with the report's pictures."""
 
 NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 Share = Annotated[float, Field(ge=0, le=1)]
-NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # m, range of depths for which a noise model must have values
+NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # m, limits of the depths in a noise model
 _is_sha256: Final = re.compile("[0-9a-f]{64}").fullmatch
 
 
 @dataclass(frozen=True, slots=True)
 class BoneRecord:
-    """A bone from joint to joint, with the same length in every frame. refined_m: change of the length after the body
-    was learnt, by later frames.
+    """A bone from joint to joint, which has the same length in every frame. refined_m: final length minus the length
+    that was learnt from the first window of frames.
     """
 
     bone: str
@@ -57,10 +57,10 @@ class BoneRecord:
 
 @dataclass(frozen=True, slots=True)
 class BodyRecord:
-    """The tracked body, and the seconds from which it was learnt.
+    """The tracked body, and the number of seconds of the recording from which it was learnt.
 
-    Each sigma follows from the fit's equations. It includes the effects of noise, poses and hidden parts, but not of
-    clothes, nor of body shapes outside the shape space.
+    height_sigma_m follows from the fit's equations. It includes the effects of noise, poses and hidden parts, but not
+    of clothes, nor of bodies outside the shape space. A bone's sigma includes a systematic error for the last two.
     """
 
     learnt_from_s: float
@@ -68,7 +68,7 @@ class BodyRecord:
     height_sigma_m: NotNegative
     clothes_m: dict[str, float]  # m, thickness by piece of clothing
     bones: tuple[BoneRecord, ...]
-    coefficients: tuple[float, ...]  # coefficients of the body asset's shape space
+    coefficients: tuple[float, ...]  # coefficients of the body model's shape space
 
 
 def _require_noise(noise: DepthNoise) -> DepthNoise:
@@ -83,8 +83,8 @@ def _require_noise(noise: DepthNoise) -> DepthNoise:
 
 @dataclass(frozen=True, slots=True)
 class DepthRecord:
-    """The properties of a camera's depth, measured in the recording itself: its noise; the step between readings,
-    ``step_per_m z^2`` at a distance z in metres; the width of edges.
+    """The properties of a camera's depth, measured in the recording itself: its noise; the step between neighbouring
+    values of depth, which is ``step_per_m z^2`` at a distance z in metres; and the width of depth edges in pixels.
     """
 
     noise: Annotated[DepthNoise, AfterValidator(_require_noise)]
@@ -94,7 +94,7 @@ class DepthRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraRecord:
-    """A camera's pose as used, the source of the pose, and the camera's clock as used."""
+    """The pose and the clock of a camera that tracking used, and the source of the pose."""
 
     name: Text
     camera_to_world: CameraPose | None  # (4, 4); None for a camera without a pose, which was not used
@@ -115,7 +115,7 @@ class Residual:
 
 @dataclass(frozen=True, slots=True)
 class StageTiming:
-    """Time spent in one stage over the whole run."""
+    """The computing time of one stage in the whole run."""
 
     stage: str
     seconds: float
@@ -123,17 +123,17 @@ class StageTiming:
 
 @dataclass(frozen=True, slots=True)
 class MatchedShares:
-    """The share of the followed points that association found again, per frame.
+    """For each frame, the share of the surface nodes of the track tree that were found again in the next frame.
 
-    Points that were not found stay at their predicted position. The share is None if there was nothing to match: in
-    the first frame of a track, and in frames that do not show the patient.
+    Nodes that were not found stay at their predicted position. The share is None without a track tree, which is not
+    used by default.
     """
 
     matched_share: tuple[Share | None, ...] = ()
 
     @property
     def sentences(self) -> list[str]:
-        """Return sentences for people: the mean share, and in how many frames nothing was matched."""
+        """Return sentences for people on the mean share, and on the frames in which no node was found again."""
         known = [share for share in self.matched_share if share is not None]
         if not known:
             return []
@@ -166,7 +166,7 @@ class LostInterval:
 
 @dataclass(frozen=True, slots=True)
 class PoorInterval:
-    """Successive frames, both ends included, in which the depth of one camera is too poor for joints for one and the
+    """Successive frames, both ends included, in which the depth of one camera is too poor to locate joints, for the
     same reason.
 
     worst: largest ``PoorDepth.amount`` of these frames; why: a sentence without its full stop.
@@ -184,8 +184,8 @@ class PoorInterval:
 
 @dataclass(frozen=True, slots=True)
 class PatientRecord:
-    """The person taken to be the patient: their place (x, z) in metres in the initial frame, and the reason for the
-    choice, as a clause to be put after "who"; rival_xz_m: place of another person who may be the patient.
+    """The person taken to be the patient: their place (x, z) on the floor in metres in the initial frame. reason: why,
+    such as "was at the given place in frame 7". rival_xz_m: place of another person who may be the patient.
     """
 
     frame: Frame
@@ -225,7 +225,7 @@ class RunRecord:
     code: str = ""  # hash of the package's code
     identity: str = ""  # SHA-256 of inputs, settings, code and libraries: equal identities mean equal joints
     recording: Text  # name of the recording folder, not its path, since results may be moved
-    recorded: RecordedSpan | None = None  # span of the recording; None if all was tracked, and in older results
+    recorded: RecordedSpan | None = None  # tracked span of the recording; None if all was tracked, and in older results
     frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
     floor_height_m: float | None = None  # Y of the floor in the world, None if no camera sees it
@@ -241,15 +241,15 @@ class RunRecord:
     corrections: CorrectionsRecord | None = None
     calibration: CalibrationUsed | None = None  # None if the poses come from the recording or were found
     pictures: tuple[PictureRecord, ...] = ()
-    notes: tuple[str, ...] = ()  # sentences for people on assumptions, and cautions
+    notes: tuple[str, ...] = ()  # sentences for the reader: assumptions and cautions
     config: Any = None  # the resolved configuration, a dataclass of stage configurations
     inputs_sha256: dict[str, Sha256]  # hashes by the file's path in the recording folder
     outputs_sha256: dict[str, Sha256] = field(default_factory=dict)  # hashes by the file's path in the results folder
 
 
 def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str) -> None:
-    """Add one more frame: it continues the last interval or begins a new interval; an empty ``why`` means that the
-    patient was found.
+    """Add one more frame to the intervals in which the patient is lost: it continues the last interval or begins a new
+    one. An empty ``why`` means that the patient was found, so nothing is added.
     """
     if not why:
         return
@@ -261,7 +261,9 @@ def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str
 
 
 def note_poor(intervals: list[PoorInterval], frame: int, time_s: float, poor: Sequence[PoorDepth]) -> None:
-    """Add one more frame: for each poor camera, it continues the last interval or begins a new interval."""
+    """Add a frame to the intervals of poor depth: for each camera in ``poor``, the frame continues or begins an
+    interval.
+    """
     for one in poor:
         at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], frame, one)), None)
         before = None if at is None else intervals[at]
@@ -283,7 +285,7 @@ _TOO_COARSE: Final = {PoorKind.EDGES: "edges are drawn out over", PoorKind.STEPS
 
 
 def sentence(poor: PoorDepth) -> str:
-    """Return a sentence for people, without a full stop."""
+    """Return a sentence for people on a camera's poor depth, without a full stop."""
     if poor.kind in _TOO_COARSE:
         return (
             f"camera {poor.camera}: {_TOO_COARSE[poor.kind]} {1000 * poor.amount:.0f} mm at the patient, "
@@ -315,7 +317,7 @@ def output_files(results: Path) -> list[Path]:
 
 
 def write_run_record(path: Path, record: RunRecord) -> None:
-    """Write run.json with the hashes of all tables and pictures, which exist already, and of the program."""
+    """Write run.json, with the hashes of the program and of all tables and pictures, which must exist already."""
     outputs = dict(hash_files(output_files(path.parent), path.parent))
     whole = replace(record, versions=versions(), machine=machine(), code=code_digest(), outputs_sha256=outputs)
     text = json.dumps(as_json(whole), indent=1, ensure_ascii=False, allow_nan=False)
@@ -323,7 +325,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
 
 
 def read_run(path: Path) -> dict[str, Any]:
-    """Return the unchanged content of a run.json, checked against ``RunRecord``.
+    """Return the content of a run.json, unchanged, after checking it against ``RunRecord``.
 
     Raises InputError for any other file, for an unusable value, and for a picture that is not in the results.
     """
@@ -340,8 +342,8 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
-    """Return the content without the hashes that have a valid form. The inputs of an hour have 324,000 hashes; checking
-    these as part of the record would take longer than everything else.
+    """Return the content of run.json without those hashes of inputs that have a valid form. An hour's recording has
+    324,000 hashes; to check them as part of the record would take longer than everything else.
     """
     hashes = run.get("inputs_sha256")
     if not isinstance(hashes, dict):

@@ -1,4 +1,4 @@
-"""Compare a result's events and times of independence with the truth of a simulated session."""
+"""Compare the events and times of independence that results state with the truth of a simulated session."""
 
 from __future__ import annotations
 
@@ -21,17 +21,19 @@ from anchorpose.results.true_session import TrueEvent, read_true_contacts, read_
 from anchorpose.results.uncertainty import NORMAL_95
 
 NEAR_S: Final = 0.5
-"""Maximum time in s between the found and the true onset of an event; a knee needs more time to give way twice."""
+"""Maximum time in s between a found and a true onset of one event; no knee gives way twice within this time."""
 
 IN_TIME_S: Final = 0.1
 """Maximum time in s between found and true onset for an event to count as found in time (three frames of a camera).
 """
 
 EXACT_M: Final = 1e-6
-"""Sigma in m that is assigned to true joints: practically zero."""
+"""Sigma in m that true joints get: practically zero."""
 
 INDEPENDENCE: Final = ("_extended_", "hands_free_upright_", "_hands_time", "_hand_time")
-"""Parts of the names of measures. A measure whose name contains one of these parts is a time of independence."""
+"""Parts of the names of measures. A measure whose name contains one of these parts is a time of independence (without
+help).
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,8 +55,8 @@ class TimeScore:
     """Scores of the times of independence in the whole recording and in every trial. Times that are 0 in both result
     and truth are left out.
 
-    within: number of times within 1.96 sigma of the truth; refused: number of times with a value in only one of the
-    two.
+    within: how many of these times differ from the truth by at most 1.96 sigma; refused: how many have a value only in
+    the result or only in the truth.
     """
 
     compared: int
@@ -76,8 +78,8 @@ class SessionEvaluation:
 def score_session(
     results: Path, truth: Path, joints: JointTable, position_m: np.ndarray, rows: np.ndarray
 ) -> SessionEvaluation | None:
-    """Compute the measures of found and true joints of the same frames in the same way, and compare them; None without
-    the truth of a session.
+    """Compute the measures of found and true joints of the same frames in the same way, and compare them. Return None
+    if the truth is not that of a simulated session.
 
     joints: the found joints in t frames; position_m (t, 21, 3): the true joints at the frames ``rows`` (t,) of the
     truth.

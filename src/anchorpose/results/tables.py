@@ -1,4 +1,4 @@
-"""Define the tables of a results folder with the same rows in every frame: joints, anchors, bones, angles, posture."""
+"""Define the results tables that have the same rows in every frame: joints, anchors, bones, angles, posture."""
 
 from __future__ import annotations
 
@@ -74,11 +74,11 @@ class JointTable:
 
     @property
     def lost(self) -> np.ndarray:
-        """Return (n, 21) bool: lost joints."""
+        """Return (n, 21) bool: True for lost joints."""
         return self.state_code == LOST
 
     def frames(self, chosen: slice | np.ndarray) -> JointTable:
-        """Return some of the frames."""
+        """Return the table of the chosen frames."""
         return JointTable(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
@@ -178,8 +178,8 @@ ANGLES_FILE, read_angles, write_angles = ANGLES.file, ANGLES.read, ANGLES.write
 
 
 PROCESSING: Final = ("measured", "smoothed", "filled")
-"""Ways in which an angle's joints were processed; the most processed joint decides. The index is the code in
-``ProcessedAngles.processing``.
+"""Ways in which an angle's joints were processed. The last one that applies to any of the joints counts; its index is
+the code in ``ProcessedAngles.processing``.
 """
 
 
@@ -211,8 +211,7 @@ NOT_UPRIGHT, UPRIGHT = 0, 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PostureTable:
-    """A table with one row per frame: the estimated centre of mass of the whole body, and whether the patient is
-    upright.
+    """By frame, the estimated centre of mass of the whole body, and whether the patient is upright.
 
     frame (n,) int32, time_s (n,) float64. com_m (n, 3) float64 world: the centre of mass, NaN if a joint that
     determines it is lost; com_sigma_m (n,) float64, one standard deviation along each axis. upright (n,) int8:
@@ -246,10 +245,11 @@ POSTURE_FILE, read_posture, write_posture = POSTURE.file, POSTURE.read, POSTURE.
 class BodyPose:
     """The learnt body in one frame, bones in the order of ``MOVING_BONES``; all NaN where the patient is lost.
 
-    head_m (21, 3): the bone's head, world. quaternion (21, 4): w, x, y, z of the rotation from the rest pose (X
-    forward, Y up, Z to the right) to the world; w is not negative. axial_sigma_rad (21,): standard deviation of the
-    rotation about the bone's long axis relative to its parent, from the registration's posterior; NaN where unknown.
-    This sigma is not calibrated; for example, thighs in simulations had errors of 12 degrees at a sigma of 3.
+    head_m (21, 3): the proximal end of each bone, about which it rotates, world. quaternion (21, 4): w, x, y, z of the
+    rotation from the rest pose (X forward, Y up, Z to the right) to the world; w is not negative. axial_sigma_rad
+    (21,): standard deviation of each bone's rotation about its long axis relative to its parent bone, from the
+    covariance of the fitted pose; NaN where unknown. This sigma is not calibrated; for example, thighs in simulations
+    had errors of 12 degrees at a sigma of 3.
     """
 
     frame: int

@@ -1,4 +1,4 @@
-"""Read an events file for existing results, on the clock of their recording."""
+"""Read an events file with the trials of results that exist already; times are given on the clock of the recording."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 
 def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]:
-    """Read the trials. Return them, and by name the SHA-256 of the events file and of the file with its units.
+    """Read the trials of an events file, and, by name, the SHA-256 of this file and of the file with its units.
 
     Raises InputError if a file cannot be used, or if it is unknown when the recording began.
     """
@@ -24,9 +24,7 @@ def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]
 
 
 def _span_of(results: Path) -> RecordedSpan:
-    """Return when the recording began and ended, from run.json or, if all frames were tracked, from the table of
-    joints.
-    """
+    """Return when the recording began and ended: from run.json or, if all frames were tracked, from joints.parquet."""
     run: dict[str, Any] = read_run(results / RUN_FILE)
     if run.get("recorded"):
         return RecordedSpan(**run["recorded"])

@@ -1,8 +1,8 @@
-"""Compute the measures of each trial and each condition: a session is cut into trials, and trials are averaged.
+"""Compute the measures of each trial, by cutting a session into trials, and of each condition, by averaging trials.
 
-Posture, transitions and steps are found in the whole recording first, so that a trial that begins while the patient
-stands begins upright. Then the inputs of the measures are cut to each trial, so that every measure can be computed per
-trial without further code.
+Posture, transitions and steps are found in the whole recording first, so that a patient who already stands when a trial
+begins counts as upright from its first frame. Then the inputs of the measures are cut to each trial, so that every
+measure can be computed per trial without further code.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MeasureRows = Callable[[Session, slice], Sequence[Measure]]
 def measures_by_trial(
     session: Session, trials: Trials, whole: Sequence[Measure], settle_s: float, measure: MeasureRows
 ) -> list[Measure]:
-    """Return the measures of every trial in the order of the file, then of every condition.
+    """Return the measures of every trial, in the order of the events file, then those of every condition.
 
     whole: the measures of the whole recording; a person or a part without contact in a trial gets 0 s and 0 contacts
     there. settle_s: time after standing up in which the patient is not yet at rest. measure: computes the measures of a
@@ -64,8 +64,8 @@ def _of_trial(
 
 
 def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
-    """Return a measure of time or count for a part or person without contact in a trial: 0, or no value if contacts are
-    unknown.
+    """Return a measure like ``like`` for a part or person without contact in the trial: 0 for a time or a count, no
+    value if contacts are unknown. Return None for other measures.
     """
     general = found.get((like.measure, None, None, None))
     if general is None or like.unit not in ("s", "count"):
@@ -75,10 +75,10 @@ def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
 
 
 def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
-    """Cut a session to some frames.
+    """Cut a session to the given rows (frames).
 
-    Contacts are cut to these frames. Episodes that reach into them stay whole, and so do episodes that ended up to
-    settle_s before them, since the patient may not be at rest yet after standing up.
+    Contacts are cut to these frames too. Episodes that reach into these frames stay whole. Episodes that ended up to
+    settle_s before them stay too, since the patient may not be at rest yet after standing up.
     """
     joints = cut_rows(session.joints, rows)
     start_s, end_s = float(joints.time_s[0]), float(joints.time_s[-1])
@@ -103,8 +103,8 @@ def cut_rows(table: Table, rows: slice | np.ndarray) -> Table:
 
 
 def within(found: Sequence[Found], rows: slice) -> list[Found]:
-    """Return the items whose ``frames`` lie in the rows from beginning to end, with frames counted from the first
-    row.
+    """Return the items whose ``frames`` lie completely in ``rows``; their frames are then counted from the first of
+    these rows.
     """
     first = rows.start
     whole = [each for each in found if first <= each.frames.start and each.frames.stop <= rows.stop]  # type: ignore[attr-defined]
@@ -198,7 +198,7 @@ def _inferred(rows: Sequence[Measure]) -> float | None:
 def sigma_of_trial_mean(sigma: Sequence[float | None]) -> float | None:
     """Return sigma of the mean over trials of one recording; None if a trial has no sigma.
 
-    The systematic share of the variance is common to all trials; the random share is averaged.
+    The systematic share of the variance is common to all trials; only the random share decreases with their number.
     """
     known = np.array([each for each in sigma if each is not None])
     if len(known) < len(sigma):

@@ -1,4 +1,4 @@
-"""Store the trials of a results folder, and the contacts and episodes in each: two tables beside the measures."""
+"""Store the trials of a results folder, and each trial's contacts and episodes, in two tables beside the measures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from anchorpose.settings import LARGEST, Unfit
 
 TRIALS_FILE: Final = "trials.parquet"
 COLUMNS_KEY: Final = "trial_columns"
-"""Key in the schema's metadata: name, unit and description of each column that the user added, as JSON."""
+"""Key in the metadata of trials.parquet: name, unit and description of each column that the user added, as JSON."""
 
 TRIALS_REMEDY: Final = "run 'anchorpose measure' on its folder again, with --events"
 
@@ -103,7 +103,7 @@ def trial_rows(trial: Trial, time_s: np.ndarray) -> slice:
     return slice(int(ends[0]), int(ends[1]))
 
 
-ROUNDING_S: Final = 0.0005
+ROUNDING_S: Final = 0.0005  # s, maximum error of a time that was rounded to milliseconds
 
 EPISODE, CONTACT = "episodes", "contacts"
 

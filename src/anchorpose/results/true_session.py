@@ -53,8 +53,8 @@ def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
 
 @dataclass(frozen=True, slots=True)
 class TrueContacts:
-    """True contacts. contacts: contacts of a region of the body with a person or with a part of the equipment;
-    equipment: names of all parts of the equipment.
+    """The true contacts of a session. contacts: contacts of a region of the body with a person or with a part of the
+    equipment; equipment: names of all parts of the equipment.
     """
 
     contacts: tuple[Contact, ...]
@@ -62,8 +62,8 @@ class TrueContacts:
 
 
 def read_true_contacts(path: Path, rows: np.ndarray, frame: np.ndarray, time_s: np.ndarray) -> TrueContacts:
-    """Return the contacts in the frames ``rows`` (t,) of the truth, with the numbers (t,) and times (t,) of the
-    result's frames.
+    """Return the contacts in the frames ``rows`` (t,) of the truth, with the numbers frame (t,) and times time_s (t,)
+    of the result's frames.
 
     Raises InputError if the arrays do not fit each other.
     """
@@ -88,8 +88,8 @@ def read_true_contacts(path: Path, rows: np.ndarray, frame: np.ndarray, time_s: 
 
 
 def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the regions that bones can distinguish, with their bones (k,); feet are left out, since they always touch
-    something.
+    """Yield the regions that the truth's bones distinguish, with the indices (k,) of their bones. Feet are left out,
+    since they always touch something.
     """
     for region, names in REGION_BONES.items():
         if not region.startswith("knee") and not set(names) & FOOT_BONES:
@@ -97,8 +97,8 @@ def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _contacts(flags: np.ndarray, numbered: tuple[np.ndarray, np.ndarray], part: str, with_: str) -> Iterator[Contact]:
-    """Yield the contacts of a region in the frames that ``flags`` (t,) marks, as seen contacts. numbered: frame numbers
-    (t,) and times (t,).
+    """Yield the contacts of a region in the frames that ``flags`` (t,) marks, each as completely seen. numbered: frame
+    numbers (t,) and times (t,).
     """
     frame, time_s = numbered
     for run in runs_of(flags):

@@ -1,6 +1,4 @@
-"""Read truth.npz, the true joints of a recording, and check that joints from other systems have the unit, axes and
-labels of the results.
-"""
+"""Read truth.npz, a recording's true joints; check that given joints have the results' unit, axes and labels."""
 
 from __future__ import annotations
 
@@ -23,10 +21,11 @@ _READ = ("joints", "names", "time", "occluded", "seen_share")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where unknown; occluded (t,) bool.
+    """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where unknown; occluded (t,) bool: frames that the
+    file calls occluded.
 
-    seen_share (t, 21, cameras), 0 to 1, with the number type of the file: share of the skin around the joint that the
-    camera sees; None if the file does not state it.
+    seen_share (t, 21, cameras), 0 to 1, with the dtype of the file: share of the skin around the joint that the camera
+    sees; None if the file does not state it.
     """
 
     time_s: np.ndarray
@@ -35,7 +34,7 @@ class Truth:
     seen_share: np.ndarray | None = None
 
     def frames(self, chosen: slice | np.ndarray) -> Truth:
-        """Return some of the frames."""
+        """Return the truth of the chosen frames."""
         seen = None if self.seen_share is None else self.seen_share[chosen]
         return Truth(self.time_s[chosen], self.position_m[chosen], self.occluded[chosen], seen)
 
@@ -44,7 +43,7 @@ def read_truth(path: Path) -> Truth:
     """Read a truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and optionally ``occluded`` (t) and
     ``seen_share`` (t, n, cameras).
 
-    Joints may come in any order and some may be missing (NaN). Raises InputError if the content differs.
+    Joints may come in any order and some may be missing (NaN). Raises InputError for other content.
     """
     remedy = "give a truth.npz with joints (t, 21, 3), names (21) and time (t)"
     arrays = read_arrays(path, _READ, remedy)
@@ -74,7 +73,7 @@ def read_truth(path: Path) -> Truth:
 
 
 def _checked_shares(path: Path, seen: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Raise InputError if the shares do not fit the joints (t, n) or are invalid."""
+    """Return the shares unchanged; raise InputError if they do not fit the joints, shape (t, n), or are invalid."""
     remedy = "give seen_share (t, n, cameras) with shares from 0 to 1, or leave it out"
     if seen.ndim != 3 or seen.shape[:2] != shape or seen.shape[2] == 0 or seen.dtype.kind not in "fiu":
         raise InputError(path, f"its seen_share {seen.shape} does not fit its joints {shape}", remedy)
@@ -84,7 +83,7 @@ def _checked_shares(path: Path, seen: np.ndarray, shape: tuple[int, ...]) -> np.
 
 
 def _order(path: Path, names: list[str]) -> list[int]:
-    """Return the index in ``JOINT_NAMES`` of each column."""
+    """Return the index in ``JOINT_NAMES`` of each joint of the file."""
     for name in names:
         if name not in JOINT_INDEX or names.count(name) > 1:
             raise InputError(path, f"its joint '{name}' is unknown or given twice", f"use {', '.join(JOINT_NAMES)}")
@@ -104,8 +103,8 @@ def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueTouch:
-    """True contacts. bones (t, b) bool: whether another person, or the equipment, touches the skin of a bone in a
-    frame; names (b): names of the bones.
+    """The true contacts of the patient. bones (t, b) bool: whether another person, or the equipment, touches the skin
+    of a bone in a frame; names (b): names of the bones.
     """
 
     bones: np.ndarray
@@ -136,8 +135,8 @@ SUPPORT_REMEDY: Final = "give on_equipment (t, parts, b) and part_names (b)"
 
 
 def read_true_touch(path: Path) -> TrueTouch | None:
-    """Return the contacts in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None if the file has no such
-    arrays.
+    """Return the contacts with people in a truth.npz, ``touched`` (t, b) and ``part_names`` (b); None if the file has
+    no such arrays.
 
     Raises InputError if the two arrays do not fit each other, or if none of the bones belongs to the body.
     """
@@ -154,21 +153,19 @@ def read_true_touch(path: Path) -> TrueTouch | None:
 
 
 WRONG_M: Final = 0.15
-"""Maximum error in m of a usable joint (half a forearm). If the error is larger, the joint's limb counts as wrong.
-"""
+"""Maximum error in m of a usable joint: half a forearm. With a larger error, the joint's limb counts as wrong."""
 
 CLEARLY_BETTER: Final = 0.7
-"""If the smaller misfit is below this share of the larger, it is the right one. In six simulated laboratories, the
-ratio of right to wrong was at most 0.1.
+"""Ratio of two misfits between a file and the results below which the smaller one shows the right axes and labels. In
+six simulated laboratories, the ratio of the right to the wrong misfit was at most 0.1.
 """
 
 LARGEST_DEFINITION_M: Final = 0.03
-"""Maximum misfit in m of accepted axes and labels; different definitions of the joint centres cause this misfit.
-"""
+"""Misfit in m below which axes and labels are accepted; different definitions of joint centres cause as much."""
 
 
 class Sides(NamedTuple):
-    """Axes and labels that may be reversed: whether left and right are exchanged, and whether an axis is mirrored."""
+    """An assumption on a file's labels and axes: whether left and right are exchanged, whether an axis is mirrored."""
 
     exchanged: bool
     mirrored: bool
@@ -196,7 +193,7 @@ WRONG: Final = {
 def require_as_is(path: Path, misfit: Mapping[Sides, float], is_length: bool) -> None:
     """Raise InputError if the file fits much better with a mirrored axis or exchanged labels.
 
-    misfit: the misfit for each reversal that can be compared. is_length: whether misfits are lengths in metres.
+    misfit: the misfit under each assumption that can be compared. is_length: whether misfits are lengths in metres.
     """
     best = min(misfit, key=lambda sides: misfit[sides], default=AS_IS)
     if best == AS_IS:
@@ -216,17 +213,18 @@ _EXCHANGED: Final = [
 
 
 MOST_SCALE: Final = 1.5
-"""Maximum ratio between bone lengths of truth and results. For a wrong body they differ by tens of percent; for feet in
-place of metres, the ratio is 3.3.
+"""Maximum ratio between bone lengths of truth and results. With a wrongly learnt body, lengths differ by tens of
+percent; with feet in place of metres, the ratio is 3.3.
 """
 
 UPRIGHT_DEG, LYING_DEG = 45.0, 60.0
-"""Tilt of the trunk in degrees: up to the first the results stand; from the second on the truth lies or is upside down.
+"""Tilts of the trunk in degrees. Below ``UPRIGHT_DEG``, the patient of the results is upright; above ``LYING_DEG``, the
+patient of the truth lies or is upside down. If both hold, truth and results have different axes.
 """
 
 LEAST_FORWARD_M: Final = 0.05
-"""Sum in m over both legs of how far the toes are before the ankle and the knee before the line from hip to ankle. A
-smaller sum shows no direction.
+"""Sum in m over both legs of how far the toes are in front of the ankle and the knee in front of the line from hip to
+ankle. If the sum is smaller, it is unknown which way is forward.
 """
 
 UNIT: Final = "write its joints in metres, in a right-handed world with Y up"
@@ -239,8 +237,8 @@ def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> N
     of the same frames.
 
     As far as possible, the truth alone is tested for properties that every correct truth has. If the patient was
-    tracked back to front or in another place, this is an error of the results; the evaluation must measure it, not
-    refuse it.
+    tracked back to front or in another place, this is an error of the results, which the evaluation must measure and
+    not refuse.
     """
     scale = _ratio(_bone_lengths(truth_m), _bone_lengths(ours_m))
     if not 1 / MOST_SCALE <= scale <= MOST_SCALE:
@@ -291,7 +289,7 @@ def _trunk_tilt_deg(joints_m: np.ndarray) -> float:
 
 def _handedness(joints_m: np.ndarray) -> float:
     """Return 1 if toes and knees point forward, given the directions up and to the patient's right, -1 if they point
-    backward (the joints are mirrored or exchanged), NaN if no direction is seen.
+    backward (the joints are mirrored or exchanged), NaN if it is unclear (``LEAST_FORWARD_M``).
     """
     joint = {name: _joint(joints_m, name) for name in JOINT_NAMES}
     right = joint["HipRight"] - joint["HipLeft"] + joint["ShoulderRight"] - joint["ShoulderLeft"]
@@ -328,8 +326,8 @@ def _misfit_by_sides(ours_m: np.ndarray, truth_m: np.ndarray) -> dict[Sides, flo
 
 
 def _misfit_m(ours_m: np.ndarray, truth_m: np.ndarray) -> float:
-    """Return the median distance after the rotation about the vertical and the translation that fit best, by least
-    squares; inf where unknown.
+    """Return the median distance between joints after the rotation about the vertical and the translation that fit
+    best, by least squares; inf where unknown.
     """
     known = np.isfinite(ours_m).all(axis=2) & np.isfinite(truth_m).all(axis=2)
     if not known.any():

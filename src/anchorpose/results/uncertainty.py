@@ -13,13 +13,13 @@ NORMAL_95: Final = 1.96
 """Half width, in standard deviations, of the interval that holds 95 of 100 values of a normal distribution."""
 
 SYSTEMATIC_SHARE: Final = 0.7
-"""Share of the variance of errors that stay the same through a recording, such as errors of the learnt body's lengths,
-of clothes, and of the joints' places in the body. On simulated recordings it is 0.6 for angles and 0.8 for joints
+"""Share of an error's variance that stays the same through a recording: errors of the learnt body's lengths, of
+clothes, and of the joints' places in the body. On simulated recordings it is 0.6 for angles and 0.8 for joints
 (docs/measures.md).
 """
 
 CORRELATION_S: Final = 1.5
-"""Time in s after which the correlation of the random part of an error has fallen to about a third."""
+"""Time in s after which the autocorrelation of the random part of an error has fallen to about a third."""
 
 
 def sigma_of_mean(sigma: np.ndarray, seconds: float) -> float:

@@ -39,11 +39,11 @@ from anchorpose.versions import code_digest, versions
 
 LOG_FILE: Final = "log.jsonl"
 LOCK_FILE: Final = ".log.jsonl.lock"
-LARGEST_LOG: Final = 64 * 2**20
+LARGEST_LOG: Final = 64 * 2**20  # bytes, maximum size of the log
 
 
 class Event(Entry):
-    """One line of the log. files: SHA-256 of each file after the command, None for a removed file."""
+    """One line of the log: one command. files: SHA-256 of each file that it wrote, None for a file that it removed."""
 
     at: Utc
     what: str
@@ -55,7 +55,7 @@ class Event(Entry):
 
     @property
     def sentence(self) -> str:
-        """Return the log entry as a sentence for people: when, what, by whom, with which files."""
+        """Return the log entry as a sentence for people: when, what, by whom, with which version, and ``about``."""
         by = f" by {self.by}" if self.by else ""
         about = "".join(f", {key} {value}" for key, value in self.about.items())
         return f"{self.at}: {self.what}{by}, anchorpose {self.anchorpose}{about}"
@@ -63,8 +63,8 @@ class Event(Entry):
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """The lines of a log in their order. broken: a sentence on each line whose hash does not follow from the previous
-    line.
+    """The lines of a log in their order. broken: a sentence on each line whose hash does not follow from this line and
+    the previous one.
     """
 
     events: tuple[Event, ...]
@@ -183,7 +183,7 @@ def _last_written(written: Mapping[str, str], log: Log) -> dict[str, str]:
 
 
 class Fits(StrEnum):
-    """The state of a file, or of another input of the run, compared with its state at the run."""
+    """The state of a file of the results or the recording, compared with its state when the results were made."""
 
     SAME = "as it was written"
     MEASURED = "written again, as 'anchorpose measure' does"
@@ -201,7 +201,7 @@ class Fits(StrEnum):
 class Verified:
     """The outcome of the check. results, recording: the state of each file; recording is None if none is given.
     program: sentences on the version, code and libraries of the run that differ from the present ones. corrected:
-    sentences on each correction and its author. log: its entries. broken: sentences on faults of the log.
+    sentences on each correction and its author. log: entries of the log. broken: sentences on faults of the log.
     """
 
     results: Mapping[str, Fits]
@@ -219,7 +219,8 @@ class Verified:
 
 
 def verify(results: Path, recording: Path | None) -> Verified:
-    """Compare every table and picture, and every file of the recording, with the hashes in run.json and in the log.
+    """Compare every table and picture, and every file of the recording if given, with the hashes in run.json and the
+    log.
 
     Raises InputError if run.json or a line of the log cannot be read, or run.json has no hashes because an older
     version wrote it.
@@ -236,7 +237,7 @@ def verify(results: Path, recording: Path | None) -> Verified:
 
 
 def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fits]:
-    """Compare each file with the last log entry about it; an export may have been moved elsewhere."""
+    """Compare each file with the last log entry about it. Missing files of an export are left out: people move them."""
     logged = {name: (event.what, digest) for event in log.events for name, digest in event.files.items()}
     wanted = _last_written(written, log)
     outputs = _compare(wanted, _hashes(results, wanted))

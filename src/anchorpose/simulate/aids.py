@@ -1,7 +1,7 @@
-"""Build kinds of equipment: standing frame, parallel bars and chest pad, walker, wheelchair, sling, stool.
+"""Build equipment: a standing frame, parallel bars, a chest pad, a walker, a wheelchair, a sling or a stool.
 
-All equipment stands still. It is fitted around the space that the patient's skin sweeps over in the recording, so that
-the trunk does not move through it.
+All equipment stands still. It is fitted around the sweep, which is the space through which the patient's skin moves in
+the recording. So the trunk does not pass through the equipment.
 """
 
 from __future__ import annotations
@@ -14,22 +14,23 @@ from anchorpose.recording.equipment import Box, Cylinder, EquipmentPart
 from anchorpose.rotations import FORWARD, RIGHT, UP
 from anchorpose.simulate.person import Person
 
-ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # parts of the names of arm bones
-LOOSE_M = 0.06  # m; a harness is drawn only if the chest moves by at most this in the recording
-WIDEST_M = 0.62  # m, distance of each rail from the middle plane, on the widest parallel bars on the market
+ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # a bone whose name contains one of these belongs to an arm
+LOOSE_M = 0.06  # m; a sling has a harness only if the chest moves by at most this in the recording
+WIDEST_M = 0.62  # m, distance of each rail from the middle plane z = 0, for the widest parallel bars on the market
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """The space that a patient sweeps over, sampled at k moments."""
+    """The space through which a patient moves, given by the patient's skin at k moments."""
 
-    skin_m: np.ndarray  # (k, v, 3) dressed skin
+    skin_m: np.ndarray  # (k, v, 3) skin, including clothes
     arms: np.ndarray  # (v,) bool, vertices of the arms
     pelvis_m: np.ndarray  # (k, 3)
 
     def within(self, low_m: float, high_m: float, aside_m: float = np.inf, arms: bool = False) -> np.ndarray:
-        """Return the skin points (n, 3) of all moments between two heights and at most ``aside_m`` from the middle
-        plane; arms: whether points of the arms are included.
+        """Return all skin points (n, 3), of all moments, that lie between two heights and within ``aside_m`` of z = 0.
+
+        arms: whether points of the arms are included.
         """
         skin = self.skin_m if arms else self.skin_m[:, ~self.arms]
         inside = (skin[..., 1] > low_m) & (skin[..., 1] < high_m) & (np.abs(skin[..., 2]) < aside_m)
@@ -47,7 +48,7 @@ class Sweep:
 
 
 def sweep_of(person: Person, bones: np.ndarray) -> Sweep:
-    """Compute the space that a person's bones (k, b, 4, 4) sweep over."""
+    """Return the sweep of a person for k moments; bones (k, b, 4, 4): T_world_rest of the bones."""
     asset = person.body.asset
     arms = np.array([any(part in asset.bone_names[bone] for part in ARM_BONES) for bone in asset.main_bone()])
     skin = np.stack([person.skin(moment, 0.0) for moment in bones])
@@ -66,10 +67,10 @@ class HeldEquipment:
 def fit_standing_frame(
     rng: np.random.Generator, pelvis_m: float, knee_m: float, front_m: float, half_width_m: float
 ) -> HeldEquipment:
-    """Build a standing frame: posts, rails, a cross-bar before the belly, a bar before the knees, runners on the floor.
+    """Build a standing frame: posts, rails, floor runners, a cross-bar before the belly, and a bar before the knees.
 
-    pelvis_m, knee_m: heights of pelvis and knees. front_m: x of the belly or the knees, whichever is greater.
-    half_width_m: distance from the middle plane that leaves space for the arms.
+    pelvis_m, knee_m: heights of pelvis and knees. front_m: x of the foremost skin of belly and knees. half_width_m:
+    distance of the rails from the plane z = 0 that leaves space for the arms.
     """
     bar_height_m = rng.uniform(0.05, 0.09)
     bar_depth_m = rng.uniform(0.03, 0.05)
@@ -93,7 +94,7 @@ def fit_standing_frame(
 
 
 def fit_parallel_bars(rng: np.random.Generator, pelvis_m: float, half_width_m: float) -> HeldEquipment:
-    """Build two rails on four posts around a patient at the origin; they look the same from both ends."""
+    """Build two rails on four posts around a patient at the origin. The front half mirrors the back half."""
     rail_m = pelvis_m + rng.uniform(-0.06, 0.04)
     half_m = max(half_width_m, 0.32) + rng.uniform(0.0, 0.05)
     tube_m, length_m = rng.uniform(0.035, 0.045), rng.uniform(1.6, 2.2)
@@ -127,9 +128,9 @@ def build_stool(rng: np.random.Generator, center_m: tuple[float, float], height_
 def fit_chest_pad(
     rng: np.random.Generator, sweep: Sweep, sternum_m: float, rail_m: float, half_m: float
 ) -> tuple[EquipmentPart, ...]:
-    """Return a pad before the sternum, on a post that stands on a bar between the rails, and straps around the hips.
+    """Return a pad before the sternum, and straps around the hips. The pad's post stands on a bar across both rails.
 
-    sternum_m, rail_m: heights; half_m: distance from the middle to a rail.
+    sternum_m, rail_m: heights; half_m: distance of each rail from the plane z = 0.
     """
     height_m, thick_m, gap_m = rng.uniform(0.20, 0.28), rng.uniform(0.04, 0.07), rng.uniform(0.02, 0.045)
     low_m = sternum_m - height_m / 2.0
@@ -157,7 +158,7 @@ def fit_chest_pad(
 
 
 def fit_walker(rng: np.random.Generator, sweep: Sweep, handle_m: float) -> HeldEquipment:
-    """Return two side frames joined by bars in front."""
+    """Build a walker: two side frames, joined by bars in front of the patient, with handles at ``handle_m``."""
     tube_m, length_m = rng.uniform(0.025, 0.032), rng.uniform(0.40, 0.48)
     body = sweep.within(0.1, handle_m + 0.1)
     half_m = float(np.clip(np.abs(body[:, 2]).max() + 0.07, 0.28, WIDEST_M))
@@ -177,7 +178,7 @@ def fit_walker(rng: np.random.Generator, sweep: Sweep, handle_m: float) -> HeldE
 
 
 def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[EquipmentPart, ...]:
-    """Build a wheelchair. sits: True = it stands under the patient; False = behind. Its leg rests are swung away."""
+    """Build a wheelchair without leg rests, under a patient who sits at times (``sits``), else behind the patient."""
     depth_m = rng.uniform(0.40, 0.44)
     seat = sweep.seated() if sits else sweep
     legs = sweep.standing().within(0.2, 0.6)
@@ -212,7 +213,7 @@ def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[
 
 
 def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_m: float) -> tuple[EquipmentPart, ...]:
-    """Build a spreader bar above the head, two straps beside the head, and, for a still trunk, a chest harness."""
+    """Build a spreader bar above the head, two straps beside the head, and, if the trunk keeps still, a harness."""
     standing = sweep.standing()
     chest = standing.within(sternum_m - 0.1, sternum_m + 0.1, 0.2)
     middle_m = float(chest[:, 0].mean())
@@ -231,7 +232,7 @@ def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_
         parts.append(_box(f"strap-{side}", (middle_m, (bar_m + end_m) / 2.0, way * aside_m), size))
     band, worn = (s.within(sternum_m - 0.16, sternum_m - 0.02, 0.2) for s in (sweep, standing))
     if max(_front(band) - _front(worn), float(worn[:, 0].min() - band[:, 0].min())) > LOOSE_M:
-        return tuple(parts)  # on a moving trunk the harness would move, but all equipment stands still
+        return tuple(parts)  # no harness: it would have to move with the trunk, but all equipment stands still
     for name, x in (("harness-front", _front(band) + 0.015), ("harness-back", float(band[:, 0].min()) - 0.015)):
         parts.append(_box(name, (x, sternum_m - 0.09, 0.0), (0.012, 0.12, 0.30)))
     return tuple(parts)
@@ -248,7 +249,7 @@ def _box(name: str, center_m: tuple[float, float, float], size_m: tuple[float, f
 def _tube(
     rng: np.random.Generator, name: str, center_m: tuple[float, float, float], tube_m: float, length_m: float, axis: int
 ) -> EquipmentPart:
-    """Return a round or a square tube along axis 0, 1 or 2."""
+    """Return a tube ``tube_m`` thick along axis 0, 1 or 2; whether it is round or square is drawn."""
     along = np.eye(3)[axis]
     if rng.random() < 0.5:
         return Cylinder(name, np.array(center_m), along, tube_m / 2.0, length_m)

@@ -1,4 +1,4 @@
-"""Draw bodies that no shape space contains: segments of any length and girth within human ranges, shoes, braces."""
+"""Change bodies beyond the tracker's shape space: segments of any human length and girth, shoes, braces, stumps."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from anchorpose.simulate.choices import BraceName, Build
 
 BUILDS: Final[tuple[Build, ...]] = get_args(Build)
 
+# relative standard deviations of the length and the girth of each limb segment
 LENGTH_SPREAD: Final = {"UpLeg": 0.05, "Leg": 0.04, "Arm": 0.04, "ForeArm": 0.045, "Hand": 0.04, "Foot": 0.05}
 GIRTH_SPREAD: Final = {"UpLeg": 0.06, "Leg": 0.06, "Arm": 0.07, "ForeArm": 0.06, "Hand": 0.04, "Foot": 0.04}
 TRUNK: Final = ("LowerBack", "Spine", "Spine1")
-TRUNK_SPREAD: Final = (0.06, 0.035, 0.04)  # relative standard deviations of depth, height and breadth
+TRUNK_SPREAD: Final = (0.06, 0.035, 0.04)  # relative standard deviations of the trunk's depth, height and breadth
 MOST_ASYMMETRIC: Final = 0.04  # maximum relative difference in length between a left and a right segment
 WASTED: Final = (0.75, 0.90)  # range of the factor on the girth of wasted thighs and shanks
 STRONGER: Final = (1.02, 1.10)  # range of the factor on the girth of strong arms
@@ -39,24 +40,24 @@ BRACED: Final[dict[BraceName, tuple[str, ...]]] = {
 
 @settings
 class OtherBody:
-    """The ways in which the patient's body differs from the bodies of the asset's shape space."""
+    """The ways in which the patient's body differs from the bodies in the shape space of the body asset."""
 
     build: Build = "ordinary"
     braces: tuple[BraceName, ...] = ()  # segments that are covered by stiff orthoses
-    file: Path | None = None  # file with a body of another source (``rigged_body``); None = drawn from the asset
+    file: Path | None = None  # file of another source's body (``rigged_body``); None = drawn from the body asset
     missing: tuple[MissingPart, ...] = ()  # limbs or parts of limbs that the patient lacks; stated in recording.json
 
 
 @dataclass(frozen=True, slots=True)
 class Scales:
-    """Factors on the size of each bone's segment, relative to the original body."""
+    """Factors on the size of each bone's body segment, relative to the body before scaling."""
 
     length: np.ndarray  # (b,)
     girth: np.ndarray  # (b, 2) factors on depth and breadth; for limbs, both are equal
 
 
 def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) -> Scales:
-    """Draw the scales of all segments. They are independent, except that left and right are nearly equal."""
+    """Draw the scales of all body segments. They are independent, except that left and right are nearly equal."""
     length, girth = np.ones(len(names)), np.ones((len(names), 2))
     if build == "ordinary":
         return Scales(length, girth)
@@ -80,7 +81,7 @@ def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) 
 
 
 def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
-    """Return the body with every bone's segment scaled along and across its axis, joined by its skinning weights."""
+    """Return the body with each bone's segment scaled along and across its axis; skin weights blend the scales."""
     asset, heads = body.asset, body.bone_heads
     stretch = np.tile(np.eye(3), (len(heads), 1, 1))
     for bone, name in enumerate(asset.bone_names):
@@ -106,7 +107,7 @@ def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
 
 
 def _carry_to_ends(names: tuple[str, ...], parents: np.ndarray, stretch: np.ndarray) -> None:
-    """Give fingers and toes the stretch of hand and foot, in place."""
+    """Scale fingers and toes in place, equally in all directions, by the mean stretch of their hand or foot."""
     for bone, name in enumerate(names):
         if name.endswith(("FingerBase", "HandFinger1", "Thumb", "ToeBase")):
             stretch[bone] = np.eye(3) * np.cbrt(np.linalg.det(stretch[parents[bone]]))
@@ -142,10 +143,10 @@ def with_shoes(body: BodyMesh, normals: np.ndarray, upper_m: float, sole_m: floa
 
 
 def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[BodyMesh, np.ndarray]:
-    """Add a stiff shell around the segments of some bones; also return (v,) the share, 0 to 1, to which it covers each
-    vertex.
+    """Add a stiff shell around the segments of some bones; also return (v,): how far it covers each vertex, 0 to 1.
 
-    On legs, the shell has at least the 90th percentile of the skin's radius; everywhere, it lies ``off_m`` outside.
+    The gap between shell and skin is ``off_m``, or more on legs: there, the gap is measured from a radius of at least
+    the 90th percentile of the segment's radii.
     """
     asset, vertices, covered = body.asset, body.vertices.copy(), np.zeros(len(body.vertices))
     for name in bones:
@@ -163,7 +164,7 @@ def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[Bo
 
 
 def amputated(body: BodyMesh, parts: tuple[MissingPart, ...]) -> BodyMesh:
-    """Return the body with the skin of its missing parts drawn together in the stumps. The bones do not change."""
+    """Return the body with the skin of each missing part shrunk to a point at the stump. The bones do not change."""
     asset, vertices = body.asset, body.vertices.copy()
     bones, weights = asset.skin_bones.copy(), asset.skin_weights.copy()
     for part in parts:

@@ -1,4 +1,4 @@
-"""Represent a captured movement over time: directions of segments and places of feet, without bone lengths."""
+"""Represent a captured movement over time: directions of body segments and places of feet, without bone lengths."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, unit
 from anchorpose.simulate.movement_file import CLIP_HZ, SEATED, Clips, movement_of
 from anchorpose.simulate.timeline import ease
 
-SMOOTHING_S: Final = 0.07  # s, smoothing window: Kinect v2 joints jitter by millimetres to centimetres between frames
-OVERLAP_S: Final = 0.4  # s, overlap of one repetition with the next
-STRAIGHT_RAD: Final = 0.35  # rad; if a limb is bent by less than this, its plane comes partly from earlier frames
-PLANE_MEMORY_S: Final = 0.5
+SMOOTHING_S: Final = 0.07  # s, standard deviation of the smoothing Gaussian; Kinect v2 joints jitter by mm to cm
+OVERLAP_S: Final = 0.4  # s, time over which one repetition is blended into the next
+STRAIGHT_RAD: Final = 0.35  # rad; if an elbow is bent by less than this, its axis comes partly from earlier frames
+PLANE_MEMORY_S: Final = 0.5  # s, time constant with which the axis of a nearly straight elbow is updated
 
-_AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # the file's left, up and ahead in the world
+_AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of the file's axes: left, up and ahead
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """A captured movement at CLIP_HZ; the subject faces +X on average. The second axis of limb arrays is the side."""
+    """A captured movement at CLIP_HZ; the subject faces +X on average. Second axis of arrays of limbs: left, right."""
 
-    start_s: float  # time of the first row
+    start_s: float  # time of the first of the n rows
     waist_m: np.ndarray  # (n, 3)
     pelvis: np.ndarray  # (n, 3, 3) rotation from upright
     thorax: np.ndarray  # (n, 3, 3) rotation from upright
-    head: np.ndarray  # (n, 3) direction
+    head: np.ndarray  # (n, 3) direction from the head joint to the top of the head
     arms: np.ndarray  # (n, 2, 2, 3) directions of upper arm and forearm
     legs: np.ndarray  # (n, 2, 2, 3) directions of thigh and shank
     arm_axis: np.ndarray  # (n, 2, 3) axis about which the elbow bends
@@ -37,11 +37,11 @@ class Capture:
     ankle_m: np.ndarray  # (n, 2, 3)
     toes: np.ndarray  # (n, 2, 3) direction of the foot
     leg_m: float  # length of a leg
-    seated: bool  # whether the movement leads to a seat
+    seated: bool  # whether the subject sits down on a seat or gets up from one
 
 
 def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: float) -> Capture:
-    """Join repetitions into one movement. Time 0 is in clip ``first`` at ``phase`` (0 = its start, 1 = its end)."""
+    """Join the clips, one after another. Time 0 s is in clip ``first`` at ``phase`` (0 = its start, 1 = its end)."""
     rows_before = int(np.ceil(-from_s * CLIP_HZ))
     count = rows_before + int(np.ceil(until_s * CLIP_HZ)) + 2
     zero = int(phase * (len(clips.joints_m[first]) - 1))
@@ -56,7 +56,7 @@ def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: floa
 
 
 def _overlap(clips: Clips, index: int) -> int:
-    """Return the number of rows in which a clip overlaps with the next clip."""
+    """Return the number of rows over which a clip is blended into the next clip."""
     shortest = min(len(clips.joints_m[index]), len(clips.joints_m[(index + 1) % len(clips.joints_m)]))
     return min(int(OVERLAP_S * CLIP_HZ), shortest // 3)
 
@@ -80,10 +80,10 @@ def _chain(clips: Clips, index: int, count: int) -> np.ndarray:
 
 
 def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float, seated: bool) -> Capture:
-    """Return directions and turns of a subject who is turned to face +X."""
+    """Return joints (n, j, 3) as directions and rotations, after the subject was turned to face +X on average."""
     at = {name: joints_m[:, names.index(name)] for name in names}
     across = (at["RUpperLeg"] - at["LUpperLeg"]).mean(axis=0)
-    heading = np.arctan2(across[0], across[2])  # heading of the subject's right side, from +Z
+    heading = np.arctan2(across[0], across[2])  # rad, angle between +Z and the direction of the subject's right side
     cos, sin = np.cos(heading), np.sin(heading)
     level = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
     at = {name: place @ level.T for name, place in at.items()}
@@ -114,16 +114,17 @@ def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float, seate
 
 
 def _frames(up: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return (n, 3, 3) turns from upright of a segment that points ``up`` (n, 3) with its right side to ``right`` (n,
-    3).
+    """Return rotations (n, 3, 3) from upright of a segment whose long axis points along ``up`` (n, 3) and whose right
+    side faces ``right`` (n, 3).
     """
     return orthonormal_frame(up, right) @ orthonormal_frame(UP, RIGHT).T
 
 
 def _bending_axis(arm: np.ndarray) -> np.ndarray:
-    """Return the axis (n, 3) about which a positive turn bends the elbow; arm (n, 2, 3).
+    """Return the axis (n, 3) about which a positive rotation bends the elbow.
 
-    A straight elbow has no axis: the axis of earlier frames is then carried along with the upper arm.
+    arm (n, 2, 3): directions of upper arm and forearm. A straight elbow has no such axis: the axis of earlier
+    frames is then kept, and made perpendicular to the upper arm.
     """
     measured = np.cross(arm[:, 0], arm[:, 1])
     sine = np.linalg.norm(measured, axis=1)

@@ -1,4 +1,4 @@
-"""Draw a patient who does a captured movement. If the body is broader than the subject's, the arms are abducted."""
+"""Draw a patient who does a captured movement. If a broad body is in the way of the arms, the arms are abducted."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())  # ang
 GIVES_M: Final = 0.01  # m, depth of an arm in the body that is accepted, since soft tissue gives way
 HANGING_RAD: Final = 1.0  # rad; an upper arm raised by less than this is abducted by the whole angle
 RAISED_RAD: Final = 1.6  # rad; an arm raised by more than this keeps its direction
-DRAWS: Final = 6  # maximum number of movements drawn until the arms of one stay outside the body
+DRAWS: Final = 6  # maximum number of draws of a movement; the first whose arms stay outside the body is used
 CHECK_HZ: Final = 3.0  # moments per second at which arms are tested for being inside the body
-DEEPEST_M: Final = 0.15  # m, half a trunk's depth; of a deeper point, the nearest skin may be on the wrong side
-UNDER_SKIN: Final = 0.7  # minimum cosine between the nearest skin's normal and the direction to it, of a point inside
-FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")  # parts of the names of bones that may hit the trunk
-ARMS: Final = (*FOREARMS, "Arm", "Shoulder")
+DEEPEST_M: Final = 0.15  # m, search radius for the nearest skin: half a trunk's depth, to exclude the trunk's far side
+UNDER_SKIN: Final = 0.7  # minimum cosine, for a point inside, between the nearest skin's normal and the direction to it
+FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")  # bones with one of these in the name stay outside the body
+ARMS: Final = (*FOREARMS, "Arm", "Shoulder")  # names of arm bones contain one of these; the body is all other bones
 
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
@@ -63,7 +63,7 @@ def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor
 
 
 def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
-    """Return the greatest depth (t,) in metres of forearms and hands inside trunk or legs; 0 if they are outside."""
+    """Return the greatest depth (t,), metres, of forearms and hands inside trunk or legs; 0 if they are outside."""
     from scipy.spatial import cKDTree
 
     points = body_points()

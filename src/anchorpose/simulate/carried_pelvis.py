@@ -1,4 +1,4 @@
-"""Compute the pelvis on legs whose knees bend by given angles: its height, and its tilt if the knees bend unequally."""
+"""Compute the pelvis's height from given bends of the knees, and its tilt to one side if they bend unequally."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from anchorpose.rotations import FORWARD, rotate, turns_about
 
-LEAST_LOAD: Final = 1e-3  # share of the load on a foot in the air; not 0, so that the sum of both feet is never 0
-ROUNDS: Final = 8  # number of iterations for the tilt; each reduces its error to a tenth
+LEAST_LOAD: Final = 1e-3  # share of the load on a foot in the air; not 0, so that both feet's shares never add up to 0
+ROUNDS: Final = 8  # number of iterations that compute the tilt; each reduces the error of the tilt to a tenth
 
 LEAST_HEIGHT_M: Final = 0.1
 """Minimum height (m) of a hip above its ankle. Below it, the leg does not reach the foot and implies no height."""
@@ -27,7 +27,7 @@ class KneeBend:
 
 def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeBend | None:
     """Return the bend of the knees; None if no leg carries the pelvis at any time.
-    lift (t, 2): height of each foot; 1 = as high as in a step.
+    lift (t, 2): height of each foot above the floor, as a share of the height of a step.
     """
     if not carry.any():
         return None

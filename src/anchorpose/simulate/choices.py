@@ -1,4 +1,4 @@
-"""Define the choices of a simulated recording; the names are also values of options of ``anchorpose simulate``."""
+"""Define the named choices of a simulated recording. The names are also values of ``anchorpose simulate``'s options."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Equipment = Literal["none", "standing-frame", "parallel-bars", "walker", "wheelc
 When = Literal["off", "on", "both", "none"]
 """Selection of a session's trials: off = without stimulation, on = with stimulation, both = all, none = no trial."""
 Build = Literal["ordinary", "varied", "wasted-legs", "heavy", "child"]
-"""ordinary: drawn from the body asset. varied: the size of every segment is drawn separately. wasted-legs: as varied,
-with thin legs and a strong upper body, as after years of paralysis. heavy: as varied, with a belly and thicker limbs.
-child: as varied, 1.0 to 1.5 m tall."""
+"""Kind of the patient's body. ordinary: drawn from the body asset's shape space. varied: the size of every segment is
+drawn separately. The others are varied too: wasted-legs has thin legs and strong arms, as after years of paralysis;
+heavy has a belly and thicker limbs; child is 1.0 to 1.5 m tall."""
 BraceName = Literal["left shank", "right shank", "left thigh", "right thigh", "trunk"]

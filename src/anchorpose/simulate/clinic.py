@@ -1,4 +1,4 @@
-"""Draw all people and objects in the room from one seed, and compute their places at any time."""
+"""Draw all people and objects in the room at random from one seed, and compute their places at any time."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ STREAMS = (
     "session",
 )
 CAMERA_NAMES = ("front", "left", "right", "behind")
-AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # rad, from the patient; positive = left
-AZIMUTH_SPREAD_RAD = (0.08, 0.2, 0.2, 0.3)
-WALL_M = 2.7
+AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # rad, from the patient to a camera; positive = left
+AZIMUTH_SPREAD_RAD = (0.08, 0.2, 0.2, 0.3)  # rad, maximum random deviation of each camera from ``AZIMUTH_RAD``
+WALL_M = 2.7  # m, height of the walls
 
 Programme = Callable[[np.random.Generator, Person], Actor]
 """Function that draws a person's movements with the random numbers of a generator."""
@@ -58,9 +58,9 @@ class Clinic:
     room: np.ndarray  # (n, 3, 3) triangles
     equipment: EquipmentModel | None
     patient: Actor | CapturedActor
-    therapists: tuple[Therapist, ...]  # first therapists, then people who pass by
-    scene: RoomScene | None = None  # content of a real room; None for a training room
-    plan: tuple[PlannedTrial, ...] = ()  # trials of a session
+    therapists: tuple[Therapist, ...]  # the therapists, followed by the people who pass by
+    scene: RoomScene | None = None  # content of a cluttered room (``rooms``); None for a plain training room
+    plan: tuple[PlannedTrial, ...] = ()  # trials of a session; empty without a session
 
     @property
     def parts(self) -> tuple[EquipmentPart, ...]:
@@ -73,14 +73,17 @@ class Clinic:
         return np.array([x, 0.0, z]) if at_s is not None and time_s >= at_s else np.zeros(3)
 
     def true_times_s(self, camera: int) -> np.ndarray:
-        """Return the true times (t,) at which a camera takes its images. Its stamps are its epoch + frame / fps."""
+        """Return the true times (t,), s, at which a camera takes its images.
+
+        The images' time stamps differ from these times: they are the epoch of the camera's clock + frame / fps.
+        """
         stamps = np.arange(self.config.frames) / self.config.fps
         late = self.config.clock_late_s[camera] if self.config.clock_late_s else 0.0
         drift = self.config.clock_drift[camera] if self.config.clock_drift else 0.0
         return stamps + late + drift * stamps
 
     def act(self, times_s: np.ndarray) -> Performance:
-        """Return the pose of every bone at the given times."""
+        """Return the movements of all people at times (t,)."""
         patient = self.patient.bones(times_s)
         others = tuple(therapist.bones(times_s, self.patient, patient) for therapist in self.therapists)
         return Performance(self, times_s, (patient, *others))
@@ -95,7 +98,7 @@ class Performance:
     bones: tuple[np.ndarray, ...]  # per person, the patient first: (t, b, 4, 4) T_world_rest of the bones
 
     def figures(self, frame: int) -> tuple[Figure, ...]:
-        """Return the dressed skin of all people in one frame; a patient who is away has no faces."""
+        """Return the dressed skin of all people in one frame; a patient who is away has no triangles to draw."""
         nobody = self.away[frame]
         people = [self.clinic.patient.person, *(therapist.actor.person for therapist in self.clinic.therapists)]
         return tuple(
@@ -132,15 +135,16 @@ class Performance:
 
 
 def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.Generator:
-    """Return a separate random generator for a purpose, so that a change of one part of the simulation does not change
-    the others.
+    """Return the random generator for one purpose, ``name`` in ``STREAMS``, and for the keys, such as a camera's index.
+
+    Each purpose has a generator of its own, so a change of one part of the simulation does not change the others.
     """
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(STREAMS.index(name), *keys)))
 
 
 def draw_clinic(config: SimulationConfig, programme: Programme | None = None) -> Clinic:
-    """Draw people, room and cameras from ``config.seed``. programme: draws the patient's movements in place of
-    ``config.motions``.
+    """Draw people, room and cameras from ``config.seed``. programme: function that draws the patient's movements;
+    None = they follow ``config``.
     """
     if config.room is not None:
         return _in_room(config, config.room)
@@ -235,7 +239,7 @@ def look_at(position_m: np.ndarray, target_m: np.ndarray) -> np.ndarray:
 
 
 def room_triangles(rng: np.random.Generator, camera_behind: bool) -> np.ndarray:
-    """Return triangles (n, 3, 3) of floor, back wall and side walls. No camera sees the ceiling, so it is left out."""
+    """Return triangles (n, 3, 3) of the floor and four walls. No camera sees the ceiling, so it is left out."""
     back = -rng.uniform(3.1, 3.5) if camera_behind else -rng.uniform(1.7, 2.4)
     left, right, front = -rng.uniform(2.6, 3.2), rng.uniform(2.6, 3.2), rng.uniform(3.2, 3.8)
     quads = [
@@ -249,6 +253,6 @@ def room_triangles(rng: np.random.Generator, camera_behind: bool) -> np.ndarray:
 
 
 def face_parts(person: Person) -> np.ndarray:
-    """Return (f,) uint8: for each face, 1 + the index of the bone that moves its first corner."""
+    """Return (f,) uint8: for each face, 1 + the index of the bone that mainly moves its first corner."""
     asset = person.body.asset
     return (asset.main_bone()[asset.faces[:, 0]] + 1).astype(np.uint8)

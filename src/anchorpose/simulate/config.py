@@ -42,19 +42,19 @@ BEHIND_AND_BEFORE: Final[tuple[TaskName, ...]] = ("trunk from behind", "both kne
 FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
 """Motions for which a standing frame with a knee bar leaves no room."""
 
-SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # m, smallest and largest of the paper's five radii (Section V)
-ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # keys of random streams in addition to those of ``clinic``
+SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # m, smallest and largest radius of the holes in the paper's depth images
+ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # keys of random streams other than ``clinic.STREAMS``
 ROOM_MOTIONS: Final[dict[Posture, tuple[tuple[str, ...], ...]]] = {
     "stands": (("mixed",), ("squat", "reach", "arm-raise"), ("weight-shift", "trunk", "steps", "head", "reach")),
     "sits": (("reach", "arm-raise"), ("reach", "head"), ("arm-raise", "head", "standing")),
     "stands-up": (("sit-to-stand", "reach"), ("sit-to-stand", "squat", "arm-raise"), ("sit-to-stand", "trunk", "head")),
 }
-ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # sitting is drawn separately
-# share of the standing patients in rooms who do a captured movement, if there is a file of captured movements
+ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # ``posture`` decides on sitting
+# share of the standing patients in rooms who do a captured movement, if a file of captured movements is given
 CAPTURED_SHARE: Final = 0.6
 ABSENT_SHARE: Final = 0.15  # share of the recording before a late patient comes into view
 HIDDEN_S: Final = 2.0  # s, duration for which the patient is behind a curtain
-LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0
+LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0  # limits of the settings ``seconds`` and ``fps``
 THICKEST_CLOTHING_M: Final = 0.015  # m; thicker clothes would hide the body's shape
 
 ProperShare = Annotated[float, Field(ge=0, lt=1)]
@@ -62,13 +62,13 @@ ProperShare = Annotated[float, Field(ge=0, lt=1)]
 
 @settings
 class SimulationConfig:
-    """One simulated recording. The same values give the same bytes."""
+    """The settings of one simulated recording. Equal settings give the same bytes."""
 
     seed: Annotated[int, Field(ge=0)]
     seconds: Annotated[float, Field(gt=0, le=LONGEST_S)] = 10.0
-    fps: Annotated[float, Field(gt=0, le=HIGHEST_HZ)] = 30.0  # every simulated sensor runs at 30 Hz
+    fps: Annotated[float, Field(gt=0, le=HIGHEST_HZ)] = 30.0  # Hz; 30 = the rate of every simulated sensor
     cameras: Annotated[int, Field(ge=1, le=4)] = 3  # number of cameras, in this order: in front, left, right, behind
-    sensor: Sensor = "kinect-v2"  # the sensor of the paper
+    sensor: Sensor = "kinect-v2"  # default = the sensor of the paper
     sensors: tuple[Sensor, ...] = ()  # one sensor per camera; empty = every camera has ``sensor``
     lens: LensName | None = None  # lens of the sensor; None = the usual lens of its model
     equipment: Equipment = "standing-frame"
@@ -84,7 +84,7 @@ class SimulationConfig:
     motions: Annotated[tuple[str, ...], Field(min_length=1)] = ("mixed",)
     movement_file: Path | None = None  # file of captured movements; if given, it replaces ``motions``
     movement: str | None = None  # one of ``MOVEMENTS`` in movement_file.py, or the name of a clip in the file
-    subjects: tuple[int, ...] = SUBJECTS  # subjects from whom movements are drawn
+    subjects: tuple[int, ...] = SUBJECTS  # numbers of the subjects of ``movement_file`` whose movements may be drawn
     speed: Speed = "mixed"
     clothing_m: Annotated[float, Field(ge=0, le=THICKEST_CLOTHING_M)] = 0.009  # m, height of folds above the skin
     away_s: tuple[tuple[float, float], ...] = ()  # s, start and end of each absence; the patient walks out and in again
@@ -95,18 +95,18 @@ class SimulationConfig:
     height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # m; None = drawn, for adults from 1.5 to 1.9
     body: OtherBody = OtherBody()  # the patient's body; default = drawn from the body asset
     pose_known: bool = True  # False: camera_to_world is null in recording.json
-    clock_late_s: tuple[float, ...] = ()  # s per camera, delay of the images after the time in their stamps
-    clock_drift: tuple[float, ...] = ()  # s per second, for each camera, by which this delay grows
+    clock_late_s: tuple[float, ...] = ()  # s per camera by which an image is taken later than its time stamp says
+    clock_drift: tuple[float, ...] = ()  # s per second, for each camera, by which ``clock_late_s`` grows
     clock_epoch_s: tuple[float, ...] = ()  # s per camera, time stamp at the start of the recording
     stamp_jitter_s: NotNegative = 0.0  # s, standard deviation of the error of every stamp
     # share of the depth images that are not written to the disk; the first camera writes all images
     dropped_share: ProperShare = 0.0
     doubled_share: ProperShare = 0.0  # share of each camera's files that contain the previous depth image again
-    starts_late_s: tuple[NotNegative, ...] = ()  # s per camera without images at the start; 0 for the first camera
-    ends_early_s: tuple[NotNegative, ...] = ()  # s per camera without images at the end; 0 for the first camera
+    starts_late_s: tuple[NotNegative, ...] = ()  # s, per camera: time without images at the start; camera 0: 0
+    ends_early_s: tuple[NotNegative, ...] = ()  # s, per camera: time without images at the end; camera 0: 0
     # per camera, a number n: the camera records only every n-th image; 1 for the first camera
     every: tuple[Count, ...] = ()
-    room: RoomConfig | None = None  # a real room seen by one camera; None = a training room
+    room: RoomConfig | None = None  # a cluttered room seen by one camera; None = a plain training room
     session: SessionConfig | None = None  # trials with and without stimulation, which replace ``motions``
 
     def __post_init__(self) -> None:
@@ -125,11 +125,11 @@ class SimulationConfig:
 
 
 def _check_equipment(config: SimulationConfig) -> None:
-    """Raise ValueError if motions, holes and equipment do not fit together."""
+    """Raise ValueError if motions, equipment, height, therapists and holes do not fit together."""
     for motion in config.motions:
         _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
     captured = config.movement_file is not None
-    in_frame = config.equipment == "standing-frame" and not captured  # a captured movement has a frame fitted around it
+    in_frame = config.equipment == "standing-frame" and not captured  # a frame is fitted around a captured movement
     clash = FRAMELESS_MOTIONS.intersection(config.motions) if in_frame else frozenset()
     _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")
     _require(not config.chest_pad or config.equipment == "parallel-bars", "a chest pad needs parallel bars")
@@ -189,15 +189,15 @@ def _require(holds: bool, problem: str) -> None:
 
 
 def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
-    """Return stand training with three cameras, a standing frame and two therapists."""
+    """Return the settings of stand training with three cameras, a standing frame and two therapists."""
     return SimulationConfig(seed=seed, seconds=seconds, fps=fps)
 
 
 def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
-    """Return ``config`` with a patient who is easily lost: away at first or later, hidden behind a curtain, or seated.
+    """Return ``config`` with a patient who is hard to track: away at first or later, behind a curtain, or seated.
 
-    If the patient walks or sits, the standing frame is left out. Raises ValueError for other equipment that is in the
-    way of walking, and for captured movements.
+    A patient who walks or sits has no standing frame. Raises ValueError if other equipment keeps the patient from
+    walking, and for a captured movement.
     """
     seconds = config.seconds
     equipment: Equipment = "none" if config.equipment == "standing-frame" else config.equipment
@@ -214,7 +214,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
 
 
 def rough_recorder(config: SimulationConfig) -> SimulationConfig:
-    """Return ``config`` as recorded by devices without synchronisation; its seed determines clock errors and losses."""
+    """Return ``config`` with unsynchronised cameras that lose images; its seed determines clock errors and losses."""
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROUGH_KEY,)))
     others = config.cameras - 1
     return replace(
@@ -228,8 +228,8 @@ def rough_recorder(config: SimulationConfig) -> SimulationConfig:
 
 
 def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
-    """Return the paper's experiment: one camera, one person, a hole at the body's centre in random frames (Section
-    V).
+    """Return settings for the experiment in Section V of the paper: one camera and one person; in random frames, the
+    depth image has a hole around the body's centre.
     """
     return SimulationConfig(
         seed=seed,
@@ -244,13 +244,14 @@ def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) 
 
 
 def single(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
-    """Return a recording with one camera, one person and nothing that hides the person."""
+    """Return settings of a recording with one camera, one person and nothing that hides the person."""
     return SimulationConfig(seed=seed, seconds=seconds, fps=fps, cameras=1, equipment="none", stool=False, therapists=0)
 
 
 def room(seed: int, seconds: float = 10.0, fps: float = 15.0, movement_file: Path | None = None) -> SimulationConfig:
-    """Return a real room seen by one camera at an unknown place. If there is a file of captured movements, some
-    patients do such a movement.
+    """Draw the settings of a cluttered room seen by one camera whose pose the recording does not state.
+
+    If a file of captured movements is given, some patients do one of its movements.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PLAN_KEY,)))
     height_m, sensor = rng.uniform(1.5, 1.9), draw_sensor(rng)
@@ -282,11 +283,11 @@ def room(seed: int, seconds: float = 10.0, fps: float = 15.0, movement_file: Pat
 def rehabilitation(
     config: SimulationConfig, movement_file: Path, movement: str | None, equipment: Equipment, passers_by: int = 0
 ) -> SimulationConfig:
-    """Return ``config`` with a captured movement, which is in progress when the recording begins. movement: None =
+    """Return ``config`` with a captured movement, which has already begun when the recording begins. movement: None =
     drawn by the seed.
 
-    If the movement leaves room, parallel bars have a chest pad and straps. One therapist stands behind the patient and
-    one holds the knees in front. If the patient steps or raises a leg, there is only the therapist behind.
+    Parallel bars have a chest pad and straps, a therapist behind the patient, and one who holds the knees in front. If
+    the patient steps or raises a leg, there is neither pad nor strap, and only the therapist behind.
     """
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(MOVEMENT_KEY,)))
     roomy = equipment in ("none", "sling", "parallel-bars")

@@ -1,4 +1,4 @@
-"""Choose and fit the equipment around the patient of a configuration."""
+"""Build the equipment that a configuration names, and fit it around the patient and their movements."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from anchorpose.simulate.person import Person
 from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.timeline import Movement, ball_ahead_m, stand, standing_pelvis_m
 
-SWEEP_HZ = 5.0
-STOOL_HALF_M = 0.20  # m, half a stool's depth and a margin; a standing patient's legs are in front of the stool
-CEILING_M = 2.65
-BELOW_NECK_M = 0.15  # m, depth of the middle of the sternum below the joint between the shoulders
+SWEEP_HZ = 5.0  # Hz, rate at which the patient's movement is sampled to find the space that it needs
+STOOL_HALF_M = 0.20  # m, half a stool's depth plus a margin: from its middle to the legs of the standing patient
+CEILING_M = 2.65  # m, height of the ceiling from which a sling hangs
+BELOW_NECK_M = 0.15  # m, distance of the middle of the sternum below the joint SpineShoulder
 HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that the patient's hands hold
 
 
 def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person) -> HeldEquipment | None:
-    """Build the equipment that the patient holds while doing motions. It is fitted to upright standing."""
+    """Build the equipment that the patient's hands hold, fitted to the upright patient; None if the hands hold none."""
     if config.equipment not in HELD:
         return None
     sweep = sweep_of(person, _posed(person).bones(np.zeros(1)))
@@ -47,7 +47,10 @@ def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person)
 def fit_around(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, held: HeldEquipment | None
 ) -> tuple[EquipmentPart, ...]:
-    """Build all equipment of a configuration. held: from ``fit_held``, None for a captured movement."""
+    """Return all equipment: the parts of ``held``, and parts that are fitted to the patient's whole movement.
+
+    held: result of ``fit_held``; None for a captured movement: then all equipment is fitted to the movement.
+    """
     parts = () if held is None else held.parts
     captured = isinstance(patient, CapturedActor)
     if config.equipment != "none" and (captured or config.equipment not in HELD or config.chest_pad):
@@ -84,7 +87,7 @@ def _fit_swept(
 def _fit_frame(
     rng: np.random.Generator, config: SimulationConfig, person: Person, sweep: Sweep, half_width_m: float
 ) -> HeldEquipment:
-    """Build parallel bars or a standing frame outside the space that legs and belly sweep over."""
+    """Build parallel bars or a standing frame outside the space through which legs and belly move."""
     pelvis_m = standing_pelvis_m(person.body)
     if config.equipment == "parallel-bars":
         return fit_parallel_bars(rng, pelvis_m=pelvis_m, half_width_m=half_width_m)
@@ -96,12 +99,12 @@ def _fit_frame(
 
 
 def _trunk_half_width_m(person: Person, sweep: Sweep) -> float:
-    """Return half the width of trunk and legs plus space for the arms."""
+    """Return the half width of a frame: the largest distance of trunk or legs from z = 0, plus space for an arm."""
     return float(np.abs(sweep.within(_knee_m(person) - 0.1, np.inf)[:, 2]).max()) + 0.14
 
 
 def _arms_half_width_m(sweep: Sweep, rail_m: float, least_m: float) -> float:
-    """Return half the width that arms sweep over at the height of the rails, at most that of the widest rails."""
+    """Return the half width of a frame with space for arms that move at rail height; ``least_m`` to ``WIDEST_M``."""
     arms = np.abs(sweep.within(rail_m - 0.12, rail_m + 0.12, arms=True)[:, 2])
     return float(np.clip(arms.max() + 0.05, min(least_m, WIDEST_M), WIDEST_M))
 
@@ -111,12 +114,12 @@ def _knee_m(person: Person) -> float:
 
 
 def _handle_m(person: Person) -> float:
-    """Return the height of a walker's handles: the wrists of hanging arms, slightly below the hips."""
+    """Return the height of a walker's handles: the height of the wrists of hanging arms, slightly below the hips."""
     return 0.96 * standing_pelvis_m(person.body)
 
 
 SEAT_BONES: Final = ("Hips", "LHipJoint", "RHipJoint", "LeftUpLeg", "RightUpLeg")
-"""Bones whose skin a patient sits on."""
+"""Names of the bones whose skin rests on the seat when a patient sits."""
 
 
 def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> tuple[EquipmentPart, ...]:
@@ -133,12 +136,12 @@ def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> t
     hips_m = bones[0, :3, :3] @ person.body.bone_heads[0] + bones[0, :3, 3]
     center = (min(float(hips_m[0] + 0.02), foremost_m), float(hips_m[2]))
     above = (np.abs(skin[:, 0] - center[0]) < 0.2) & (np.abs(skin[:, 2] - center[1]) < 0.2)
-    # only the skin of these bones counts, since the heels may be under the seat
+    # skin of other bones does not count: the heels may be under the seat, and would lower the seat
     above &= np.isin(np.array(person.body.asset.bone_names)[person.body.asset.main_bone()], SEAT_BONES)
     return build_stool(rng, center, float(skin[above, 1].min()) + 0.01)
 
 
 def _posed(person: Person) -> Actor:
-    """Return a person who stands in the asset's rest pose, for measuring."""
+    """Return the person standing still at the origin, the posture to which held equipment is fitted."""
     feet = stand(np.array([ball_ahead_m(person.body), 0.0]), 0.0, STANCE_M)
     return Actor(person, resting_channels(person, False), [Movement((), LONG_AGO_S, 1.0, 1e3, 1.0)], feet, ())

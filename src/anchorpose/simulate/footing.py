@@ -1,7 +1,7 @@
 """Find when and where the feet of a captured movement stand, step and rise, and keep standing feet still.
 
-While a foot stands, its ankle as captured by a Kinect v2 moves by centimetres. So a standing foot is kept in one place,
-a rising heel turns about the ball of the foot, and only a foot that clearly leaves the floor moves freely.
+A Kinect v2 records ankle movements of centimetres even while a foot stands still. A standing foot is therefore kept in
+one place, a rising heel turns about the ball of the foot, and only a foot that clearly leaves the floor moves freely.
 """
 
 from __future__ import annotations
@@ -15,33 +15,33 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
-WAVER_M: Final = 0.06  # m, range of the captured height of the ankle while a foot stands
-CLEAR_M: Final = 0.06  # m above ``WAVER_M`` from which the captured height is fully used
-HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # m; if an ankle rises and travels by less than these, only the heel rises
+WAVER_M: Final = 0.06  # m; a captured ankle that rises by less than this counts as standing: the rise is noise
+CLEAR_M: Final = 0.06  # m; a rise has the weight 0 up to ``WAVER_M``, and 1 from this much above ``WAVER_M`` on
+HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # m; if an ankle rises and travels by less than this, only the heel rises
 MOVING_M_S: Final = 0.30  # m/s; a foot that moves faster than this has left the floor
 SHORTEST_STAND_S: Final = 0.25  # s, minimum duration of a stand
 SAME_PLACE_M: Final = 0.08  # m; a foot that comes down within this distance of its former place has not moved
 EASE_S: Final = 0.15  # s, duration of the transition into and out of a stand
-YAW_LIMIT: Final = 0.5
+YAW_LIMIT: Final = 0.5  # rad, maximum angle of a standing foot from straight ahead, to either side
 
 Spans = list[tuple[int, int]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footing:
-    """Both feet, with rows at CLIP_HZ; the second axis is the side."""
+    """Places and angles of both feet in n frames at CLIP_HZ. The second axis is the side, left first."""
 
-    place_m: np.ndarray  # (n, 2, 3) ankle of a flat foot; y is measured from the ankle of a standing foot
-    stands: np.ndarray  # (n, 2) 1 while the foot bears weight, 0 in the air
+    place_m: np.ndarray  # (n, 2, 3) ankle, as if the foot were flat; y = 0 at the height of a standing foot's ankle
+    stands: np.ndarray  # (n, 2) from 0 (the foot is in the air) to 1 (it stands)
     yaw: np.ndarray  # (n, 2) rad, direction of the foot, positive to the left
-    heel: np.ndarray  # (n, 2) rad, rotation by which the heel of a standing foot is raised
+    heel: np.ndarray  # (n, 2) rad, rotation of a standing foot about its ball that raises the heel; 0 = flat
 
 
 def find_footing(ankle_m: np.ndarray, height_m: np.ndarray, toes: np.ndarray, foot_m: float) -> Footing:
-    """Compute the footing from captured ankles (n, 2, 3).
+    """Compute places and angles of both feet from captured ankles (n, 2, 3).
 
-    height_m (n, 2): captured height above the floor; toes (n, 2, 3): directions of the feet; foot_m: distance from the
-    ankle to the ball.
+    height_m (n, 2): captured height of the ankles; toes (n, 2, 3): directions of the feet; foot_m: horizontal distance
+    from the ankle to the ball of the foot.
     """
     lift, heel_m = _lift(ankle_m, height_m)
     spans = [_stands(ankle_m[:, side], lift[:, side]) for side in (0, 1)]
@@ -55,9 +55,12 @@ def find_footing(ankle_m: np.ndarray, height_m: np.ndarray, toes: np.ndarray, fo
 
 
 def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the height (n, 2) of each foot in the air, and the rise (n, 2) of each heel while the toes are down."""
+    """Return two arrays (n, 2), metres: the height of each foot in the air, and the rise of its heel while its toes are
+    on the floor.
+    """
     floor = np.percentile(height_m, 10.0, axis=0)
-    above = height_m - np.minimum(floor, floor.min() + WAVER_M)  # one leg may be in the air all the time
+    # a foot that is in the air in all rows does not show the height of the floor: then the other foot does
+    above = height_m - np.minimum(floor, floor.min() + WAVER_M)
     lift = above * ease((above - WAVER_M) / CLEAR_M)
     heel = np.zeros_like(lift)
     for side in (0, 1):
@@ -75,7 +78,10 @@ def _spans(chosen: np.ndarray) -> Spans:
 
 
 def _stands(ankle_m: np.ndarray, lift_m: np.ndarray) -> Spans:
-    """Return the rows in which a foot stands in one place; ankle_m (n, 3), lift_m (n,)."""
+    """Return the spans of rows in which a foot stands. Spans at one place are merged if the foot stays down in between.
+
+    ankle_m (n, 3), lift_m (n,): one foot.
+    """
     course = gaussian_filter1d(ankle_m[:, [0, 2]], 2.0, axis=0)
     speed = np.linalg.norm(np.gradient(course, axis=0), axis=1) * CLIP_HZ
     spans = [span for span in _spans((speed < MOVING_M_S) & (lift_m <= 0.0)) if _lasts(span)]
@@ -95,7 +101,7 @@ def _lasts(span: tuple[int, int]) -> bool:
 
 
 def _weights(stands: Spans, rows: int) -> np.ndarray:
-    """Return weights (n,): 1 while the foot stands, 0 during a step, with smooth transitions."""
+    """Return (n,): 1 while the foot stands, 0 during a step, with smooth transitions of ``EASE_S``."""
     row, weight, fade = np.arange(rows), np.zeros(rows), EASE_S * CLIP_HZ
     for a, b in stands:
         came = np.ones(rows) if a == 0 else ease((row - a) / fade + 1.0)
@@ -123,14 +129,14 @@ def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
 
 
 def _step_lift(place_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """Return the minimum height (n, 2) of a foot during a step."""
+    """Return the minimum height (n, 2), metres, of each foot during a step. It grows with the foot's speed."""
     speed = np.linalg.norm(np.gradient(place_m[..., [0, 2]], axis=0), axis=2) * CLIP_HZ
     speed = gaussian_filter1d(speed, 2.0, axis=0)
     return np.asarray((1.0 - stands) * 0.5 * STEP_HEIGHT_M * np.clip(speed / MOVING_M_S, 0.0, 1.0))
 
 
 def _yaws(toes: np.ndarray, stands: Spans) -> np.ndarray:
-    """Return the foot's direction (n,), radians to the left: constant while it stands; toes (n, 3)."""
+    """Return the foot's direction (n,), radians to the left, constant while it stands; toes (n, 3): as captured."""
     yaw = np.arctan2(-toes[:, 2], toes[:, 0])
     known, value = [], []
     for a, b in stands:

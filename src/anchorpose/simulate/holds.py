@@ -20,7 +20,7 @@ class Task:
     """A therapist's task."""
 
     name: TaskName
-    azimuth: tuple[float, float]  # rad, range of the direction from the patient: 0 = in front, positive = left
+    azimuth: tuple[float, float]  # rad, range of the direction from patient to therapist: 0 = front, positive = left
     holds: tuple[str, str]  # the patient's joints that the therapist's left and right hand hold
 
 
@@ -47,23 +47,26 @@ class Hold:
     vertices: np.ndarray  # (2,) vertices of the skin that the hands hold
     joints: np.ndarray  # (2,) joints that the hands hold
     facing: np.ndarray  # (3,) direction of the fingers
-    places_m: np.ndarray  # (2, 3) positions of the held vertices when the therapist chooses where to stand
+    places_m: np.ndarray  # (2, 3) positions of the held vertices at the time for which the therapist's place is chosen
 
     @property
     def reference_m(self) -> np.ndarray:
-        """Return the middle (3,) between the two holds."""
+        """Return the middle (3,) between the two held places."""
         return self.places_m.mean(axis=0)
 
 
 def nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: np.ndarray) -> float:
-    """Return the time at which the joints to hold are nearest to the therapist, who then needs space to stand."""
+    """Return the time at which the joints to hold are farthest ``outward``, that is, nearest to the therapist.
+
+    A therapist whose place suits this time has enough space to stand at all times.
+    """
     joints_m = np.array([patient.person.body.joints(bones) for bones in patient.bones(times_s)])
     held = joints_m[:, [JOINT_INDEX[name] for name in task.holds]].mean(axis=1)
     return float(times_s[np.argmax(held @ outward)])
 
 
 def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, at_s: float) -> Hold:
-    """Choose skin points around the joints to hold, on the side of the therapist's hands."""
+    """Choose a vertex of skin near each joint to hold, on the side towards the therapist, in the pose at ``at_s``."""
     person = patient.person
     bones = patient.bones(np.array([at_s]))
     everything = np.arange(len(person.normals))
@@ -81,7 +84,7 @@ def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, 
 
 
 def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name: str, wanted: np.ndarray) -> int:
-    """Return the vertex that lies farthest from a joint in a horizontal direction, near the joint's height."""
+    """Return the vertex that is farthest from a joint in the direction ``wanted``, and least far aside from it."""
     asset = person.body.asset
     side = "Left" if name.endswith("Left") else "Right"
     patterns = next(bones for key, bones in HOLD_BONES.items() if name.startswith(key))

@@ -15,20 +15,21 @@ import numpy as np
 
 from anchorpose.simulate.sensor import SensorSpec, sense
 
-HALF: Final = 2  # pixels of the imager, along each side, that are combined into one
-# recordings do not state the real filter's settings; with these values, edges are blurred over 12 pixels, as in reality
-SMOOTHING: Final = 0.3  # weight of a pixel relative to the filter's carried value
-JOINED_PX: Final = 25.0  # pixels, maximum disparity step that is smoothed; only edges within 0.5 m of the camera stay
+HALF: Final = 2  # pixels; each block of 2 x 2 pixels of the imager becomes one pixel of the image
+# Recordings do not state the settings of the real filters. With the values below, a depth edge is blurred over 12
+# pixels, as in real recordings.
+SMOOTHING: Final = 0.3  # weight of a pixel's own disparity; the filter's running value has the remaining weight
+JOINED_PX: Final = 25.0  # pixels; greater steps of disparity stay sharp: edges of objects within 0.5 m of the camera
 PASSES: Final = 2  # number of passes of the spatial filter
-FILLED_PX: Final = 16  # pixels, maximum width of a gap that is filled by the nearest values in the row or column
-STEPS: Final = 8.0  # steps per pixel of disparity to which the result is rounded
-TEMPORAL: Final = 0.4  # weight of a frame relative to the frame before
+FILLED_PX: Final = 16  # pixels; this far into a gap, the filter fills in the last value in the row or column
+STEPS: Final = 8.0  # per pixel; the result is rounded to multiples of 1 / STEPS pixel of disparity
+TEMPORAL: Final = 0.4  # weight of the newest frame; the blend of earlier frames has the remaining weight
 STILL_PX: Final = 0.6  # pixels of disparity; a pixel that changes by more is not smoothed over time
 MEMORY: Final = 4  # number of frames that are blended; older frames would have a weight below a tenth
 
 
 def decimated_mm(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-    """Return depth (height, width) uint16 millimetres as the median of four pixels of an imager with twice the size."""
+    """Return sensed depth (height, width) uint16 mm: medians of 2 x 2 pixels of an imager twice as wide and high."""
     imager = replace(spec, width=HALF * spec.width, height=HALF * spec.height, focal_px=HALF * spec.focal_px)
     fine = [np.repeat(np.repeat(layer, HALF, axis=0), HALF, axis=1) for layer in (depth_m, cosine)]
     reading = sense(rng, imager, fine[0], fine[1], np.zeros_like(fine[0])).astype(np.float32)
@@ -42,9 +43,7 @@ def decimated_mm(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray
 
 
 def smoothed_mm(spec: SensorSpec, readings_mm: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the last of some consecutive depth images (height, width) uint16 millimetres, smoothed over space and
-    time.
-    """
+    """Return the last of consecutive depth images (height, width) uint16 mm, smoothed in the image and over time."""
     gain = np.float32(HALF * spec.focal_px * spec.baseline_m * 1000.0)
     blended: np.ndarray | None = None
     for reading in readings_mm[-MEMORY:]:
@@ -60,7 +59,7 @@ def smoothed_mm(spec: SensorSpec, readings_mm: Sequence[np.ndarray]) -> np.ndarr
 
 
 def _blend(before: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Blend the disparities of two frames; a pixel without a reading keeps the previous one."""
+    """Blend the disparities of two frames. A pixel without a reading in ``now`` keeps its previous disparity."""
     still = (before > 0) & (now > 0) & (np.abs(before - now) < STILL_PX)
     mixed = np.where(still, TEMPORAL * now + (1.0 - TEMPORAL) * before, now)
     return np.where(now > 0, mixed, before).astype(np.float32)
@@ -68,7 +67,9 @@ def _blend(before: np.ndarray, now: np.ndarray) -> np.ndarray:
 
 @nb.njit(cache=True)
 def _smooth_rows(disparity: np.ndarray, weight: float, joined: float, filled: int) -> None:
-    """Run a recursive filter along each row, in place; gaps of up to ``filled`` pixels take the last value."""
+    """Smooth each row in place by a recursive filter. The first ``filled`` pixels of a gap get the last value before
+    the gap.
+    """
     for row in range(disparity.shape[0]):
         last, gap = disparity[row, 0], 0
         for column in range(1, disparity.shape[1]):

@@ -12,7 +12,7 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.recording.regular_file import read_arrays
 
-CLIP_HZ: Final = 30.0
+CLIP_HZ: Final = 30.0  # Hz, frame rate of the captured clips
 MOVEMENTS: Final = {
     "deep-squat": 1,
     "hurdle-step": 2,
@@ -25,14 +25,14 @@ MOVEMENTS: Final = {
     "shoulder-rotation": 9,
     "shoulder-scaption": 10,
 }
-"""Names of the data set's movements, by their number in the names of the clips."""
+"""Name of each movement of the data set, and its number in the names of the clips."""
 
 STEPPING: Final = frozenset({"hurdle-step", "inline-lunge", "side-lunge", "leg-raise"})
 """Movements that need space in front of the patient and beside the patient."""
 
 SEATED: Final = frozenset({"sit-to-stand"})
 SUBJECTS: Final = (1, 2, 3, 4, 5, 6, 7)
-LOST_M_S: Final = 8.0  # m/s; if a captured ankle or wrist is faster than this, the Kinect had lost it
+LOST_M_S: Final = 8.0  # m/s; a captured ankle or wrist that is faster than this was lost by the Kinect's tracking
 KEYS: Final = ("joints_mm", "offsets", "names", "joint_names")
 NEEDED: Final = (
     "Waist",
@@ -55,7 +55,7 @@ NEEDED: Final = (
     "RFoot",
     "RToes",
 )
-"""Joints that a file must contain; ``Forearm`` is the elbow, ``Foot`` the ankle, ``LowerLeg`` the knee."""
+"""Names of the joints that a file must contain. ``Forearm`` is the elbow, ``Foot`` the ankle, ``LowerLeg`` the knee."""
 
 _NAME: Final = re.compile(r"(?P<how>[ci])_m(?P<movement>\d\d)_s(?P<subject>\d\d)_e(?P<episode>\d\d)")
 
@@ -74,15 +74,15 @@ class Clips:
 
 
 def movement_of(name: str) -> str | None:
-    """Return the movement for the name of a clip or a movement; None for other names."""
+    """Return the movement in ``MOVEMENTS`` to which the name of a clip or movement belongs; None for other names."""
     found = _NAME.fullmatch(name)
     names = [key for key, number in MOVEMENTS.items() if found and number == int(found["movement"])]
     return next(iter(names), name if name in MOVEMENTS else None)
 
 
 def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tuple[int, ...] = SUBJECTS) -> Clips:
-    """Read all repetitions by one random subject, either all correct or all incorrect repetitions; or read one clip by
-    its name.
+    """Read the repetitions of a movement by one random subject, all correct or all incorrect; or read one clip by its
+    name.
 
     movement: one of ``MOVEMENTS`` or the name of a clip, such as c_m05_s01_e01. Raises InputError if ``path`` is not a
     file of captured movements, or has no such movement by one of the subjects.
@@ -101,7 +101,7 @@ def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tu
 def _drawn(
     path: Path, arrays: dict[str, np.ndarray], movement: str, rng: np.random.Generator, subjects: tuple[int, ...]
 ) -> list[int]:
-    """Draw the clips of one subject, either all correct or all incorrect repetitions; return their indices."""
+    """Draw a subject, and either correct or incorrect repetitions; return the indices of these clips."""
     series: dict[tuple[str, str], list[int]] = {}
     for index, name in enumerate(str(name) for name in arrays["names"]):
         found = _NAME.fullmatch(name)
@@ -117,7 +117,7 @@ def _drawn(
 
 
 def _loses_a_limb(arrays: dict[str, np.ndarray], index: int) -> bool:
-    """Return whether a wrist or an ankle jumps from one frame to the next."""
+    """Return whether a wrist or an ankle moves faster than ``LOST_M_S`` between two frames of a clip."""
     ends = np.isin(arrays["joint_names"], ["LHand", "RHand", "LFoot", "RFoot"])
     clip = arrays["joints_mm"][arrays["offsets"][index] : arrays["offsets"][index + 1], ends]
     steps_m = np.linalg.norm(np.diff(clip.astype(np.float64), axis=0), axis=2) / 1000.0

@@ -1,4 +1,4 @@
-"""Define the motions of a patient in stand training: each is a set of offsets on channels, with random sizes."""
+"""Define the motions of a patient in stand training: each adds random offsets to some channels (``timeline``)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from anchorpose.simulate.timeline import Movement
 
 Offsets = tuple[tuple[str, float], ...]
 SIDES = ("left", "right")
-PACE = {"slow": 1.5, "normal": 1.0, "fast": 0.6}  # factors on durations; in a fast reach, the wrist exceeds 3 m/s
-REST_ELBOW = 0.35
-STRAIGHT_ELBOW = 0.15
+PACE = {"slow": 1.5, "normal": 1.0, "fast": 0.6}  # factors on movement times; in a fast reach, the wrist exceeds 3 m/s
+REST_ELBOW = 0.35  # rad, elbow flexion of hanging arms
+STRAIGHT_ELBOW = 0.15  # rad, elbow flexion of stretched arms
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +21,8 @@ class Situation:
     """The circumstances that limit the sizes of motions."""
 
     leg_m: float  # length of the patient's leg
-    in_frame: bool  # whether bars are in the way
-    elbow: float  # rad, flexion at rest
+    in_frame: bool  # whether the patient stands in a frame, whose bars limit motions
+    elbow: float  # rad, flexion of the elbows at rest
 
 
 def squat(rng: np.random.Generator, here: Situation) -> Offsets:
@@ -97,7 +97,7 @@ def head(rng: np.random.Generator, here: Situation) -> Offsets:
 
 
 def rails(rng: np.random.Generator, here: Situation) -> Offsets:
-    """Return offsets that take one hand off its rail; without rails, both hands are held as if on rails."""
+    """Return offsets that take a hand off its rail; without rails, offsets that bend both arms as if on rails."""
     if here.in_frame:
         side = SIDES[rng.integers(2)]
         return ((f"pull_{side}", -1.0), (f"elbow_{side}", rng.uniform(-0.2, 0.6)))
@@ -128,30 +128,30 @@ ARM_MOTIONS: dict[str, Callable[[np.random.Generator, Situation], Offsets]] = {
 
 
 def timed(rng: np.random.Generator, offsets: Offsets, start_s: float, pace: float) -> Movement:
-    """Return a movement that takes about a second out and a second back at normal pace."""
+    """Return a movement whose offsets grow, and later return to 0, in about a second each at the normal pace (1)."""
     rise_s, fall_s = rng.uniform(0.8, 1.5, 2) * pace
     return Movement(offsets, start_s, rise_s, rng.uniform(0.1, 0.9) * pace, fall_s)
 
 
 class GivingWay(Movement):
-    """A movement that begins like a fall. It is evenly accelerated, and is stopped in the last third of its time."""
+    """A movement that begins like a fall: it accelerates evenly, and slows down in the last third of ``rise_s``."""
 
     __slots__ = ()
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Return the course from 0 to 1. When the stop begins, the speed is twice the average."""
+        """Return the growing strength, 0 to 1. When the movement begins to slow, its speed is twice the average."""
         x = np.clip(x, 0.0, 1.0)
         return np.asarray(np.where(x < 2.0 / 3.0, 1.5 * x**2, 1.0 - 3.0 * (1.0 - x) ** 2))
 
 
 @dataclass(frozen=True, slots=True)
 class Beating(Movement):
-    """An oscillation between the offsets and their opposite."""
+    """A movement that oscillates between its offsets and their opposite, such as a clonus."""
 
     frequency_hz: float  # oscillations per second
 
     def strength(self, times_s: np.ndarray) -> np.ndarray:
-        """Return the strength (t,), -1 to 1."""
+        """Return the factor (t,), -1 to 1, on the offsets."""
         beat = np.sin(2.0 * np.pi * self.frequency_hz * (times_s - self.start_s))
         return np.asarray(beat * Movement.strength(self, times_s))
 
@@ -160,14 +160,14 @@ def buckle(rng: np.random.Generator, start_s: float) -> Movement:
     """Return a movement in which one knee gives way within 0.2 to 0.45 s, so that the pelvis sinks on this side; then
     the leg straightens within a second.
     """
-    way, drop_m = float(rng.choice([-1.0, 1.0])), float(rng.uniform(0.07, 0.10))  # 1: the right knee
+    way, drop_m = float(rng.choice([-1.0, 1.0])), float(rng.uniform(0.07, 0.10))  # way: 1 = the right knee
     offsets = (("pelvis_up", -drop_m), ("pelvis_side", 0.2 * way), ("pelvis_right", -0.03 * way))
     fall_s, caught_s = rng.uniform(0.2, 0.45), rng.uniform(0.2, 0.5)
     return Movement(offsets, start_s, float(fall_s), float(caught_s), 1.0)
 
 
 def draw_pace(rng: np.random.Generator, speed: str) -> float:
-    """Return a random factor on durations."""
+    """Return a factor on durations: the one of ``speed`` in ``PACE``, or a random one for the speed ``mixed``."""
     return PACE[str(rng.choice(list(PACE)))] if speed == "mixed" else PACE[speed]
 
 

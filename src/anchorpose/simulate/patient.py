@@ -1,4 +1,4 @@
-"""Draw the patient: a person at the origin who follows a random programme of motions."""
+"""Draw the patient: a person at the origin who does a random series of motions."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ from anchorpose.simulate.timeline import (
     yaw_towards,
 )
 
-FARTHEST_FORWARD_M = 0.3  # m; if the feet are farther than this in front of their first place, the next steps lead back
-SWAY_M = 0.005  # m, amplitude of each wave of the sway
-TREMOR_RAD = 0.004
+FARTHEST_FORWARD_M = 0.3  # m; if the feet are farther forward than this, the next steps lead backward
+SWAY_M = 0.005  # m, maximum amplitude of each sinusoid of the pelvis's sway
+TREMOR_RAD = 0.004  # rad, maximum amplitude of each sinusoid of the arms' tremor
 PALM_ABOVE_BONE_M = 0.018  # m, distance from the hand's bone to the skin of the palm
-GRIP_TILT_RAD = 0.5
+GRIP_TILT_RAD = 0.5  # rad, angle by which the fingers of a hand on a rail point downward
 WRIST_TO_GRIP_M = 0.06  # m, distance from the wrist to the point of the hand that lies on the rail
-SIT_CHANCE = 0.4  # probability that a mixed programme with a stool begins or ends on the stool
-LONG_AGO_S = -100.0
+SIT_CHANCE = 0.4  # probability that a patient with a stool begins or ends a mixed series of motions on it
+LONG_AGO_S = -100.0  # s, start of a movement that is already complete when the recording begins
 OUTSIDE_M = 2.4  # m, distance from the place of training to a place outside of the front camera's view
-STANCE_M = 0.26
+STANCE_M = 0.26  # m, distance between the feet
 WALK_S = 3.0  # s, duration of the walk from outside to the place of training
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wave:
-    """Small sinusoids on one channel, for quiet sway and tremor."""
+    """A sum of small sinusoids that is added to one channel (``timeline.CHANNELS``) as sway or tremor."""
 
     channel: str
     amplitude: np.ndarray
@@ -60,12 +60,12 @@ class Wave:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Actor:
-    """A person with a programme of movements."""
+    """A person with all movements and steps that this person does in a recording."""
 
     person: Person
-    base: np.ndarray  # (c,) values of the channels at rest
+    base: np.ndarray  # (c,) values of the channels at rest, in the order of ``CHANNELS``
     movements: list[Movement]
-    footwork: Footwork  # the steps
+    footwork: Footwork  # initial stance and steps
     waves: tuple[Wave, ...]  # sway and tremor
     grip_m: np.ndarray | None = None  # (2, 3) places on the rails that the hands hold; None without rails
 
@@ -77,12 +77,12 @@ class Actor:
         return values
 
     def sits(self) -> bool:
-        """Return whether the person is seated at any time of the programme."""
+        """Return whether the person is seated at any time of the recording."""
         seated = seated_offsets(self.person)[0]
         return any(seated in movement.offsets for movement in self.movements)
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
-        """Return the motion of every bone, (t, b, 4, 4) T_world_rest."""
+        """Return T_world_rest (t, b, 4, 4): the transform of each bone from the rest pose to the world over time."""
         goals = HandGoals.none(len(times_s))
         if self.grip_m is not None:
             goals = _rail_goals(self.person, self.grip_m, len(times_s))
@@ -91,11 +91,11 @@ class Actor:
 
 
 def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
-    """Return the channels (c,) of a patient at rest: upright, with the arms beside the body or on the rails of a
-    frame.
+    """Return the channels' values (c,) for a patient at rest: upright, with the arms beside the body or on the rails of
+    a frame.
     """
     base = np.zeros(len(CHANNELS))
-    base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # m; higher than in the rest pose, since the knees are bent in that pose
+    base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # m above the rest pose, in which the knees are bent
     for side in ("left", "right"):
         base[CHANNEL_INDEX[f"shoulder_abduct_{side}"]] = 0.45 if in_frame else 0.27
         base[CHANNEL_INDEX[f"shoulder_flex_{side}"]] = 0.25 if in_frame else 0.0
@@ -106,7 +106,7 @@ def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
 
 
 def draw_waves(rng: np.random.Generator) -> tuple[Wave, ...]:
-    """Draw sway of the pelvis below 1 Hz, and tremor of the arms of 4 to 8 Hz."""
+    """Draw sway of pelvis, trunk and head below 1 Hz, and tremor of the arms at 4 to 8 Hz."""
 
     def wave(channel: str, amplitude: float, lowest_hz: float, highest_hz: float) -> Wave:
         amplitudes = amplitude * rng.uniform(0.3, 1.0, 3)
@@ -125,7 +125,7 @@ def draw_waves(rng: np.random.Generator) -> tuple[Wave, ...]:
 def draw_patient(
     rng: np.random.Generator, config: SimulationConfig, person: Person, frame: HeldEquipment | None
 ) -> Actor:
-    """Return a patient's programme for the recording."""
+    """Draw a patient's movements for the whole recording. frame: equipment that the hands hold; None = none."""
     base = resting_channels(person, frame is not None)
     if frame is None:
         _loosen_arms(rng, base)
@@ -163,7 +163,7 @@ def draw_patient(
 
 
 def _come_and_go(rng: np.random.Generator, footwork: Footwork, config: SimulationConfig) -> Footwork:
-    """Append walks out to one side and back again for each absence."""
+    """Append to ``footwork``, for each absence in ``config.away_s``, a walk out to one side and a walk back."""
     home, facing = footwork.places_m.mean(axis=0), float(footwork.yaws.mean())
     for gone_s, back_s in config.away_s:
         outside = home + np.array([rng.uniform(-0.3, 0.0), rng.choice([-1.0, 1.0]) * OUTSIDE_M])
@@ -176,7 +176,7 @@ def _come_and_go(rng: np.random.Generator, footwork: Footwork, config: Simulatio
 
 
 def _loosen_arms(rng: np.random.Generator, base: np.ndarray) -> None:
-    """Move arms that hang along the thighs away from the body, as people hold them for balance."""
+    """Abduct and bend the resting arms in ``base`` by random angles, as people hold their arms for balance."""
     away = rng.uniform(0.0, 1.0)
     for side in ("left", "right"):
         base[CHANNEL_INDEX[f"shoulder_abduct_{side}"]] += 0.35 * away * rng.uniform(0.7, 1.0)
@@ -192,8 +192,8 @@ def _first_stance(rng: np.random.Generator, person: Person) -> Footwork:
 def _draw_sitting(
     rng: np.random.Generator, config: SimulationConfig, person: Person
 ) -> tuple[float, float, list[Movement]]:
-    """Draw standing up or sitting down. Return the start and end of the time in which the patient stands, and the
-    movements.
+    """Draw whether the patient stands up from a seat, sits down, or only stands. Return start and end (s) of the time
+    in which the patient stands, and the movements.
     """
     named = "sit-to-stand" in config.motions
     possible = named or ("mixed" in config.motions and config.stool and config.equipment == "none")
@@ -214,7 +214,7 @@ def _draw_sitting(
 
 
 def seated_offsets(person: Person) -> tuple[tuple[str, float], ...]:
-    """Return the offsets of a seated posture: thighs level, shanks upright."""
+    """Return the channel offsets of a seated posture: thighs level, shanks upright."""
     heads, asset = person.body.bone_heads, person.body.asset
     thigh_m = float(np.linalg.norm(heads[asset.bone("LeftLeg")] - heads[asset.bone("LeftUpLeg")]))
     return (
@@ -229,11 +229,14 @@ def seated_offsets(person: Person) -> tuple[tuple[str, float], ...]:
 def _draw_steps(
     rng: np.random.Generator, footwork: Footwork, start_s: float, pace: float, here: Situation
 ) -> tuple[Footwork, list[Movement]]:
-    """Draw two to four steps, in place or forward and back again, with the weight over the standing foot."""
+    """Draw two or four steps in place, forward or back; 3 and 4 undo 1 and 2. The pelvis shifts over the standing foot.
+
+    Return ``footwork`` with the steps appended, and the shifts of the pelvis.
+    """
     places, yaws = final_stance(footwork)
     stride_m = 0.0 if here.in_frame or rng.random() < 0.4 else rng.uniform(0.12, 0.28)
     if float(np.mean(np.asarray(places)[:, 0])) > FARTHEST_FORWARD_M:
-        stride_m = -stride_m  # backward, since in ten minutes of forward steps, the patient would reach the camera
+        stride_m = -stride_m  # go back: ten minutes of forward steps would take the patient to the camera
     duration_s = 0.7 * pace + 0.15
     first, steps, shifts = int(rng.integers(2)), [], []
     now = start_s + 0.35 * pace
@@ -249,7 +252,7 @@ def _draw_steps(
 
 
 def _rail_goals(person: Person, grip_m: np.ndarray, times: int) -> HandGoals:
-    """Place palms on the rails, fingers forward and down, wrists above the rails, so that the forearms do not touch."""
+    """Place palms on the rails, fingers forward and down. Wrists are above the rails, so no forearm touches a rail."""
     fingers = np.cos(GRIP_TILT_RAD) * FORWARD - np.sin(GRIP_TILT_RAD) * UP
     palm_out = -np.sin(GRIP_TILT_RAD) * FORWARD - np.cos(GRIP_TILT_RAD) * UP
     wrists, turns = [], []

@@ -1,4 +1,4 @@
-"""Draw one simulated person: a body that no shape space contains, dressed in clothes that fold."""
+"""Draw one simulated person: a body that is not exactly in the tracker's shape space, in clothes that fold."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.rigged_body import read_rigged_body
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
-COEFFICIENT_SPREAD = 0.8  # factor on the shape space's standard deviations; below 1, since all 16 coefficients vary
-BUMPS = 14
-FOLDS = 7
+COEFFICIENT_SPREAD = 0.8  # standard deviation of each drawn coefficient, as a share of that in the shape space
+BUMPS = 14  # number of bumps on the skin of a body
+FOLDS = 7  # number of waves whose sum gives the folds of clothes
 CHILD_HEIGHTS_M = (1.0, 1.5)
-CHILD_SPREAD = 0.9  # factor on the asset's covariance of children
-LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # ranges of factors on the drawn height of folds
-BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of the names of bones that no clothes cover
+CHILD_SPREAD = 0.9  # factor on the standard deviations of the asset's distribution of children
+LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # ranges of a factor on the height of folds
+BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # a bone is bare if its name contains one of these
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,16 +54,16 @@ class Clothes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """A body of a given shape, with its clothes and the arrays for fast skinning."""
+    """A body of a given shape, its clothes, and the normals along which clothes lie above the skin."""
 
     body: BodyMesh
-    coefficients: np.ndarray  # (k,)
+    coefficients: np.ndarray  # (k,) shape coefficients; empty for a body from a file
     height_m: float
     clothes: Clothes
     normals: np.ndarray  # (v, 3) outward, of the skin in the rest pose
 
     def skin(self, transforms: np.ndarray, time_s: float) -> np.ndarray:
-        """Return (v, 3) float32 dressed skin in the world for bone motions (b, 4, 4)."""
+        """Return the dressed skin (v, 3), float32 world metres; transforms (b, 4, 4): T_world_rest of the bones."""
         asset, clothes = self.body.asset, self.clothes
         rest = _RestSkin(
             self.body.vertices.astype(np.float32),
@@ -101,7 +101,7 @@ def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | N
 
 
 def draw_child(rng: np.random.Generator, clothing_m: float, height_m: float | None = None) -> Person:
-    """Return a random child from the asset's distribution of children, with less spread. height_m: None = drawn."""
+    """Draw a child from the body asset's distribution of children, with less spread. height_m: None = drawn."""
     asset = stored_asset()
     height_m = float(rng.uniform(*CHILD_HEIGHTS_M)) if height_m is None else height_m
     drawn = rng.multivariate_normal(asset.child_mean, CHILD_SPREAD**2 * asset.child_covariance, 200)
@@ -113,7 +113,7 @@ def draw_child(rng: np.random.Generator, clothing_m: float, height_m: float | No
 
 
 def draw_patient_person(rng: np.random.Generator, config: SimulationConfig) -> Person:
-    """Return the patient of a recording."""
+    """Draw the patient of a recording, with the body that ``config`` describes."""
     if config.body == OtherBody():
         return draw_person(rng, config.clothing_m, config.height_m)
     return draw_other_person(rng, config.body, config.clothing_m, config.height_m)
@@ -122,7 +122,7 @@ def draw_patient_person(rng: np.random.Generator, config: SimulationConfig) -> P
 def draw_other_person(
     rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None = None
 ) -> Person:
-    """Draw a person whose body is not in the asset's shape space, in trousers of another fabric than the shirt's."""
+    """Draw a person whose body is not in the asset's shape space. Trousers and shirt differ in how loose they are."""
     plain = _draw_plain(rng, config, clothing_m, height_m)
     body = plain.body
     if config.file is None:
@@ -148,7 +148,7 @@ def draw_other_person(
 
 
 def _draw_plain(rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None) -> Person:
-    """Draw the body to which the changes of its segments are then applied."""
+    """Draw the person before ``draw_other_person`` changes segments and adds belly, braces and shoes."""
     if config.file is not None:
         body = read_rigged_body(config.file)
         body = body if height_m is None else to_height(body, height_m)
@@ -169,7 +169,7 @@ def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:
 
 
 def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return some dressed skin points and their normals over time, (t, n, 3) each, with folds at their mean height."""
+    """Return points and normals of the dressed skin, (t, n, 3) each, at ``vertices`` (n,); folds have mean height."""
     asset, clothes = person.body.asset, person.clothes
     normals = person.normals[vertices]
     rest = person.body.vertices[vertices] + 0.75 * clothes.amplitude_m * clothes.cover[vertices, None] * normals
@@ -181,7 +181,7 @@ def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tupl
 
 
 def bends(asset: BodyAsset, transforms: np.ndarray) -> np.ndarray:
-    """Return (b,) rad: the rotation of each bone relative to its parent, from the rest pose."""
+    """Return (b,) rad: the angle by which each bone is turned relative to its parent, compared with the rest pose."""
     turns = transforms[:, :3, :3]
     parents = np.maximum(asset.bone_parents, 0)
     cosine = (np.einsum("bij,bij->b", turns[parents], turns) - 1.0) / 2.0
@@ -203,7 +203,7 @@ def _stature_m(asset: BodyAsset, coefficients: np.ndarray) -> float:
 
 
 def _stature_gain_m(asset: BodyAsset) -> float:
-    """Return the metres of height that one unit of the first coefficient adds."""
+    """Return the metres of height that one unit of the first shape coefficient adds."""
     step = np.zeros(asset.shape_count)
     step[0] = 1.0
     return _stature_m(asset, step) - _stature_m(asset, 0.0 * step)
@@ -216,7 +216,7 @@ def _dressed(asset: BodyAsset) -> np.ndarray:
 
 
 def _bumps_m(rng: np.random.Generator, asset: BodyAsset, vertices: np.ndarray) -> np.ndarray:
-    """Return bumps (v,), metres outward: muscle, fat and spasms that only one side has."""
+    """Return random bumps of the skin, (v,) metres outward: muscle, fat and spasms, not the same on both sides."""
     dressed = _dressed(asset)
     centres = vertices[rng.choice(np.flatnonzero(dressed > 0.9), BUMPS)]
     height_m = rng.normal(0.0, 0.005, BUMPS).clip(-0.008, 0.008)
@@ -226,7 +226,7 @@ def _bumps_m(rng: np.random.Generator, asset: BodyAsset, vertices: np.ndarray) -
 
 
 def _draw_clothes(rng: np.random.Generator, asset: BodyAsset, amplitude_m: float) -> Clothes:
-    """Draw folds of 6 to 25 cm from crest to crest, more across the limbs than along them."""
+    """Draw folds, 6 to 25 cm from crest to crest. More folds run across the limbs than along them."""
     direction = rng.normal(size=(FOLDS, 3)) * [0.7, 1.0, 0.7]
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     wavelength_m = rng.uniform(0.06, 0.25, FOLDS)
@@ -246,7 +246,7 @@ class _RestSkin(NamedTuple):
     vertices: np.ndarray  # (v, 3) float32
     normals: np.ndarray  # (v, 3) float32
     bones: np.ndarray  # (v, w) int32, bones that move each vertex
-    weights: np.ndarray  # (v, w) float32, their weights
+    weights: np.ndarray  # (v, w) float32, weights of these bones
 
 
 class _Folds(NamedTuple):
@@ -261,7 +261,7 @@ class _Folds(NamedTuple):
 
 @nb.njit(cache=True)
 def _dress_and_skin(rest: _RestSkin, folds: _Folds, transforms: np.ndarray, bend: np.ndarray, skin: np.ndarray) -> None:
-    """Fill ``skin`` (v, 3) with the dressed skin moved by transforms (b, 3, 4); bend (b,) radians of each bone."""
+    """Fill ``skin`` (v, 3) with the dressed skin moved by transforms (b, 3, 4); bend (b,): of each bone, radians."""
     blend = np.empty((3, 4), dtype=np.float32)
     for v in range(len(rest.vertices)):
         blend[:] = 0.0
@@ -293,5 +293,5 @@ def _fold_m(folds: _Folds, place: np.ndarray, cover: np.float32, bent: np.float3
         argument = folds.waves[k, 0] * place[0] + folds.waves[k, 1] * place[1] + folds.waves[k, 2] * place[2]
         wave += np.sin(argument + folds.phase[k] + folds.bend_gain[k] * bent)
     scale = np.float32(np.sqrt(2.0 / len(folds.phase)))
-    # share of the amplitude; with mean 0.75 and 95 % from 0.1 to 1.4, nearly all folds are outward
+    # height as a share of the amplitude: mean 0.75, 95 % from 0.1 to 1.4, so nearly all cloth lies above the skin
     return float(folds.amplitude_m * cover * (np.float32(0.75) + np.float32(0.32) * scale * wave))

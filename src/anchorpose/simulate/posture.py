@@ -17,20 +17,22 @@ from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, rotate, 
 from anchorpose.simulate.carried_pelvis import KneeBend, Legs, carried_pelvis
 
 SIDES = ("Left", "Right")
-OUTWARD = np.array([-1.0, 1.0])  # along Z
+OUTWARD = np.array([-1.0, 1.0])  # per side, sign of the direction along Z that leads away from the middle
 FULL_REACH = 0.985  # maximum reach as a share of a limb's length; below 1, since a straight limb has no defined plane
-STRAIGHT_REACH = 1.0 - 1e-6  # the same for a leg whose knee bend is given; the knee bends by at least 0.2 degrees
+STRAIGHT_REACH = 1.0 - 1e-6  # maximum reach as a share of leg length if the knee's bend is given (0.2 degrees or more)
 HEIGHT_SOFTNESS_M = 0.004  # m, range over which a straightening leg gradually limits the height of the pelvis
-SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))
-NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))
-CLAVICLE_SHARE = 0.25  # share of the arm's elevation beyond the first 30 degrees (scapulohumeral rhythm)
-ELBOW_BEHIND_M = 0.3  # m, length of an upper arm; if the hands are on rails beside the hips, the elbows are behind them
+SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))  # share of the trunk's bend that each bone takes
+NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))  # share of the head's bend that each bone takes
+CLAVICLE_SHARE = 0.25  # clavicle's share of the arm's elevation beyond 30 degrees (scapulohumeral rhythm)
+# m, the length of an upper arm. The elbow of an arm that holds something bends towards a point this far behind the
+# elbow's place in a free arm, since elbows are behind hands that hold rails beside the hips
+ELBOW_BEHIND_M = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Captured:
-    """The parts of a captured posture that replace shoulder and elbow angles and ``knee_out``. The toes follow a foot
-    in the air.
+    """Parts of a captured posture, which replace ``shoulder``, ``elbow`` and ``knee_out`` of ``Posture``. In such a
+    posture, the toes turn with the foot while ``heel_lift`` is negative (toes raised).
     """
 
     arms: np.ndarray  # (t, 2, 2, 3, 3) rotations of upper arm and forearm in the world
@@ -40,26 +42,26 @@ class Captured:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Posture:
-    """A posture over time. All arrays start with time (t); the second axis of arrays of limbs is the side."""
+    """A posture over time. First axis of all arrays: time (t). Second axis of arrays (t, 2, ...): left, right."""
 
     pelvis_m: np.ndarray  # (t, 3) intended position of the pelvis; it is lower where straight legs do not reach so high
-    pelvis_turn: np.ndarray  # (t, 3, 3)
+    pelvis_turn: np.ndarray  # (t, 3, 3) rotation of the pelvis from rest
     trunk: np.ndarray  # (t, 3) rad, bend forward, bend to the right, turn to the left
     head: np.ndarray  # (t, 3) rad, bend forward, bend to the right, turn to the left
     ball_m: np.ndarray  # (t, 2, 3) ball of each foot
     foot_yaw: np.ndarray  # (t, 2) rad, direction of each foot, positive to the left
-    heel_lift: np.ndarray  # (t, 2) rad, rotation of each foot about its ball
+    heel_lift: np.ndarray  # (t, 2) rad, rotation of each foot about its ball, positive = heel up
     knee_out: np.ndarray  # (t, 2) rad, outward deviation of the left and the right knee from the direction of the foot
     shoulder: np.ndarray  # (t, 2, 3) rad, flexion, abduction, inward rotation
     elbow: np.ndarray  # (t, 2) rad, flexion, 0 = straight
-    pronation: np.ndarray  # (t, 2) rad
+    pronation: np.ndarray  # (t, 2) rad, rotation of the forearm
     wrist: np.ndarray  # (t, 2) rad, flexion towards the palm
     fingers: np.ndarray  # (t, 2) rad, curl of the fingers
-    hand_m: np.ndarray  # (t, 2, 3) place to which the wrist is pulled; unused if pull is 0
-    hand_turn: np.ndarray  # (t, 2, 3, 3) rotation of the hand bone from rest; unused if pull is 0
+    hand_m: np.ndarray  # (t, 2, 3) place to which the wrist is pulled; unused if ``pull`` is 0
+    hand_turn: np.ndarray  # (t, 2, 3, 3) rotation of the hand bone from rest; unused if ``pull`` is 0
     pull: np.ndarray  # (t, 2) from 0 (the arm follows its angles) to 1 (the hand is at its target)
-    captured: Captured | None = None  # parts that replace some angles; None for motions
-    knees: KneeBend | None = None  # bend of the knees, from which the height of the pelvis then follows
+    captured: Captured | None = None  # parts of a captured movement that replace some angles; None without one
+    knees: KneeBend | None = None  # given bend of the knees, which sets the pelvis's height; None = not given
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +108,7 @@ def finger_direction(body: BodyMesh, side: int) -> np.ndarray:
 
 
 class _Poser:
-    """A traversal of the skeleton from the pelvis outwards, for all times at once."""
+    """The rotations and places of all bones, computed from the pelvis outwards for all times at once."""
 
     def __init__(self, body: BodyMesh, times: int) -> None:
         self.body = body
@@ -131,7 +133,7 @@ class _Poser:
         return self.body.asset.bone(name)
 
     def _set(self, name: str, turn: np.ndarray) -> None:
-        """Give a bone a rotation in the world, and attach it to its parent."""
+        """Set a bone's rotation in the world, and place its head (its near end) where it is attached to its parent."""
         bone = self._bone(name)
         parent = self.body.asset.bone_parents[bone]
         offset = self.body.bone_heads[bone] - self.body.bone_heads[parent]
@@ -139,12 +141,12 @@ class _Poser:
         self.place[:, bone] = self.place[:, parent] + rotate(self.turn[:, parent], offset)
 
     def _follow(self, name: str, local: np.ndarray | None = None) -> None:
-        """Give a bone a rotation relative to its parent; None = the bone moves with its parent."""
+        """Set a bone's rotation relative to its parent; None = the bone moves rigidly with its parent."""
         parent = self.turn[:, self.body.asset.bone_parents[self._bone(name)]]
         self._set(name, parent if local is None else parent @ local)
 
     def _feet(self, posture: Posture) -> tuple[np.ndarray, np.ndarray]:
-        """Return ankles (t, 2, 3) and turns of the feet (t, 2, 3, 3)."""
+        """Return the ankles (t, 2, 3) and the rotations of the feet (t, 2, 3, 3), world."""
         turn = turns_about(UP, posture.foot_yaw) @ turns_about(RIGHT, -posture.heel_lift)
         heads = self.body.bone_heads
         offsets = np.array([heads[self._bone(f"{s}Foot")] - heads[self._bone(f"{s}ToeBase")] for s in SIDES])
@@ -236,7 +238,7 @@ class _Poser:
     def _pulled(
         self, posture: Posture, side: int, limb: RestLimb, upper: np.ndarray, fore: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Pull the arm towards the hand's target; the elbow bends backwards and outwards from the line to it."""
+        """Return rotations of upper arm and forearm with the wrist pulled to its target. The elbow points backward."""
         pull = posture.pull[:, side, None]
         if not pull.any():
             return upper, fore
@@ -250,15 +252,15 @@ class _Poser:
 
 
 def full_reach(posture: Posture) -> float:
-    """Return the share of its length to which a leg may straighten."""
+    """Return the maximum reach of a leg as a share of its length."""
     return FULL_REACH if posture.captured is None else posture.captured.straight_leg
 
 
 def _reach(
     limb: RestLimb, start_m: np.ndarray, goal_m: np.ndarray, pole: np.ndarray, full: float = FULL_REACH
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return world rotations (t, 3, 3) of both bones with which the limb ends at the goal, its middle joint on the side
-    of ``pole``. If the goal is out of reach, the limb points at it.
+    """Return world rotations (t, 3, 3) of both bones of a limb that starts at ``start_m`` and ends at ``goal_m``. The
+    middle joint bends towards ``pole``. If the goal is out of reach, the limb points at it.
     """
     first_m, second_m = limb.lengths
     gap = goal_m - start_m

@@ -1,5 +1,5 @@
-"""Convert a true image to the stored image, with the sensor's errors, the losses of readings in a real room, and the
-recorder's filters.
+"""Convert an image without errors to the image that a recorder stores: add the sensor's errors, the losses of readings
+that are typical of cluttered rooms, and the recorder's filters.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from anchorpose.simulate.sensor import SensorSpec, sense
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reader:
-    """Converts the true images of one camera."""
+    """The converter of one camera's true images to stored images."""
 
     spec: SensorSpec
     wiggle_m: np.ndarray  # (height, width) m, systematic error of the sensor
-    spoil: Spoil | None = None  # losses of readings in a real room
+    spoil: Spoil | None = None  # losses of readings in a cluttered room; None = none
     shiny: np.ndarray | None = None  # (height, width) bool, pixels of bare metal
-    # depth images before smoothing, by frame; they are kept only to save time, since each can be computed again with
+    # depth images before smoothing, by frame number; they are kept only to save time: each could be computed again with
     # the same result
     recent: dict[int, np.ndarray] = field(default_factory=dict)
 
     def raw_mm(self, rng: np.random.Generator, image: TrueImage) -> np.ndarray:
-        """Return (height, width) uint16 millimetres before smoothing, 0 = no reading."""
+        """Return the sensor's reading of a true image, (height, width) uint16 mm, before smoothing; 0 = no reading."""
         if self.spec.filtered:
             reading = decimated_mm(rng, self.spec, image.depth_m, image.cosine)
         else:
@@ -37,7 +37,7 @@ class Reader:
         return spoilt_mm(rng, self.spoil, image, self.shiny, reading)
 
     def keep(self, frame: int, reading_mm: np.ndarray) -> None:
-        """Keep a depth image as it was before smoothing, for the next frames."""
+        """Keep a depth image as it was before smoothing: the recorder smooths the next frames with it."""
         self.recent[frame] = reading_mm
         for old in [number for number in self.recent if number <= frame - MEMORY]:
             del self.recent[old]

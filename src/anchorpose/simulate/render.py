@@ -1,6 +1,7 @@
 """Render noise-free depth images: the room once, by rays; the people in every frame, by a depth buffer.
 
-For the 27,000 triangles of a body, a depth buffer takes a few milliseconds. A tree for rays takes tens.
+A depth buffer draws the 27,000 triangles of a body in a few milliseconds. Rays would need a search tree over the
+triangles, which takes tens of milliseconds.
 """
 
 from __future__ import annotations
@@ -14,24 +15,24 @@ import numpy as np
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.lens import NOWHERE, lens_array, pixel_of_ray, rays_of_pixels
 
-NOTHING, EQUIPMENT, PATIENT = 0, 1, 2  # labels of a true image; therapists have the labels from 3 on
+NOTHING, EQUIPMENT, PATIENT = 0, 1, 2  # labels of pixels (room: NOTHING); therapists have the labels from 3 on
 NEAREST_M = 0.15  # m; triangles nearer to the camera than this are not drawn
 
 
 class TrueImage(NamedTuple):
-    """The image that one camera would see without error; all arrays are (height, width)."""
+    """The image of one camera without sensor errors. All arrays are (height, width)."""
 
-    depth_m: np.ndarray  # float32, along the optical axis, 0 = nothing
-    cosine: np.ndarray  # float32, cosine of the angle of incidence
+    depth_m: np.ndarray  # float32, depth along the optical axis, 0 = nothing is seen
+    cosine: np.ndarray  # float32, cosine of the angle between ray and surface normal
     label: np.ndarray  # uint8, NOTHING, EQUIPMENT, PATIENT or a therapist
     part: np.ndarray  # uint8, 1 + index of the bone that moves the seen skin, 0 = no person
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Figure:
-    """A person to draw."""
+    """A person, or a piece of moved furniture, to be drawn into an image."""
 
-    skin_m: np.ndarray  # (v, 3) float32, dressed skin in the world
+    skin_m: np.ndarray  # (v, 3) float32, world metres; of a person: the dressed skin
     faces: np.ndarray  # (f, 3)
     face_part: np.ndarray  # (f,) uint8, part number of each face, as in ``TrueImage``
     label: int
@@ -61,14 +62,14 @@ def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> Tru
 
 
 class Lens(NamedTuple):
-    """The lens for compiled kernels."""
+    """A camera's lens as arrays that compiled kernels can use."""
 
     array: np.ndarray  # ``lens_array`` as float32
     rays: np.ndarray  # from ``rays_of_pixels``
 
 
 def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) -> TrueImage:
-    """Draw people in front of ``still``, through the camera's lens."""
+    """Return a copy of ``still`` into which the figures are drawn wherever they are the nearest surface."""
     image = TrueImage(*(layer.copy() for layer in still))
     T_camera_world = invert_rigid(camera.require_pose())
     rays = rays_of_pixels(camera.intrinsics, camera.width, camera.height)
@@ -80,7 +81,10 @@ def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) 
 
 
 def ray_directions(camera: Camera) -> np.ndarray:
-    """Return ray directions (height * width, 3) float32, world; for a pixel without a ray, the optical axis."""
+    """Return a direction per pixel, (height * width, 3) float32 world, with length 1 along the optical axis.
+
+    A pixel outside the lens's valid radius has no ray and gets the direction of the optical axis.
+    """
     rays = np.nan_to_num(camera.pixel_rays()).reshape(-1, 2)
     rays = np.column_stack([rays, np.ones(len(rays), np.float32)])
     return np.asarray((rays @ camera.require_pose()[:3, :3].T).astype(np.float32))
@@ -89,9 +93,10 @@ def ray_directions(camera: Camera) -> np.ndarray:
 def first_hits(
     origins_m: np.ndarray, directions: np.ndarray, triangles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the first triangle along each ray (-1 = none), its distance in ray lengths, and its normal.
+    """Return for each ray the first triangle that it hits, the distance (unit: the direction's length) and the normal.
 
-    origins_m, directions (n, 3), triangles (m, 3, 3), float32 world metres.
+    The triangle is an index, -1 = none; the normal (n, 3) is that of the triangle, not of unit length, 0 = none.
+    origins_m, directions (n, 3), triangles (m, 3, 3): float32 world metres.
     """
     from embreex import rtcore_scene
     from embreex.mesh_construction import TriangleMesh
@@ -109,8 +114,8 @@ def first_hits(
 def _draw(
     points: np.ndarray, faces: np.ndarray, face_part: np.ndarray, label: int, lens: Lens, image: TrueImage
 ) -> None:
-    """Draw faces into a depth buffer; points (v, 3): in the camera's frame. Edges are drawn straight in the image,
-    since triangles are small.
+    """Draw faces into a depth buffer; points (v, 3): in the camera's frame. The lens bends edges, but they are drawn
+    straight, because triangles are small.
     """
     for f in range(len(faces)):
         _draw_face(points, faces[f], face_part[f], label, lens, image)
@@ -118,7 +123,7 @@ def _draw(
 
 @nb.njit(cache=True)
 def _draw_face(points: np.ndarray, face: np.ndarray, part: int, label: int, lens: Lens, image: TrueImage) -> None:
-    """Draw one triangle; a pixel belongs to it if its centre does."""
+    """Draw one triangle into the pixels whose centre it covers, if it is nearer than their present depth."""
     height, width = image.depth_m.shape
     i, j, k = face
     z0, z1, z2 = points[i, 2], points[j, 2], points[k, 2]
@@ -157,7 +162,7 @@ def _draw_face(points: np.ndarray, face: np.ndarray, part: int, label: int, lens
 
 @nb.njit(cache=True)
 def _normal(points: np.ndarray, i: int, j: int, k: int) -> tuple[float, float, float]:
-    """Return the normal of a triangle, as long as twice its area."""
+    """Return the normal of a triangle; its length is twice the triangle's area."""
     ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
     bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

@@ -1,4 +1,4 @@
-"""Transfer a captured movement to another body: the subject's segment directions on the patient's segment lengths."""
+"""Transfer a captured movement to another body: the subject's segment directions, the patient's segment lengths."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ from anchorpose.simulate.timeline import (
     ease,
 )
 
-STRAIGHT_LEG: Final = 0.998  # maximum reach of a leg as a share of its length; the knee then is bent by 7 degrees
-PELVIS_S: Final = 0.06  # s, window over which the path of the pelvis is smoothed
-KNEE_SHOWS_M: Final = 0.05  # m; a knee at least this far from the line between hip and ankle points as captured
+STRAIGHT_LEG: Final = 0.998  # a leg's maximum reach as a share of its length, at which the knee bends by 7 degrees
+PELVIS_S: Final = 0.06  # s, standard deviation of the Gaussian that smooths the path of the pelvis
+KNEE_SHOWS_M: Final = 0.05  # m; a knee this far from the line from hip to ankle points in the captured direction
 AIR_M: Final = 0.12  # m; a foot at least this high above the floor keeps its angle to the shank
-TOES_DOWN_RAD: Final = 0.25  # rad, angle of the toes of a hanging foot
-FINGERS_RAD: Final = 0.25
+TOES_DOWN_RAD: Final = 0.25  # rad, downward pitch of a foot that hangs from an upright shank
+FINGERS_RAD: Final = 0.25  # rad, curl of the fingers
 
 _UP_RIGHT: Final = orthonormal_frame(UP, RIGHT)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CapturedActor:
-    """A person who does a captured movement. Arrays have n rows at CLIP_HZ; the second axis of arrays of limbs is the
-    side.
+    """A person who does a captured movement. Arrays have n rows at CLIP_HZ. In arrays of feet, the second axis is the
+    side, left first.
     """
 
     person: Person
     capture: Capture
     pelvis_m: np.ndarray  # (n, 3)
     ball_m: np.ndarray  # (n, 2, 3) ball of each foot; y is the height above the floor
-    foot_yaw: np.ndarray  # (n, 2) rad, direction of each foot
-    heel: np.ndarray  # (n, 2) rad, rise of each heel
+    foot_yaw: np.ndarray  # (n, 2) rad, direction of each foot, positive to the left
+    heel: np.ndarray  # (n, 2) rad, rotation of each foot that raises its heel above its toes; negative = toes raised
 
     def sits(self) -> bool:
-        """Return whether the movement leads to a seat."""
+        """Return whether the patient sits on a seat during the movement."""
         return self.capture.seated
 
     def lowest_s(self) -> np.ndarray:
@@ -62,11 +62,11 @@ class CapturedActor:
         return np.array([self.capture.start_s + np.argmax(self.pelvis_m[:, 1]) / CLIP_HZ])
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
-        """Return the motion of every bone, (t, b, 4, 4) T_world_rest."""
+        """Return T_world_rest (t, b, 4, 4): the transform of each bone from the rest pose to the world over time."""
         return pose_bones(self.person.body, self.posture(times_s))
 
     def posture(self, times_s: np.ndarray) -> Posture:
-        """Return the posture at times (t,); raises ValueError if the movement does not last until then."""
+        """Return the posture at times (t,). Raises ValueError for a time before or after the movement."""
         body, capture = self.person.body, self.capture
         at = _Resampler(capture, times_s)
         pelvis = at.turn(capture.pelvis)
@@ -102,7 +102,7 @@ class CapturedActor:
 
 
 class _Resampler:
-    """An interpolator of rows at CLIP_HZ to other times."""
+    """A linear interpolation of a captured movement's arrays, which have rows at CLIP_HZ, at given times."""
 
     def __init__(self, capture: Capture, times_s: np.ndarray) -> None:
         place = (np.asarray(times_s) - capture.start_s) * CLIP_HZ
@@ -123,12 +123,12 @@ class _Resampler:
 
 
 def retarget(person: Person, capture: Capture) -> CapturedActor:
-    """Transfer the movement to the person's segment lengths, facing +X; standing feet are on the floor and still."""
+    """Return the captured movement, done by a person who faces +X. Standing feet are on the floor and do not move."""
     body = person.body
     hips_m, lengths_m, back = _legs(body)
     scale = float(lengths_m.sum(axis=1).mean()) / capture.leg_m
     reach = rotate(capture.pelvis[:, None], hips_m) + np.einsum("sk,nskj->nsj", lengths_m, capture.legs)
-    free = scale * capture.waist_m[:, None] * [1.0, 0.0, 1.0] + reach  # ankles if the floor did not limit them
+    free = scale * capture.waist_m[:, None] * [1.0, 0.0, 1.0] + reach  # ankles, not yet placed on the floor
     foot_m = float(np.hypot(back[:, 0], back[:, 2]).mean())
     feet = find_footing(free, scale * capture.ankle_m[..., 1], capture.toes, foot_m)
     heading, sole_m = turns_about(UP, feet.yaw), _sole_m(body)
@@ -160,18 +160,18 @@ def _sole_m(body: BodyMesh) -> np.ndarray:
 
 
 def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
-    """Return the pelvis (n, 3): the mean of the places (n, 2, 3) that both feet imply, weighted by load."""
+    """Return the pelvis (n, 3): the mean of the places (n, 2, 3) that the feet imply, weighted by ``feet.stands``."""
     weight = np.maximum(feet.stands, 1e-3)[..., None]
     pelvis = (weight * wanted_m).sum(axis=1) / weight.sum(axis=1)
     return gaussian_filter1d(pelvis, PELVIS_S * CLIP_HZ, axis=0, mode="nearest")
 
 
 def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
-    """Move feet in the air to the ends of the legs (n, 2, 3), but not lower than in a step."""
+    """Move feet in the air to the ends of the legs (n, 2, 3), but do not take them below half the height of a step."""
     place = feet.place_m + (1.0 - feet.stands)[..., None] * (leg_end_m - feet.place_m)
     least_m = np.minimum(feet.place_m[..., 1], 0.5 * STEP_HEIGHT_M)
     place[..., 1] = np.maximum(place[..., 1], least_m)
-    place[..., 1] -= place[..., 1].min(axis=1, keepdims=True)  # one foot is always on the floor: nobody jumps
+    place[..., 1] -= place[..., 1].min(axis=1, keepdims=True)  # the lower foot is on the floor: nobody jumps
     return replace(feet, place_m=place)
 
 
@@ -182,12 +182,12 @@ def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray
     shank = capture.legs[:, :, 1]
     ahead = shank[..., 0] * np.cos(feet.yaw) - shank[..., 2] * np.sin(feet.yaw)
     pitch = TOES_DOWN_RAD - np.arctan2(ahead, -shank[..., 1])
-    deepest = np.arcsin(np.clip(feet.place_m[..., 1] / foot_m, 0.0, 1.0))  # the toes stay above the floor
+    deepest = np.arcsin(np.clip(feet.place_m[..., 1] / foot_m, 0.0, 1.0))  # pitch at which toes touch the floor
     return np.asarray(ease(feet.place_m[..., 1] / AIR_M) * np.minimum(pitch, deepest))
 
 
 def _knee_directions(pelvis: np.ndarray, legs: np.ndarray, knee_m: np.ndarray) -> np.ndarray:
-    """Return the knees' directions (t, 2, 3): as captured if they are clearly bent, else forward of the leg."""
+    """Return the directions (t, 2, 3) in which the knees point: as captured if clearly bent, else to the front."""
     along = legs.sum(axis=2)
     forward = unit(np.cross(pelvis[:, None, :, 2], along))
     off_m = np.linalg.norm(knee_m, axis=2, keepdims=True)
@@ -197,25 +197,25 @@ def _knee_directions(pelvis: np.ndarray, legs: np.ndarray, knee_m: np.ndarray) -
 
 
 def _bend(parent: np.ndarray, child: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
-    """Return (t, 3) rad: bend forward, bend to the right and turn to the left of ``child`` relative to ``parent``,
-    within limits.
+    """Return the rotation ``child`` relative to ``parent`` as angles (t, 3), rad, clipped to the limits: bend forward,
+    bend to the right, turn to the left.
     """
     vector = Rotation.from_matrix(np.swapaxes(parent, -1, -2) @ child).as_rotvec()
     return np.asarray(np.stack([-vector[:, 2], vector[:, 0], vector[:, 1]], axis=1).clip(*limits))
 
 
 def _bend_turn(bend: np.ndarray) -> np.ndarray:
-    """Return the rotation (t, 3, 3) for the angles of ``_bend``."""
+    """Return the rotation (t, 3, 3) for angles (t, 3) as ``_bend`` returns them."""
     return turns(np.stack([bend[:, 1], bend[:, 2], -bend[:, 0]], axis=1))
 
 
 def _head_turn(thorax: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return the head's rotation (t, 3, 3): its top points to ``up``, its face to where the thorax faces."""
+    """Return the head's rotation (t, 3, 3): its top points along ``up``, and it faces the same way as the thorax."""
     return np.asarray(orthonormal_frame(up, thorax[:, :, 2]) @ _UP_RIGHT.T)
 
 
 def _swing(thorax: np.ndarray, upper: np.ndarray, side: int) -> np.ndarray:
-    """Return (t, 3): flexion and abduction of an upper arm in the direction ``upper`` (t, 3), then 0."""
+    """Return shoulder angles (t, 3), rad: flexion and abduction of an upper arm along ``upper`` (t, 3); rotation 0."""
     local = rotate(np.swapaxes(thorax, -1, -2), upper)
     axis = np.cross(-UP, local)
     sine = np.linalg.norm(axis, axis=1)
@@ -224,7 +224,10 @@ def _swing(thorax: np.ndarray, upper: np.ndarray, side: int) -> np.ndarray:
 
 
 def _arm(body: BodyMesh, side: int, arm: np.ndarray, axis: np.ndarray, elbow: np.ndarray) -> np.ndarray:
-    """Return (t, 2, 3, 3) world turns of upper arm and forearm, whose directions are arm (t, 2, 3)."""
+    """Return world rotations (t, 2, 3, 3) of upper arm and forearm, which point along ``arm`` (t, 2, 3).
+
+    axis (t, 3): axis of the elbow; elbow (t,): its flexion, rad.
+    """
     name = SIDES[side]
     limb = rest_limb(body, (f"{name}Arm", f"{name}ForeArm", f"{name}Hand"))
     upper = orthonormal_frame(arm[:, 0], axis) @ orthonormal_frame(limb.first, limb.axis).T

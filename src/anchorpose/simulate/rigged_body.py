@@ -26,13 +26,14 @@ ENDS: Final = {
     "Leg": "Foot",
     "Foot": "ToeBase",
 }
-"""Bones that are turned to their direction in the asset's rest pose, each with the bone to whose head it points."""
+"""Bones that are turned to their direction in the asset's rest pose, each with the bone at whose head it ends."""
 
 
 def read_rigged_body(path: Path) -> BodyMesh:
-    """Read the body and turn it to the asset's rest pose, so that every movement fits; its joints are its bones' heads.
+    """Read a body and turn it to the asset's rest pose, so that every movement fits. Its joints are its bones' heads.
 
-    Axes X forward, Y up, Z to the body's right, metres. Raises InputError if the file does not contain such a body.
+    The file's axes are X forward, Y up and Z to the body's right, in metres. Raises InputError if the file contains no
+    such body.
     """
     remedy = "give a body as docs/simulate.md describes it"
     arrays = read_arrays(path, KEYS, remedy)
@@ -54,7 +55,7 @@ def read_rigged_body(path: Path) -> BodyMesh:
 
 @cache
 def sampled_vertices(asset: BodyAsset) -> np.ndarray:
-    """Return the vertex (p,) of a body nearest to each of the tracker's skin points, after scaling to equal height."""
+    """Return (p,): the body's vertex nearest to each of the tracker's skin points, scaled to the body's height."""
     points = body_points()
     if len(asset.vertices) == len(points.asset.vertices):
         return points.vertex

@@ -1,4 +1,4 @@
-"""Simulate the readings of a depth sensor: noise, edges, flying pixels, lost readings, whole millimetres."""
+"""Simulate the readings of a depth sensor: noise, errors at edges, flying pixels, lost readings, whole millimetres."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from anchorpose.lens import Intrinsics, LensModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorSpec:
-    """A sensor's image and its limits."""
+    """A sensor's image size, lens, range and errors."""
 
     kind: Literal["time-of-flight", "stereo"]
     width: int
@@ -21,11 +21,11 @@ class SensorSpec:
     focal_px: float
     nearest_m: float
     farthest_m: float
-    # factor on the axial noise that was measured on white targets: clothes, skin and floors return a quarter of the
-    # light, and the noise of a time-of-flight camera is proportional to the inverse square root of the returned light
+    # factor on the axial noise that was measured on white targets: 2, as clothes, skin and floors return a quarter of
+    # the light, and a time-of-flight camera's noise is proportional to the inverse square root of the returned light
     noise_gain: float = 2.0
     baseline_m: float = 0.0  # m, distance between the imagers of a stereo camera
-    disparity_noise_px: float = 0.06  # pixels, standard deviation of subpixel matching
+    disparity_noise_px: float = 0.06  # pixels, standard deviation of the error of disparity
     disparity_steps: float = 32.0  # quantisation steps per pixel of disparity
     filtered: bool = False  # whether librealsense's filters are applied: decimation by two, then smoothing
     wiggle_m: float = 0.0012  # m, amplitude of a time-of-flight camera's smooth error, which is constant in a session
@@ -41,11 +41,11 @@ SENSORS = {
     "azure-kinect": SensorSpec(
         kind="time-of-flight", width=640, height=576, focal_px=504.0, nearest_m=0.5, farthest_m=3.86, noise_gain=1.2
     ),
-    # D455: 95 mm between the imagers, 87 degrees (Luxonis, OAK vs RealSense), from 0.4 m (librealsense, issue 9977)
+    # D455: 95 mm between imagers, 87 degrees wide (Luxonis, OAK vs RealSense), from 0.4 m on (librealsense, issue 9977)
     "realsense": SensorSpec(
         kind="stereo", width=848, height=480, focal_px=424.0, nearest_m=0.4, farthest_m=6.0, baseline_m=0.095
     ),
-    # half resolution, as in MSR Action3D: steps of 9 mm at 1.8 m and 26 mm at 3 m
+    # half resolution, as in MSR Action3D: depth steps of 9 mm at 1.8 m and 26 mm at 3 m
     "kinect-v1": SensorSpec(
         kind="stereo",
         width=320,
@@ -57,7 +57,7 @@ SENSORS = {
         disparity_noise_px=0.03,
         disparity_steps=16.0,
     ),
-    # a D415 with librealsense's filters; the noise is stated as it is before the filters
+    # a D415 with librealsense's filters; the noise stated here is that before the filters
     "realsense-filtered": SensorSpec(
         kind="stereo",
         width=424,
@@ -93,9 +93,9 @@ SENSORS = {
         noise_gain=1.2,
         lens="rational",
     ),
-    # 50 mm between the imagers (devices), 87 +- 3 degrees (data sheet, as quoted in docs/simulate.md); its maker
-    # assumes 0.08 pixels of disparity for a calibrated unit (librealsense, issue 3904). It also reads farther, with
-    # more error
+    # 50 mm between the imagers (measured on two devices) and 87 +- 3 degrees (data sheet; sources in docs/simulate.md);
+    # its maker assumes an error of 0.08 pixels of disparity for a calibrated unit (librealsense, issue 3904). The real
+    # camera also reads beyond 4.5 m, with more error
     "d435": SensorSpec(
         kind="stereo",
         width=848,
@@ -122,8 +122,8 @@ SENSORS = {
     ),
     # 576 points, spread by ARKit over 256 x 192 pixels (apple/ARKitScenes, issue 14), up to 5 m (Apple). The remaining
     # error is smooth: 1 mm from a plane at 1 to 1.5 m (Teo and Yang 2023, doi:10.1016/j.dibe.2023.100169; the gain is
-    # chosen for this value), and within 1 cm of the truth (Luetzenburg et al. 2021, doi:10.1038/s41598-021-01763-9, not
-    # read). The focal length is that of ARKitScenes
+    # chosen for this value), and within 1 cm of the truth (Luetzenburg et al. 2021, doi:10.1038/s41598-021-01763-9;
+    # cited without having been read). The focal length is that of ARKitScenes
     "iphone-lidar": SensorSpec(
         kind="time-of-flight",
         width=256,
@@ -143,25 +143,25 @@ LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
     "brown-conrady": (LensModel.BROWN_CONRADY, (0.09, -0.27, 0.001, -0.0005, 0.09), None),
     # of the same order as an Azure Kinect's depth camera, up to its valid radius
     "rational": (LensModel.RATIONAL, (0.44, 0.013, -2.4e-5, -6.4e-5, -0.002, 0.77, 0.089, -0.005), 1.74),
-    # a lens whose image is smaller at its border by a tenth than that of a pinhole
+    # a lens that draws the image's border a tenth nearer to the centre than a pinhole camera does
     "kannala-brandt": (LensModel.KANNALA_BRANDT, (-0.02, 0.003, -0.001, 0.0002), None),
 }
 """Model, coefficients and valid radius of each imitated lens."""
 
-EDGE_STEP_M = 0.03  # m; at an edge, neighbouring depths differ by more than this and by more than the slope explains
-SLOPE_ALLOWANCE = 4.0  # pixels; a slope changes the depth by two pixels' slope in a window of three, plus a margin
+EDGE_STEP_M = 0.03  # m; at an edge, neighbouring depths differ by this much more than the surface's slope explains
+SLOPE_ALLOWANCE = 4.0  # factor on a slope's change of depth per pixel: 2 across 3 x 3 pixels, and 2 as a margin
 DROPOUT = 0.003  # probability of a lost reading anywhere
 EDGE_JITTER = 0.35  # probability that an edge pixel has the reading of its neighbour
 FLYING = 0.22  # probability that an edge pixel mixes near and far depths
 EDGE_LOSS = 0.08  # probability that an edge pixel has no reading
 GRAZING_COSINE = 0.10  # minimum cosine of the angle of incidence, 84 degrees, at which there is a reading
-BLOB_PX = 2.2  # pixels, standard deviation of the matching window
-SPECKLE_DEVIATIONS = 2.7  # number of standard deviations of the noise field beyond which matching fails
+BLOB_PX = 2.2  # pixels, standard deviation of the Gaussian that imitates a stereo camera's matching window
+SPECKLE_DEVIATIONS = 2.7  # noise beyond this number of standard deviations makes stereo matching fail
 JOINED_M = 0.1  # m; ARKit smooths depth steps smaller than this, unless the colour image shows an edge
 
 
 def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:
-    """Return the intrinsics of a sensor with one of ``LENSES``; None = its own lens."""
+    """Return the intrinsics of a sensor. lens: one of ``LENSES``; None = the lens in ``spec``."""
     model, coefficients, radius = LENSES[spec.lens if lens is None else lens]
     return Intrinsics(
         fx=spec.focal_px,
@@ -214,7 +214,10 @@ def _sense_time_of_flight(
     focal_px: float,
     sensed_m: np.ndarray,
 ) -> None:
-    """Add axial noise by range and incidence after Fankhauser et al. 2015 (doi:10.1109/ICAR.2015.7251485)."""
+    """Fill ``sensed_m`` with depth that has edge errors and axial noise; 0 = no reading.
+
+    The noise depends on range and angle of incidence as in Fankhauser et al. 2015 (doi:10.1109/ICAR.2015.7251485).
+    """
     height, width = depth_m.shape
     for row in range(height):
         for column in range(width):
@@ -247,7 +250,7 @@ def _sense_time_of_flight(
 
 
 def _spread_dots(spec: SensorSpec, sensed_m: np.ndarray) -> np.ndarray:
-    """Smooth within surfaces over half of the spacing of the dots; pixels without a reading stay without."""
+    """Smooth each surface over half the spacing of the laser points. Pixels without a reading still have none."""
     import cv2
 
     half_spacing_px = 0.5 * float(np.sqrt(spec.width * spec.height / spec.dots))
@@ -275,7 +278,7 @@ def _sense_stereo(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarra
 
 @nb.njit(cache=True)
 def _shadowed(disparity: np.ndarray) -> np.ndarray:
-    """Return the pixels of the left imager that a nearer object hides from the right imager."""
+    """Return (height, width) bool: pixels of the left imager that show what a nearer object hides from the right."""
     height, width = disparity.shape
     hidden = np.zeros((height, width), dtype=np.bool_)
     for row in range(height):

@@ -22,10 +22,10 @@ from anchorpose.simulate.rigged_body import sampled_vertices
 from anchorpose.simulate.rooms.reflections import RoomPicture, take_picture
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 
-# m; the curtain: its distance from the patient, which is more than an arm's length, half of its width, and its height
+# m, the curtain's distance from the patient (more than an arm's length), half its width, and its height
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
 BACKGROUND_FRAMES = 9  # number of images of the empty room; their median is stored
-SAME_SKIN_M: Final = 0.03  # m, maximum difference between seen skin and its pixel's depth (7 mm wide at 2.5 m)
+SAME_SKIN_M: Final = 0.03  # m; skin is seen if its depth is this near to its pixel's; pixels are 7 mm wide at 2.5 m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,23 +34,23 @@ class Shot:
 
     figures: tuple[Figure, ...]  # people at the time of the first camera's image
     images: tuple[TrueImage, ...]  # per camera, the image without errors
-    depths_mm: tuple[np.ndarray, ...]  # per camera, (height, width) uint16 mm, the reading
+    depths_mm: tuple[np.ndarray, ...]  # per camera, (height, width) uint16 mm, the image that the recorder stores
     seen_share: np.ndarray  # (21, cameras), from ``seen_shares``
     behind_passers: float  # share of the patient's pixels that people passing by hide, maximum over the cameras
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Studio:
-    """A clinic, ready for its images to be computed."""
+    """A clinic with all that is computed once, before the images of its frames."""
 
     clinic: Clinic
     stills: tuple[TrueImage, ...]  # one per camera: the empty room
     readers: tuple[Reader, ...]  # one per camera
-    performances: tuple[Performance, ...]  # one per camera; the same object if clocks agree
+    performances: tuple[Performance, ...]  # per camera, movements at its image times; shared if times are equal
     in_hole: np.ndarray  # (t,) bool, frames with a hole
     stills_after: tuple[TrueImage, ...]  # one per camera: the empty room once the equipment has been moved
-    stills_curtained: tuple[TrueImage, ...]  # one per camera: the empty room behind a curtain
-    room_picture: RoomPicture | None = None  # the still image of a real room; None for a training room
+    stills_curtained: tuple[TrueImage, ...]  # one per camera: the empty room while a curtain hangs
+    room_picture: RoomPicture | None = None  # a cluttered room without people; None for a plain training room
 
     def shoot(self, frame: int) -> Shot:
         """Return the images of all cameras with the same frame number."""
@@ -75,7 +75,7 @@ class Studio:
         )
 
     def _without_people(self, index: int, frame: int, people: tuple[Figure, ...]) -> TrueImage:
-        """Return the image of one camera without people; mirror images of people remain in a real room's mirror."""
+        """Return the true image of one camera without people. The mirror of a cluttered room still reflects them."""
         clinic, time_s = self.clinic, float(self.performances[index].times_s[frame])
         if clinic.scene is not None and self.room_picture is not None:
             return self.room_picture.with_movers(tuple(m.figure(time_s) for m in clinic.scene.movers), people)
@@ -85,7 +85,7 @@ class Studio:
         return (self.stills_after if moves_at_s is not None and time_s >= moves_at_s else self.stills)[index]
 
     def _reading_mm(self, index: int, frame: int, image: TrueImage) -> np.ndarray:
-        """Return the image that the recorder stores; earlier frames are used if it smooths over time."""
+        """Return the image that the recorder stores. If the recorder smooths over time, earlier frames are read too."""
         reader = self.readers[index]
         first = max(0, frame - MEMORY + 1) if reader.spec.filtered else frame
         raw = []
@@ -110,7 +110,7 @@ class Studio:
 
 
 def set_up(clinic: Clinic) -> Studio:
-    """Render the empty room and compute the movements of all people."""
+    """Prepare a clinic: render the empty room as each camera sees it, and compute the movements of all people."""
     config = clinic.config
     equipment = equipment_triangles(clinic, moved=False)
     performances: list[Performance] = []
@@ -187,7 +187,7 @@ def body_centre_m(cameras: tuple[Camera, ...], images: list[TrueImage]) -> np.nd
 
 
 def _with_hole(clinic: Clinic, images: list[TrueImage], depths_mm: list[np.ndarray]) -> list[np.ndarray]:
-    """Cut the paper's hole (Section V): every reading within a radius of the body's centre is removed."""
+    """Cut a hole as in the paper's Section V: remove all readings within ``hole_radius_m`` of the body's centre."""
     centre_m = body_centre_m(clinic.cameras, images)
     if centre_m is None:
         return depths_mm
@@ -207,10 +207,10 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
 
 
 def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return (21,): of the skin around each joint that faces a camera, the share that nothing hides from the camera.
+    """Return for each joint (21,), of the skin around it that faces the camera, the share that is not hidden.
 
     Skin may be hidden by other skin of the patient, people or equipment, or lie outside the image. The share is 0 if no
-    skin around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient when the image was taken.
+    skin around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient at the time of the image.
     """
     points = _points()
     vertex = sampled_vertices(person.body.asset)
@@ -236,7 +236,7 @@ def share_behind(
 
 
 def _unhidden(inside_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return (p,) bool: points in the camera's frame whose pixel shows the patient at their depth."""
+    """Return (p,) bool: whether the pixel of each point (p, 3), camera frame, shows the patient at that depth."""
     ahead = inside_m[:, 2] > 0.0
     columns, rows = np.rint(camera.project(np.where(ahead[:, None], inside_m, [0.0, 0.0, 1.0]))).astype(np.int64).T
     inside = ahead & (rows >= 0) & (rows < camera.height) & (columns >= 0) & (columns < camera.width)

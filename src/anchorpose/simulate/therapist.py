@@ -29,23 +29,23 @@ from anchorpose.simulate.timeline import (
     yaw_towards,
 )
 
-STANCE_M = 0.28
-CROUCHES = np.linspace(0.0, 1.0, 21)
-SHOULDERS_ABOVE_HOLD_M = 0.22
-COMFORTABLE_REACH = 0.85  # comfortable distance from shoulder to hold, as a share of the arm's length
-DISTANCES_M = np.linspace(0.3, 1.1, 33)  # m, distances from the balls of the feet to the holds that are tried
+STANCE_M = 0.28  # m, distance between the feet
+CROUCHES = np.linspace(0.0, 1.0, 21)  # tried depths of a crouch, from 0 (standing) to 1 (deep)
+SHOULDERS_ABOVE_HOLD_M = 0.22  # m, preferred height of the shoulders above the held places
+COMFORTABLE_REACH = 0.85  # comfortable distance from shoulder to held place, as a share of the arm's length
+DISTANCES_M = np.linspace(0.3, 1.1, 33)  # m, tried distances from the balls of the feet to the held places
 FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows; the arms follow the rest
-FARTHEST_FOLLOW_M = 0.25
+FARTHEST_FOLLOW_M = 0.25  # m, maximum distance over which a therapist's body follows a patient who does motions
 LEAN_M = 0.12  # m, maximum distance over which a therapist's body follows a patient with a captured movement
 LOWEST_PELVIS_M = 0.30  # m, minimum height above the floor of the pelvis of a therapist who crouches
-FLATTENING = -0.45  # rad, extension of each finger joint, curled in the rest pose, with which fingers lie on the skin
+FLATTENING = -0.45  # rad; added to the bend of finger joints: fingers, curled in the rest pose, then lie flat on skin
 HELD_M = 0.005  # m; a hand counts as holding if its wrist is at most this far from its goal
 
 PASSING_M = (0.6, 1.5)  # m, range of the distance between a camera and a person who passes it
-BESIDE_M = 3.2  # m, distance from the crossing to both ends of the course, which are outside the room
-SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # rad, tried angles between the course and a course straight across
-CLEAR_M = 0.7  # m, intended clearance between the course and other cameras
-HALFWAY = (0.35, 0.65)  # range of the moment at which people who pass are at the crossing, as a share of the duration
+BESIDE_M = 3.2  # m from the point where a passer-by's path crosses the line of sight to either end of the path
+SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # rad, tried angles of the path; 0 = across the line of sight
+CLEAR_M = 0.7  # m, intended clearance of the path from the other cameras and from the patient
+HALFWAY = (0.35, 0.65)  # range of the time at which a passer-by is at the crossing, as a share of the recording
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,10 +53,10 @@ class Therapist:
     """A person in the room who is not the patient."""
 
     actor: Actor
-    hold: Hold | None
+    hold: Hold | None  # places that the hands hold; None = holds nothing
 
     def bones(self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray) -> np.ndarray:
-        """Return the motion of every bone, (t, b, 4, 4) T_world_rest; the hands follow patient_bones (t, b, 4, 4)."""
+        """Return T_world_rest (t, b, 4, 4) of every bone. Hands that hold follow the patient's bones (t, b, 4, 4)."""
         if self.hold is None:
             return self.actor.bones(times_s)
         person = self.actor.person
@@ -104,7 +104,7 @@ def draw_therapists(
 
 
 def _apart(task: Task, other: Task) -> bool:
-    """Return whether there is enough space for two therapists beside each other."""
+    """Return whether two therapists have enough space beside each other while they do these tasks."""
     gap = np.mean(task.azimuth) - np.mean(other.azimuth)
     return bool(abs((gap + np.pi) % (2.0 * np.pi) - np.pi) > 1.5)
 
@@ -137,7 +137,7 @@ def _draw_holder(
 
 
 def grasp(start_s: float, comes_s: float, holds_s: float, goes_s: float) -> Movement:
-    """Bring both hands to the patient, keep them there with flat fingers, and take them away."""
+    """Return a movement that brings both hands to the patient, keeps them there with flat fingers, and removes them."""
     hands = (("pull_left", 1.0), ("pull_right", 1.0), ("fingers_left", FLATTENING), ("fingers_right", FLATTENING))
     return Movement(hands, start_s, comes_s, holds_s, goes_s)
 
@@ -177,10 +177,10 @@ def draw_passer_by(
 
 
 def _clear_course(courses: np.ndarray, crossing_m: np.ndarray, others_m: np.ndarray, slant: float) -> int:
-    """Return the index of a course (n, 2) that keeps clear of other cameras (k, 2) and of the patient, with the angle
-    nearest to ``slant``.
+    """Return the index of the path whose angle is nearest to ``slant``, among those that keep ``CLEAR_M`` away from the
+    other cameras (k, 2) and the patient; if none does, the index of the path that stays farthest away.
 
-    If no course keeps clear, the course that stays farthest away is returned.
+    courses (n, 2): unit directions (x, z) of the paths through ``crossing_m``, with the angles ``SLANTS_RAD``.
     """
     to_others = np.concatenate([others_m, np.zeros((1, 2))]) - crossing_m
     beside_m = np.abs(courses[:, :1] * to_others[:, 1] - courses[:, 1:] * to_others[:, 0]).min(axis=1)
@@ -196,7 +196,7 @@ def _walker(rng: np.random.Generator, person: Person, footwork: Footwork) -> The
 def _visit(
     rng: np.random.Generator, spot: np.ndarray, facing: float, arrive_s: float, leave_s: float | None
 ) -> Footwork:
-    """Return the steps in from the side, to be at ``spot`` (x, z) at ``arrive_s``, and out again at leave_s."""
+    """Return steps from the side to ``spot`` (x, z), reached at ``arrive_s``, and out at ``leave_s`` (None = stays)."""
     outside = spot + rng.uniform(1.6, 2.2) * _sideways(rng, spot)
     standing = stand(outside, yaw_towards(outside, spot), STANCE_M)
     footwork = walk_until(standing, spot, facing, arrive_s, STANCE_M)
@@ -207,14 +207,14 @@ def _visit(
 
 
 def _sideways(rng: np.random.Generator, spot: np.ndarray) -> np.ndarray:
-    """Return the horizontal direction (2,), x and z, away from the patient, to the left or the right."""
+    """Draw a horizontal direction (2,), x and z, from ``spot`` away from the patient, to the left or the right."""
     way = np.sign(spot[1]) if abs(spot[1]) > 0.35 else rng.choice([-1.0, 1.0])
     direction = np.array([np.sign(spot[0]) * rng.uniform(0.0, 0.5), way])
     return direction / np.linalg.norm(direction)
 
 
 def crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
-    """Return the offsets of a crouch from 0 (standing) to 1 (deep, on raised heels)."""
+    """Return the channel offsets of a crouch, from 0 (standing) to 1 (deep, on raised heels)."""
     both = [("knee_out", 0.5 * crouch), ("heel", 0.9 * max(0.0, crouch - 0.3))]
     return (
         ("pelvis_up", -0.6 * crouch),
@@ -227,7 +227,7 @@ def crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
 
 
 def choose_spot(person: Person, base: np.ndarray, hold: Hold) -> tuple[float, np.ndarray]:
-    """Return the depth of the crouch and the place (x, z) at which the farther hold is within comfortable reach."""
+    """Return the crouch (0 to 1) and the place (x, z) from which both hands reach the held places most comfortably."""
     shoulders, arm_m = _crouched_shoulders(person, base)
     across = np.cross(hold.facing, UP)
     offset = hold.places_m - hold.reference_m
@@ -260,7 +260,7 @@ def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, f
 
 
 def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray, farthest_m: float) -> None:
-    """Shift the therapist's pelvis with the held places on the patient, in place."""
+    """Shift the therapist's pelvis, in place in ``channels``, as the held places (t, 2, 3) on the patient move."""
     pull = channels[CHANNEL_INDEX["pull_left"]]
     moved = (FOLLOW * (place_m.mean(axis=1) - hold.reference_m)).clip(-farthest_m, farthest_m)
     channels[CHANNEL_INDEX["pelvis_up"]] += pull * moved[:, 1]
@@ -269,7 +269,10 @@ def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray, farthest_m: f
 
 
 def _hand_goals(person: Person, hold: Hold, place_m: np.ndarray, normal: np.ndarray) -> HandGoals:
-    """Return goals with palms flat on the skin, and fingers that point away from the therapist and upwards."""
+    """Return goals with palms flat on the held skin, and fingers that point away from the therapist and upwards.
+
+    place_m, normal (t, 2, 3): held places on the skin and their normals.
+    """
     wrists, turns = np.zeros_like(place_m), np.zeros((*place_m.shape, 3))
     for side in (0, 1):
         along, palm = finger_direction(person.body, side), palm_normal(person.body, side)

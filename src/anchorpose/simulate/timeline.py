@@ -1,4 +1,7 @@
-"""Lay out smooth movements and steps in time, and compute the posture of patients and therapists from them."""
+"""Lay out smooth movements and steps in time, and compute the posture of patients and therapists from them.
+
+A channel is one number of a posture over time, such as a joint angle (radians) or a shift of the pelvis (metres).
+"""
 
 from __future__ import annotations
 
@@ -42,27 +45,27 @@ SIDE_CHANNELS = (
 CHANNELS = (*TRUNK_CHANNELS, *(f"{name}_{side}" for side in ("left", "right") for name in SIDE_CHANNELS))
 CHANNEL_INDEX = {name: index for index, name in enumerate(CHANNELS)}
 
-STEP_HEIGHT_M = 0.07
+STEP_HEIGHT_M = 0.07  # m, height to which a step raises the ball of the foot
 TOE_OFF_RAD = 0.5  # rad, maximum rotation of the foot in a step, heel up
 BODY_LAG_S = 0.3  # s, half the window over which the trunk's path is smoothed: a trunk moves more evenly than feet
-WALK_STEP_S = 0.5
+WALK_STEP_S = 0.5  # s, duration of a walking step
 
-ELBOW_LIMITS = (0.12, 2.5)  # rad, from nearly straight to the hand at the shoulder
+ELBOW_LIMITS = (0.12, 2.5)  # rad of flexion: from nearly straight to the hand at the shoulder
 SHOULDER_LIMITS = (-0.9, 3.0)
 TRUNK_LIMITS = (-0.6, 1.3)
 HEAD_LIMITS = (-1.2, 1.2)
-ARM_SWING = 1.1  # rad of shoulder flexion per metre that the opposite foot is ahead
+ARM_SWING = 1.1  # rad of shoulder flexion for each metre by which the opposite foot is in front of the body
 
 
 @dataclass(frozen=True, slots=True)
 class Movement:
-    """A movement: offsets of some channels that grow, stay and return to 0."""
+    """Offsets that a movement adds to some channels. They grow from 0, stay, and return to 0."""
 
     offsets: tuple[tuple[str, float], ...]  # channel and offset in metres or radians
     start_s: float
-    rise_s: float  # s, duration of growing
-    hold_s: float  # s, duration of staying
-    fall_s: float  # s, duration of returning
+    rise_s: float  # s, time in which the offsets grow
+    hold_s: float  # s, time for which the offsets stay
+    fall_s: float  # s, time in which the offsets return to 0
 
     @property
     def end_s(self) -> float:
@@ -70,12 +73,12 @@ class Movement:
         return self.start_s + self.rise_s + self.hold_s + self.fall_s
 
     def strength(self, times_s: np.ndarray) -> np.ndarray:
-        """Return the strength (t,), 0 to 1."""
+        """Return the share (t,) of the offsets that applies at each time, 0 to 1."""
         coming = self.coming((times_s - self.start_s) / self.rise_s)
         return coming - ease((times_s - self.start_s - self.rise_s - self.hold_s) / self.fall_s)
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Return the strength (t,) from 0 to 1 at x (t,), the time since the start as a share of ``rise_s``."""
+        """Return the growing strength (t,), 0 to 1, at x (t,): the time since the start as a share of ``rise_s``."""
         return ease(x)
 
 
@@ -94,8 +97,8 @@ class Step:
 class Footwork:
     """The initial stance of the feet, and the steps, sorted by time."""
 
-    places_m: np.ndarray  # (2, 2) x and z of the left and the right foot
-    yaws: np.ndarray  # (2,) rad, their directions
+    places_m: np.ndarray  # (2, 2) x and z of the ball of the left and the right foot
+    yaws: np.ndarray  # (2,) rad, directions of the feet
     steps: tuple[Step, ...] = ()
 
 
@@ -105,17 +108,17 @@ class FootTrack:
 
     ball_m: np.ndarray  # (t, 2, 3) ball of each foot; y is its lift above the floor
     yaw: np.ndarray  # (t, 2) rad
-    heel: np.ndarray  # (t, 2) rad, lift of the heel
+    heel: np.ndarray  # (t, 2) rad, rotation that raises the heel
 
 
 def ease(x: np.ndarray) -> np.ndarray:
-    """Return the minimum-jerk course from 0 to 1 (Flash and Hogan 1985, doi:10.1523/JNEUROSCI.05-07-01688.1985)."""
+    """Return the minimum-jerk curve at x, 0 to 1 (Flash and Hogan 1985, doi:10.1523/JNEUROSCI.05-07-01688.1985)."""
     x = np.clip(x, 0.0, 1.0)
     return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
 
 
 def channel_values(base: np.ndarray, movements: list[Movement], times_s: np.ndarray) -> np.ndarray:
-    """Return the channels (c, t): the values at rest (c,) plus the offsets of all movements."""
+    """Return the channels' values (c, t): the values at rest ``base`` (c,) plus the offsets of all movements."""
     values = np.repeat(base[:, None], len(times_s), axis=1)
     for movement in movements:
         strength = movement.strength(times_s)
@@ -125,7 +128,7 @@ def channel_values(base: np.ndarray, movements: list[Movement], times_s: np.ndar
 
 
 def foot_track(footwork: Footwork, times_s: np.ndarray) -> FootTrack:
-    """Return the feet at the given times; a foot does not move between its steps."""
+    """Return the path of both feet at the given times. A foot does not move between its steps."""
     ball = np.zeros((len(times_s), 2, 3))
     ball[:, :, [0, 2]] = footwork.places_m
     yaw = np.tile(footwork.yaws, (len(times_s), 1))
@@ -143,7 +146,7 @@ def foot_track(footwork: Footwork, times_s: np.ndarray) -> FootTrack:
 
 
 def body_course(footwork: Footwork, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the place of the body, (t, 2) x and z, and the direction that it faces, (t,): the means of both feet,
+    """Return the body's place (t, 2), x and z, and the direction (t,) that it faces. These are the means of both feet,
     smoothed over time.
     """
     weights = np.hanning(9)[1:-1]
@@ -187,7 +190,7 @@ def walk_until(footwork: Footwork, goal_m: np.ndarray, facing: float, at_s: floa
 
 
 def yaw_towards(here_m: np.ndarray, there_m: np.ndarray) -> float:
-    """Return the radians to the left that lead from one place (x, z) to another."""
+    """Return the direction from one place (x, z) to another, radians to the left of +X."""
     gap = there_m - here_m
     return float(np.arctan2(-gap[1], gap[0]))
 
@@ -201,12 +204,12 @@ def final_stance(footwork: Footwork) -> tuple[np.ndarray, np.ndarray]:
 
 
 def stand(middle_m: np.ndarray, yaw: float, stance_m: float) -> Footwork:
-    """Return both feet beside a place (x, z), without steps."""
+    """Return the stance of a person who stands at ``middle_m`` (x, z) and faces ``yaw``, without steps."""
     return Footwork(stance_places(middle_m, yaw, stance_m), np.full(2, yaw))
 
 
 def stance_places(middle_m: np.ndarray, yaw: float, stance_m: float) -> np.ndarray:
-    """Return x and z, (2, 2), of the left and right foot of a person who stands at ``middle_m`` and faces ``yaw``."""
+    """Return the places (2, 2), x and z, of left and right foot of a person at ``middle_m`` who faces ``yaw``."""
     right = np.array([np.sin(yaw), np.cos(yaw)])
     return middle_m + np.array([[-0.5], [0.5]]) * stance_m * right
 
@@ -217,14 +220,14 @@ def _wrap(angle: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandGoals:
-    """The goal of each hand while it is pulled."""
+    """The place and rotation to which each hand is pulled while it holds something."""
 
-    wrist_m: np.ndarray  # (t, 2, 3)
+    wrist_m: np.ndarray  # (t, 2, 3) place of the wrist
     turn: np.ndarray  # (t, 2, 3, 3) rotation of the hand from rest
 
     @staticmethod
     def none(times: int) -> HandGoals:
-        """Return goals for people who hold nothing."""
+        """Return placeholder goals for people who hold nothing."""
         return HandGoals(np.zeros((times, 2, 3)), np.tile(np.eye(3), (times, 2, 1, 1)))
 
 
@@ -234,14 +237,14 @@ def standing_pelvis_m(body: BodyMesh) -> float:
 
 
 def ball_ahead_m(body: BodyMesh) -> float:
-    """Return the distance of the balls of the feet in front of the pelvis, in upright standing."""
+    """Return the distance in x from the pelvis to the ball of the left foot, in the rest pose."""
     return float(body.bone_heads[body.asset.bone("LeftToeBase"), 0] - body.bone_heads[body.asset.bone("Hips"), 0])
 
 
 def posture_from(
     body: BodyMesh, channels: np.ndarray, footwork: Footwork, times_s: np.ndarray, goals: HandGoals
 ) -> Posture:
-    """Return the posture at ``times_s`` (t,) for channels (c, t)."""
+    """Return the posture at ``times_s`` (t,) for the channels' values (c, t), the steps and the hands' goals."""
     feet = foot_track(footwork, times_s)
     place, yaw = body_course(footwork, times_s)
     pelvis_m, pelvis_turn = _pelvis(body, channels, place, yaw)
@@ -273,7 +276,7 @@ def posture_from(
 
 
 def _pelvis(body: BodyMesh, channels: np.ndarray, place: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pelvis (t, 3) and its rotation from rest (t, 3, 3), of a body at ``place`` (t, 2) that faces ``yaw``
+    """Return the pelvis (t, 3) and its rotation from rest (t, 3, 3). The body is at ``place`` (t, 2) and faces ``yaw``
     (t,).
     """
 
@@ -288,10 +291,10 @@ def _pelvis(body: BodyMesh, channels: np.ndarray, place: np.ndarray, yaw: np.nda
 
 
 def _both(channels: np.ndarray, name: str) -> np.ndarray:
-    """Return a channel (t, 2) of both sides, left first."""
+    """Return the values (t, 2) of one channel for both sides, left first."""
     return np.stack([channels[CHANNEL_INDEX[f"{name}_left"]], channels[CHANNEL_INDEX[f"{name}_right"]]], axis=1)
 
 
 def _three(channels: np.ndarray, name: str) -> np.ndarray:
-    """Return the channels (t, 3): bend forward, bend to the right, turn to the left."""
+    """Return three channels of trunk or head, (t, 3): bend forward, bend to the right, turn to the left."""
     return np.stack([channels[CHANNEL_INDEX[f"{name}_{way}"]] for way in ("flex", "side", "turn")], axis=1)

@@ -13,7 +13,7 @@ from anchorpose.simulate.render import Figure
 
 TOUCH_M: Final = 0.03  # m; the skin of two people is in contact if it is at most this far apart
 JOINT_REGION_M: Final = 0.12  # m; a joint counts as touched if skin within this distance of the joint is touched
-# m; skin within this distance of a rigid surface is in contact with it; it is the height of folds (``clothing_m``)
+# m; skin within this distance of a rigid surface is in contact with it; clothes fold by as much (``clothing_m``)
 EQUIPMENT_TOUCH_M: Final = 0.01
 
 
@@ -21,9 +21,9 @@ EQUIPMENT_TOUCH_M: Final = 0.01
 class Touch:
     """Contacts of the patient in one frame."""
 
-    bones: np.ndarray  # (b,) bool, bones whose skin any person touches
-    joints: np.ndarray  # (n, 21) bool, joints that each therapist touches
-    regions: np.ndarray  # (n, k) bool, regions of the body that each therapist touches
+    bones: np.ndarray  # (b,) bool, bones whose skin any other person touches
+    joints: np.ndarray  # (n, 21) bool, joints that each of n other people touches
+    regions: np.ndarray  # (n, k) bool, ``REGIONS`` of the body that each other person touches
     on_equipment: np.ndarray  # (parts, b) bool, bones whose skin touches each part of the equipment
 
 

@@ -1,4 +1,4 @@
-"""Write a simulated recording, with the images that the recorder keeps, and the truth about it."""
+"""Write a simulated recording with the images that its recorder keeps, and the truth about it."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
     _write_documents(recording, clinic)
     studio, records = set_up(clinic), tuple(draw_record(clinic, index) for index in range(config.cameras))
     for index, camera in enumerate(clinic.cameras):
-        if clinic.scene is None:  # no image of an empty room for real rooms, which are hardly ever emptied
+        if clinic.scene is None:  # cluttered rooms have no background.png: real rooms are hardly ever emptied
             _write_png(recording / camera.name / "background.png", studio.background_mm(index))
         _write_stamps(recording / camera.name / "timestamps.csv", records[index])
     patient_pixels, contacts, seen, behind = [], [], [], []
@@ -118,7 +118,7 @@ def _write_documents(recording: Path, clinic: Clinic) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """The patient's visibility by frame, as in ``_write_truth``."""
+    """The patient's visibility in each frame; ``_write_truth`` describes the arrays."""
 
     patient_pixels: np.ndarray  # (t,)
     seen_share: np.ndarray  # (t, 21, cameras)
@@ -126,23 +126,24 @@ class Sight:
 
 
 def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight: Sight, contacts: list[Touch]) -> None:
-    """Write the truth with which tracking is compared, by frame of the first camera, world frame, metres.
+    """Write the truth with which tracking is compared: t frames, those of the first camera; places in world metres.
 
     occluded (t,): a hole was cut, or people passing by hide over ``PASSER_HIDES`` of the patient from a camera.
-    Arrays in addition to the keys of the format:
+    In addition to the keys of the file format, there are these arrays (n other people):
 
     - patient_pixels (t,): the patient's pixels of all cameras together
     - seen_share (t, 21, cameras): as in ``seen_shares``
     - touched (t, 31): bones with another person's skin within 3 cm, named by part_names
-    - touched_joints (t, n, 21): joints that each therapist touches
+    - touched_joints (t, n, 21): joints that each other person touches
     - on_equipment (t, parts, 31): bones with skin within 1 cm of each part of the equipment, named by equipment_names
     - held_joints (t, n, 2): the joint that each hand of each therapist holds, -1 = none
-    - clock_late, clock_drift, clock_epoch (cameras,): stamp s was taken at (s - epoch) + late + drift (s - epoch)
+    - clock_late, clock_drift, clock_epoch (cameras,): an image with stamp s was taken at (s - epoch) + late +
+      drift * (s - epoch), seconds
     - taken_s (cameras, t): when the image of that number on the disk was taken, NaN if there is none
     - doubled (cameras, t): whether the image on the disk repeats an earlier image
-    - camera_to_world (cameras, 4, 4): only of real rooms, equal to T_world_camera
-    - only of sessions, the arrays of ``truth_arrays``, and touched_regions (t, n, regions), named by region_names:
-      regions that each person touches; the knee is distinguished from thigh and shank
+    - camera_to_world (cameras, 4, 4): only for cluttered rooms, equal to T_world_camera
+    - only for sessions, the arrays of ``truth_arrays``, and touched_regions (t, n, regions), named by region_names:
+      regions that each other person touches; the knee is a region apart from thigh and shank
     """
     clinic, config, performance = studio.clinic, studio.clinic.config, studio.performances[0]
     person = clinic.patient.person
@@ -181,22 +182,22 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """One camera's files by frame number; all arrays are (t,)."""
+    """One camera's image files, by frame number. All arrays are (t,)."""
 
     kept: np.ndarray  # bool, whether the image is on the disk
-    shown: np.ndarray  # int64, number of the image in the file; of an earlier image if the file is doubled
+    shown: np.ndarray  # int64, number of the image that the file contains; an earlier one if the file is doubled
     stamp_s: np.ndarray  # float64, time in timestamps.csv
     taken_s: np.ndarray  # float64, when the image in the file was taken
 
 
 def draw_record(clinic: Clinic, index: int) -> Record:
-    """Draw which images camera ``index`` writes. The first camera keeps all images, since the truth has its frames."""
+    """Draw which images camera ``index`` writes. The first camera writes all, since the truth has a row for each."""
     config = clinic.config
     nominal_s, taken_s = np.arange(config.frames) / config.fps, clinic.true_times_s(index)
     kept = _kept(clinic, index, nominal_s)
     shown = np.arange(config.frames)
     doubled = (random_stream(config, "doubles", index).random(config.frames) < config.doubled_share) & kept
-    before = np.maximum.accumulate(np.where(kept, shown, -1))  # the last image on the disk up to this frame
+    before = np.maximum.accumulate(np.where(kept, shown, -1))  # number of the last image on the disk, for each frame
     for frame in np.flatnonzero(doubled):
         if frame > 0 and before[frame - 1] >= 0:
             shown[frame] = shown[before[frame - 1]]

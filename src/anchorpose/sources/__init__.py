@@ -1,1 +1,1 @@
-"""Read recordings as recorders write them, each format in its own module."""
+"""Read recordings in the formats of other recording programs (recorders), each format in its own module."""

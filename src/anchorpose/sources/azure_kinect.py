@@ -1,10 +1,10 @@
-"""Read Azure Kinect's recordings (``.mkv``), and the same files from Orbbec Femto's wrapper for it.
+"""Read Azure Kinect's recordings (``.mkv``), also those that Orbbec's wrapper of its SDK writes for Femto cameras.
 
 The layout is that of the published Azure Kinect Sensor SDK (github.com/microsoft/Azure-Kinect-Sensor-SDK, MIT,
 ``src/record``): a Matroska file with the track DEPTH, uncompressed, big-endian, millimetres; the lens in the attachment
 ``calibration.json``; the device's information in tags. Tracks of colour and infrared are never decoded. How the lens is
 read follows three files: ``src/calibration/calibration.c`` (the document),
-``src/transformation/mode_specific_calibration.c`` (crops, binning and the half pixel) and
+``src/transformation/mode_specific_calibration.c`` (crops, binning and the shift by half a pixel) and
 ``src/transformation/intrinsic_transformation.c`` (order and meaning of the parameters). Orbbec's wrapper
 (github.com/orbbec/OrbbecSDK-K4A-Wrapper) has them unchanged.
 """
@@ -37,17 +37,17 @@ MODEL: Final = "CALIBRATION_LensDistortionModelBrownConrady"
 other models.
 """
 SENSOR_PX: Final = 1024
-"""Width and height of the sensor; the SDK also refuses the calibration of a sensor of another size."""
+"""Width and height of the sensor; the SDK, too, refuses the calibration of a sensor of another size."""
 FOCAL: Final = (0.25, 1.0)
-"""Limits of the focal length, divided by the sensor's width; beyond them it is damaged. They correspond to 127 and 53
-degrees of view without distortion; the maker states 120 with distortion. A real file has 0.493.
+"""Limits of the focal length, divided by the sensor's width; a number beyond them is damaged. They correspond to 127
+and 53 degrees of view without distortion; the maker states 120 with distortion. A real file has 0.493.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class DepthMode:
-    """The part of the sensor that a mode reads. binning: sensor pixels per image pixel, along each axis; left, top:
-    image pixels cropped at the left and at the top.
+    """A mode of the depth camera, which reads a part of the sensor. binning: sensor pixels per image pixel, along each
+    axis; left, top: image pixels cropped at the left and at the top.
     """
 
     name: str
@@ -83,7 +83,7 @@ def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
     if centre_x or centre_y:
         raise ValueError("has a centre of distortion, which this lens model lacks")
     size_px = SENSOR_PX / mode.binning
-    # (0, 0) is the corner of the sensor's first pixel in the document, but the centre of the first pixel here
+    # (0, 0) is the corner of the sensor's first pixel in calibration.json, but that pixel's centre in Intrinsics
     return Intrinsics(
         fx=fx * size_px,
         fy=fy * size_px,
@@ -96,7 +96,7 @@ def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
 
 
 def _depth_camera(calibration: bytes) -> dict:
-    """Return the entry of the depth camera."""
+    """Return the entry of the depth camera in the text of ``calibration.json``; raises ValueError as ``lens_of``."""
     try:
         document = parse_json(calibration.rstrip(b"\0"))
         cameras = document["CalibrationInformation"]["Cameras"]
@@ -110,7 +110,7 @@ def _depth_camera(calibration: bytes) -> dict:
 
 
 def _parameters(camera: dict) -> tuple[float, ...]:
-    """Return the fourteen numbers of the depth camera, checked."""
+    """Return the fourteen numbers of the depth camera's lens; raises ValueError if they cannot be those of a lens."""
     try:
         model = camera["Intrinsics"]["ModelType"]
         numbers = np.array(camera["Intrinsics"]["ModelParameters"], dtype=np.float64)
@@ -126,26 +126,26 @@ def _parameters(camera: dict) -> tuple[float, ...]:
 
 
 def _radius(camera: dict) -> float | None:
-    """Return the radius, in units of z, up to which the lens was calibrated; None if the maker gives 0."""
+    """Return sqrt(x² + y²) / z of a ray up to which the lens was calibrated; None if the maker gives 0."""
     radius = camera.get("MetricRadius")
     if not isinstance(radius, int | float) or not np.isfinite(radius) or radius <= 1e-4:
         return None
     return float(radius)
 
 
-EBML: Final = b"\x1a\x45\xdf\xa3"
-SEGMENT: Final = b"\x18\x53\x80\x67"
+EBML: Final = b"\x1a\x45\xdf\xa3"  # first bytes of a Matroska file
+SEGMENT: Final = b"\x18\x53\x80\x67"  # identifier of the element that holds all tracks
 AGAIN: Final = "copy it from the recording computer again"
 CALIBRATION: Final = "calibration.json"
 
 
 def matches(path: Path, head: bytes) -> bool:
-    """Return whether a file is Matroska; ``open_source`` refuses a file without depth."""
+    """Return whether a file is a Matroska file; ``open_source`` later refuses a file without depth."""
     return head.startswith(EBML)
 
 
 def open_source(path: Path) -> AzureKinectFile:
-    """Read tracks, tags and calibration; raises InputError if it has no depth, MissingPackage if PyAV is missing."""
+    """Read a file's tracks, tags and calibration; raises InputError if it has no depth, MissingPackage without PyAV."""
     with _opened(path) as container:
         _, mode = _depth_track(path, container)
         lens, lens_note = _lens(container, mode)
@@ -156,7 +156,7 @@ def open_source(path: Path) -> AzureKinectFile:
             height=mode.height,
             depth_scale=MILLIMETRE_M,
             intrinsics=lens,
-            model=container.metadata.get("title", ""),  # Femto's wrapper also states the name Azure Kinect
+            model=container.metadata.get("title", ""),  # the wrapper for Femto writes Azure Kinect, too
             serial=container.metadata.get("K4A_DEVICE_SERIAL_NUMBER", ""),
         )
     cut = "" if _is_whole(path) else "the file was cut short, or its recorder did not close it: its end may be missing"
@@ -166,8 +166,8 @@ def open_source(path: Path) -> AzureKinectFile:
 
 @dataclass(slots=True, eq=False)
 class AzureKinectFile:
-    """A recording of one camera. start_us: the device's clock at the file's time 0, microseconds; left_out: number of
-    damaged depth images, counted while frames are read (so the class is not frozen).
+    """A recording of one camera. start_us: time of the device's clock at the file's time 0, microseconds; left_out:
+    number of damaged depth images, which is counted while frames are read (so the class is not frozen).
     """
 
     path: Path
@@ -206,12 +206,12 @@ class AzureKinectFile:
         for packet in packets:
             if packet.size == size and packet.pts is not None and packet.pts >= 0:
                 yield packet
-            elif packet.size:  # an empty packet marks the end
+            elif packet.size:  # an empty packet marks the end of the file
                 self.left_out += 1
 
     def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
-        """Leave out packets with a damaged time, which is later than the next packet's or not later than the previous
-        packet's.
+        """Yield the packets without those whose time is damaged: later than the time of the next packet, or not later
+        than that of the previous packet.
 
         A packet is yielded only when the next packet is known: otherwise, after a single time that is far too late, all
         other packets would seem too early.
@@ -243,7 +243,9 @@ def _image(packet: Packet, height: int, width: int) -> np.ndarray:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[InputContainer]:
-    """Open the file with PyAV, which may decode only uncompressed images: colour is not decoded even while probing."""
+    """Open the file with PyAV. It may decode only uncompressed images, so it never decodes colour, not even to detect
+    the formats of the tracks.
+    """
     try:
         import av
     except ImportError:
@@ -260,7 +262,7 @@ def _opened(path: Path) -> Iterator[InputContainer]:
 
 
 def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, DepthMode]:
-    """Return the track of depth and its mode, by its size and by a tag if the file has it."""
+    """Return the depth track and its mode, by the images' size; raises InputError if a tag states another mode."""
     stream = next((video for video in container.streams.video if video.metadata.get("title") == "DEPTH"), None)
     if stream is None:
         raise InputError(
@@ -275,13 +277,13 @@ def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, De
     mode = depth_mode(code.width, code.height)
     if mode is None:
         raise InputError(path, f"has depth images of {code.width} x {code.height}, which no mode has", AGAIN)
-    if stream.metadata.get("K4A_DEPTH_MODE", mode.name).upper() != mode.name:  # early recorders wrote 2x2
+    if stream.metadata.get("K4A_DEPTH_MODE", mode.name).upper() != mode.name:  # early recorders wrote 2X2 as 2x2
         raise InputError(path, f"has depth images of {mode.name} but states another mode", AGAIN)
     return stream, mode
 
 
 def _lens(container: InputContainer, mode: DepthMode) -> tuple[Intrinsics | None, str]:
-    """Return the lens, or None and the reason."""
+    """Return the lens and an empty text, or None and the reason why there is no lens."""
     for attached in container.streams.attachments:
         if attached.name == CALIBRATION or "K4A_CALIBRATION_FILE" in attached.metadata:
             try:
@@ -292,10 +294,10 @@ def _lens(container: InputContainer, mode: DepthMode) -> tuple[Intrinsics | None
 
 
 def _start_us(container: InputContainer) -> tuple[int, str]:
-    """Return the device's clock at the file's time 0, microseconds, and a note where the file does not state it.
+    """Return the device's time at the file's time 0, microseconds, and a note if the file does not state it.
 
-    The recorder subtracts it from all time stamps, and the SDK's player adds it again. K4A_DEPTH_DELAY_NS only pairs
-    depth with colour; the time stamps are as the device gave them.
+    The recorder subtracts this time from all time stamps, and the SDK's player adds it again. The tag
+    K4A_DEPTH_DELAY_NS only serves to pair depth with colour; it does not change the time stamps.
     """
     stated = container.metadata.get("K4A_START_OFFSET_NS", "")
     if re.fullmatch(r"[0-9]{1,19}", stated):
@@ -304,13 +306,15 @@ def _start_us(container: InputContainer) -> tuple[int, str]:
 
 
 def _is_whole(path: Path) -> bool:
-    """Return whether the file is as long as its segment states; a recorder that was killed states no length."""
+    """Return whether the file is as long as its element ``SEGMENT`` states; a recorder that was killed states no
+    length.
+    """
     with open_regular(path) as file:
         head = file.read(4096)
     start = head.find(SEGMENT) + len(SEGMENT)
     if start < len(SEGMENT) or not head[start : start + 1].strip(b"\0"):
         return False
-    width = 9 - head[start].bit_length()  # EBML (RFC 8794): leading zeros give the number of bytes
+    width = 9 - head[start].bit_length()  # EBML (RFC 8794): leading zero bits of a length give its number of bytes
     unknown = (1 << 7 * width) - 1
     length = int.from_bytes(head[start : start + width]) & unknown
     return length != unknown and start + width + length == path.stat().st_size

@@ -1,9 +1,9 @@
-"""Read files of ROS messages as bytes by topic: ROS 1, and ROS 2 in MCAP, by rosbags; ROS 2 in SQLite by Python
-itself.
+"""Read the messages in bags (files of ROS messages) as bytes, by topic. The package rosbags reads ROS 1 bags, and ROS 2
+bags in MCAP; Python's sqlite3 reads ROS 2 bags in SQLite.
 
-Only the file readers of rosbags are used: it could not decode the messages of RealSense and Orbbec, whose embedded
-definitions lack fields. A ROS 1 bag that was cut off has no index; its chunks are then read one after the other. Other
-damage ends the reading, with the name of the tool that repairs the file.
+Only the file readers of rosbags are used: it could not decode the messages of RealSense and Orbbec, because the
+definitions of these messages in the bag lack fields. A ROS 1 bag that was cut off has no index, so its chunks are read
+one after the other. Any other damage ends the reading, and a note names the tool that repairs the file.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 SQLITE_MAGIC: Final = b"SQLite format 3\0"
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
-# maximum number of bytes of an unpacked message, a hundred times the usual, since a damaged file may state any size
+# bytes, maximum size of an unpacked message: a hundred times the usual, since a damaged file may state any size
 _LARGEST_BYTES: Final = 1 << 30
-_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # values of the field "op" in ROS 1
+_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # field "op" of each kind of record in ROS 1
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
 
@@ -52,7 +52,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Message:
-    """The bytes of one message; received_ns: time of receipt, by the recorder's clock."""
+    """One message as bytes; received_ns: time of receipt in nanoseconds, by the recorder's clock."""
 
     channel: Channel
     received_ns: int
@@ -77,12 +77,12 @@ class BagFile(ABC):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Return all topics of the file; two publishers on a topic are one channel."""
+        """Return all topics of the file; several publishers on one topic are one channel."""
         return tuple(dict.fromkeys(self._channels.values()))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences on the parts that could not be read; complete after everything was read."""
+        """Return sentences on the parts that could not be read; they are complete after everything was read."""
         return (self._damage,) if self._damage else ()
 
     def count(self, topic: str) -> int | None:
@@ -95,7 +95,7 @@ class BagFile(ABC):
         numbers, self._damage = self._on(topics), ""
         try:
             for number, received_ns, data in self._read(numbers) if numbers else ():
-                if self._channels[number].topic in topics:  # in a damaged file, two topics may have the same number
+                if self._channels[number].topic in topics:  # two topics of a damaged file may share a number
                     yield Message(self._channels[number], received_ns, _unpack(data))
         except Exception as error:
             self._damage = (
@@ -104,18 +104,18 @@ class BagFile(ABC):
 
     @abstractmethod
     def _open(self) -> list[tuple[int, Channel, int | None]]:
-        """Return number, channel and count of messages of each connection."""
+        """Return number, channel and count of messages of each connection (a publisher on a topic)."""
 
     @abstractmethod
     def _read(self, numbers: Collection[int]) -> Iterable[tuple[int, int, bytes]]:
-        """Yield number, time of receipt (ns) and bytes of the messages of some connections."""
+        """Yield connection number, time of receipt (ns) and bytes of each message of the connections ``numbers``."""
 
     def _on(self, topics: Collection[str]) -> list[int]:
         return [number for number, channel in self._channels.items() if channel.topic in topics]
 
 
 class _RosbagsFile(BagFile):
-    """A file that a rosbags reader keeps open."""
+    """A file that rosbags reads and keeps open."""
 
     cdr = True
 
@@ -151,7 +151,7 @@ class McapFile(_RosbagsFile):
 
 
 class Ros1File(_RosbagsFile):
-    """A bag of ROS 1 (wiki.ros.org/Bags/Format/2.0), also without its index."""
+    """A bag of ROS 1 (wiki.ros.org/Bags/Format/2.0), which is also read if its index is missing."""
 
     cdr = False
     repair = "repair it with 'rosbag reindex FILE', or record again"
@@ -175,7 +175,7 @@ class Ros1File(_RosbagsFile):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return sentences on the parts that could not be read; complete after everything was read."""
+        """Return sentences on the parts that could not be read; they are complete after everything was read."""
         cut = f"{self._path.name} has no usable index, as where recording was cut off; it was read as far as it goes."
         return super().notes if self._indexed else (cut,)
 
@@ -187,7 +187,9 @@ class Ros1File(_RosbagsFile):
 
 
 def _scan(path: Path) -> Iterator[tuple[int, int, bytes | Channel]]:
-    """Yield messages and connections of a ROS 1 bag without index, chunk by chunk until a chunk is cut off."""
+    """Read a ROS 1 bag chunk by chunk, without its index, until a chunk is cut off. Yield (connection number, time in
+    ns, bytes) for each message, and (connection number, 0, channel) for each connection.
+    """
     from rosbags.rosbag1.reader import Header, decompressors
 
     with open_regular(path) as bag:
@@ -197,7 +199,7 @@ def _scan(path: Path) -> Iterator[tuple[int, int, bytes | Channel]]:
                 continue
             try:
                 content = decompressors[chunk.get_string("compression")](packed)
-            except Exception:  # each library raises other errors, all of which mean damaged data
+            except Exception:  # each decompressor has its own errors, which all mean damage
                 return
             for header, data in _records(BytesIO(content)):
                 if header.get("op") == _CONNECTION:
@@ -230,9 +232,9 @@ class Ros2Database(BagFile):
     def _open(self) -> list[tuple[int, Channel, int | None]]:
         with open_regular(self._path) as file:
             head, size = file.read(32), file.seek(0, 2)
-        page = int.from_bytes(head[16:18], "big")  # sqlite.org/fileformat; 1 stands for 65536
+        page = int.from_bytes(head[16:18], "big")  # page size (sqlite.org/fileformat); 1 means 65536
         if size < int.from_bytes(head[28:32], "big") * (65536 if page == 1 else page):
-            raise DamagedBag("its end is missing")  # SQLite would fill the rest with zeros
+            raise DamagedBag("its end is missing")  # SQLite would take the missing bytes as zeros
         topics = "SELECT id, name, type, (SELECT COUNT(*) FROM messages WHERE topic_id = topics.id) FROM topics"
         with closing(self._connect()) as connection:
             return [
@@ -248,14 +250,14 @@ class Ros2Database(BagFile):
                 yield number, int(received_ns), bytes(data)
 
     def _connect(self) -> sqlite3.Connection:
-        """Open the database read only: nothing is written beside the file either, unless a recorder left a journal
-        there.
+        """Open the database read only. Nothing is written beside the file either, unless a recorder left a journal of
+        SQLite there.
         """
         return sqlite3.connect(f"{self._path.resolve().as_uri()}?mode=ro", uri=True)
 
 
 class BagFolder:
-    """Several files read as one, in sequence."""
+    """Several files of one recording, read in sequence as one file."""
 
     def __init__(self, files: Sequence[BagFile]) -> None:
         self._files = files
@@ -285,7 +287,9 @@ Bag = BagFile | BagFolder
 
 
 def open_bag(path: Path) -> Bag:
-    """Open a file, or a folder of ROS 2; raises InputError and MissingPackage."""
+    """Open a bag, or a folder of ROS 2 with several bags; raises InputError if a bag cannot be opened, MissingPackage
+    if the package that reads it is missing.
+    """
     if path.is_dir():
         return BagFolder([_open_file(file) for file in files_of(path)])
     return _open_file(path)
@@ -323,7 +327,7 @@ def _kind(name: str) -> str:
 
 
 def _damaged(error: Exception) -> DamagedBag:
-    """Convert a library's error to DamagedBag; errors of the disk and missing packages are raised again."""
+    """Convert a library's error to DamagedBag; an error of the disk or a MissingPackage is raised again."""
     if isinstance(error, DamagedBag):
         return error
     # a damaged bz2 stream raises OSError without errno, a position outside the file OSError with EINVAL
@@ -334,7 +338,7 @@ def _damaged(error: Exception) -> DamagedBag:
 
 
 def _unpack(data: bytes) -> bytes:
-    """Unpack a message that may be packed with zstd, as RealSense and ROS 2 do without a mark in the message.
+    """Unpack a message if it is packed with zstd, as RealSense and ROS 2 may do without stating it in the message.
 
     An unpacked message in CDR begins with a zero byte, so it cannot be taken for a packed one.
     """
@@ -347,4 +351,4 @@ def _unpack(data: bytes) -> bytes:
     try:
         return bytes(zstd.ZstdDecompressor().decompress(data, max_length=_LARGEST_BYTES))
     except zstd.ZstdError:
-        return b""  # too short for any message: it counts as damaged
+        return b""  # no message is so short, so this one counts as damaged

@@ -1,7 +1,7 @@
-"""Convert recorders' files to a recording folder. The conversion is streamed and can be resumed. Until it is
+"""Convert recorders' files to a recording folder, image by image. A stopped conversion can be resumed; until it is
 complete, the folder is not a recording.
 
-conversion.json holds the inputs and options, to resume or repeat the conversion.
+conversion.json in this folder identifies the inputs and options, so that the conversion can be resumed or repeated.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ from anchorpose.threads import one_thread
 CONVERSION_FILE: Final = "conversion.json"
 LOCK_FILE: Final = ".conversion.lock"
 
-BLOCK: Final = 65536
-BLOCKS: Final = 16  # number of blocks sampled in a large file; in another recording, the noise differs in all of them
+BLOCK: Final = 65536  # size in bytes of each piece (block) of a file that is hashed
+BLOCKS: Final = 16  # number of hashed blocks of a large file; the sensor noise in them identifies a recording
 
-SMALL: Final = 65536
+SMALL: Final = 65536  # maximum size in bytes of a text file that is hashed whole
 LISTED: Final = 200
-"""Maximum number of text files, up to ``SMALL`` bytes each, that are read whole: a corrected lens may not change a
-file's size.
+"""Maximum number of text files in a folder that are hashed whole. Their sizes do not suffice, since correcting a lens
+may leave a file's size unchanged.
 """
 
 TEXTS: Final = {".json", ".txt", ".csv", ".yaml", ".yml"}
 
 
 def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict[str, Any]:
-    """Return the content of conversion.json, which identifies a conversion: the program's version, the inputs' content
-    and the options.
+    """Return the content of conversion.json, which identifies a conversion by the program's version, a hash of the
+    inputs and the options.
     """
     prints = [(path, fingerprint(path)) for path in inputs]
     return {
@@ -70,8 +70,8 @@ def read_conversion(folder: Path) -> dict[str, Any] | None:
 
 
 def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
-    """Return whether a folder was converted from the same inputs with the same options; the inputs may have been
-    renamed.
+    """Return whether two conversion.json identify the same conversion: same version, options and content of inputs. The
+    inputs may have been renamed.
     """
 
     def identity(document: dict[str, Any]) -> tuple[Any, ...]:
@@ -83,8 +83,8 @@ def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
 
 
 def is_untouched(folder: Path) -> bool:
-    """Return whether a folder with a conversion.json has only the files that the conversion wrote, as far as names and
-    recording.json show. Then it can be converted again without losing anyone's work.
+    """Return whether a folder with a conversion.json has only what the conversion wrote, as far as file names and the
+    content of recording.json show. Such a folder can be converted again without losing anyone's work.
     """
     for file in folder.iterdir():
         of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
@@ -98,8 +98,8 @@ def is_untouched(folder: Path) -> bool:
 
 
 def fingerprint(path: Path) -> tuple[int, str]:
-    """Return the total bytes, and a SHA-256 of names, sizes and samples of the content; the location does not
-    matter.
+    """Return the size in bytes of a file or folder, and a SHA-256 of samples of its content and, for a folder, of the
+    names and sizes of its files. The place of the file or folder does not matter.
     """
     digest = hashlib.sha256()
     if path.is_file():
@@ -137,7 +137,7 @@ ENDING: Final = ".anchorpose"
 
 @dataclass(frozen=True, slots=True)
 class Converted:
-    """The result of a conversion. cameras: name and number of depth images; notes: sentences for the user."""
+    """The result of a conversion. cameras: (name, number of depth images); notes: sentences for the user."""
 
     folder: Path
     cameras: tuple[tuple[str, int], ...]
@@ -145,10 +145,11 @@ class Converted:
 
 
 def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress: Progress) -> Converted:
-    """Write the recording ``out`` from recorders' files and folders; recording.json comes last.
+    """Write the recording ``out`` from recorders' files and folders; recording.json is written last.
 
     A stopped conversion of the same inputs with the same options is resumed. Raises InputError before anything is
-    written if an input cannot be used, if only the user has missing information, or if ``out`` has other content.
+    written if an input cannot be used, if information is missing that only the user can give, or if ``out`` has other
+    content. progress is called with (done, total) images; total is None if unknown.
     """
     check_places(inputs, out)
     sources = [open_source(path) for path in inputs]
@@ -175,7 +176,7 @@ def _convert(
         else:
             notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
             _finish(out, begun, plan, counts, notes)
-    if refusal is not None:  # the content of the files causes the error: continuing would not help
+    if refusal is not None:  # the files cause the error, so the conversion cannot be resumed
         if is_untouched(out):
             shutil.rmtree(out)
         raise refusal
@@ -183,7 +184,7 @@ def _convert(
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
-    """Raise InputError if ``out`` cannot be written, or an input would be given twice or overwritten."""
+    """Raise InputError if ``out`` cannot be written, or an input is given twice or would be overwritten."""
     check_place(out, *inputs)
     sources = [path.resolve() for path in inputs]
     for path, source in zip(inputs, sources, strict=True):
@@ -197,7 +198,9 @@ def check_places(inputs: Sequence[Path], out: Path) -> None:
 
 @contextmanager
 def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
-    """Claim ``out`` with its conversion.json for this program alone; raises InputError if it has other content."""
+    """Lock ``out`` for this process and write its conversion.json; raises InputError if it has other content or another
+    process has locked it.
+    """
     if out.is_dir() and any(file.name != LOCK_FILE for file in out.iterdir()):
         found = read_conversion(out)
         if found is None:
@@ -218,14 +221,14 @@ def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
         yield
     finally:
         lock.release()
-        with suppress(OSError):  # another process of anchorpose may hold the file by now
+        with suppress(OSError):  # another process of anchorpose may hold the lock file by now
             (out / LOCK_FILE).unlink()
 
 
 def _write_images(
     sources: Sequence[Source], plan: Plan, out: Path, options: ConvertOptions, progress: Progress
 ) -> tuple[dict[str, int], tuple[str, ...]]:
-    """Write all images; return their number by camera, and notes. Raises InputError if no image can be read."""
+    """Write all images; return each camera's number of images, and notes. Raises InputError if no image can be read."""
     counts, notes = dict[str, int](), list[str]()
     expected = [one.count for own in plan.cameras for one in own]
     total = None if None in expected else sum(count or 0 for count in expected)
@@ -261,7 +264,7 @@ def _require_images(source: Source, cameras: Sequence[CameraPlan], counts: dict[
 
 
 def _finish(out: Path, begun: dict[str, Any], plan: Plan, counts: dict[str, int], notes: tuple[str, ...]) -> None:
-    """Write recording.json last: without it the folder is not a recording."""
+    """Drop cameras without images, and write recording.json last: without it the folder is not a recording."""
     cameras = [own.document() for group in plan.cameras for own in group if counts[own.camera.name]]
     for name, count in counts.items():
         if not count:
@@ -278,7 +281,7 @@ def _json(document: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class DirectInput:
-    """The input of a command, and the recording to use. ready: whether nothing needs to be converted."""
+    """The input of a command, and the recording to use for it. ready: False if it must be converted first."""
 
     given: Path
     recording: Path
@@ -286,10 +289,11 @@ class DirectInput:
 
 
 def look_at(path: Path) -> DirectInput:
-    """Identify the kind of ``path``. A recording, and a path that no reader recognises, is left to ``open_recording``.
+    """Find the recording to use for the path that a user gave: the path itself if it is a recording or no reader
+    recognises it (``open_recording`` then reports the problem), otherwise its conversion beside it.
 
-    Raises InputError if an earlier recording is there that was converted from other content and contains files added
-    by hand.
+    A conversion beside it that was made from other content or by another version is removed. Raises InputError if files
+    in that conversion were added or changed since, or if anything else has its name.
     """
     if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:
         return DirectInput(path, path, True)
@@ -313,7 +317,7 @@ def look_at(path: Path) -> DirectInput:
 
 
 def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
-    """Convert an input that is not ready and return the notes; raises InputError with a workaround where it cannot."""
+    """Convert an input that is not ready; return the notes. Raises InputError if it cannot write beside the input."""
     if not _may_write(direct.recording.parent):
         remedy = f"make the recording elsewhere with 'anchorpose convert {direct.given.name} OUT'"
         raise InputError(direct.recording.parent, "cannot be written", remedy)
@@ -321,8 +325,6 @@ def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
 
 
 def _may_write(folder: Path) -> bool:
-    """Return whether a folder may be written; a folder marked as read-only may not be written, even by
-    administrators.
-    """
+    """Return whether a folder may be written. A folder that is marked as read-only may not, even by administrators."""
     marked = os.name == "posix" and not folder.stat().st_mode & 0o222
     return not marked and os.access(folder, os.W_OK)

@@ -1,4 +1,4 @@
-"""Read depth images in single files, 16-bit grey PNG and PGM, and interpret their names."""
+"""Read depth images in single files, 16-bit grey PNG and PGM; read numbers in their names; convert metres to grey."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ ENDINGS: Final = {".png", ".pgm"}
 Size = tuple[int, int]
 """Width and height in pixels."""
 
-# metres per grey value, for images of up to 16, 33 and 65 m; the steps of depth cameras are coarser
+# metres per grey value, for readings of up to 16, 33 and 65 m; the steps of depth cameras are coarser
 _SCALES: Final = (0.00025, 0.0005, 0.001)
-_WHOLE_MM: Final = 0.01  # tolerance in millimetres within which a reading is a whole millimetre
-_SPARE: Final = 1.25  # factor by which the range of later images may exceed that of the first
+_WHOLE_MM: Final = 0.01  # tolerance in millimetres within which a reading counts as a whole number of millimetres
+_SPARE: Final = 1.25  # factor by which readings of later images may exceed the largest reading of the first image
 GREY_M: Final = _SCALES[0]
-"""Metres per grey value if only reading the whole file would show its range: up to 16.4 m, rounded by at most an eighth
-of a millimetre.
+"""Metres per grey value for files in metres whose largest reading is unknown until the whole file is read. Readings
+reach 16.4 m, and are rounded by at most an eighth of a millimetre.
 """
 
 
@@ -39,7 +39,7 @@ class FrameFile:
 
 
 class ImageFiles:
-    """A source whose depth images of one camera are single files; ``read`` decodes one of them."""
+    """A source of one camera whose depth images are single files; ``read`` decodes one file."""
 
     def __init__(
         self,
@@ -66,7 +66,7 @@ class ImageFiles:
         return (*self._notes, damaged)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; skipped images are decoded as well, so that damaged images are counted."""
+        """Yield the depth images in order; skipped images are decoded too, so that all damaged ones are counted."""
         taken = 0
         for file in self._files:
             grey, problem = self._read(file.path, self.cameras[0])
@@ -80,9 +80,10 @@ class ImageFiles:
 
 
 def read_grey_image(path: Path, camera: SourceCamera) -> tuple[np.ndarray | None, str]:
-    """Read the grey values (height, width) uint16 of a PNG or PGM file, or return None and the problem.
+    """Read a PNG or PGM file; return its grey values (height, width) uint16 and an empty text, or None and the problem.
 
-    Raises OSError, for example for an unplugged disk: the image is not damaged, and the conversion can be resumed.
+    Raises OSError if the file cannot be read, for example because a disk was unplugged: such an image does not count as
+    damaged, so the conversion can be resumed.
     """
     with open_regular(path) as file:
         data = file.read(largest_png(camera.width, camera.height) + 1)
@@ -92,7 +93,7 @@ def read_grey_image(path: Path, camera: SourceCamera) -> tuple[np.ndarray | None
 
 
 def grey_size(path: Path) -> Size | None:
-    """Return the size of an image by its header; None unless it is 16-bit grey PNG or PGM."""
+    """Return the size of an image from its header; None unless it is a 16-bit grey PNG or PGM file."""
     try:
         with open_regular(path) as file:
             head = file.read(512)
@@ -124,21 +125,21 @@ def images_in(folder: Path) -> list[Path]:
 
 
 def natural_order(path: Path) -> tuple[tuple[bool, int, str], ...]:
-    """Return a key by which names are sorted by the numbers in them."""
+    """Return a sort key by which numbers in file names are compared as numbers: 2 before 10."""
     parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
     return tuple((part[0] in "0123456789", int(part[:18]) if part[0] in "0123456789" else 0, part) for part in parts)
 
 
 def number_of(path: Path) -> int | None:
-    """Return the only number in a file's name; None for no number, several numbers, or a number with too many digits to
-    count images.
+    """Return the number in a file's name; None if there is no number, several numbers, or a number with too many digits
+    to be an image's number.
     """
     numbers = re.findall(r"[0-9]+", path.stem)
     return int(numbers[0]) if len(numbers) == 1 and len(numbers[0]) <= 9 else None
 
 
 def _pgm_header(data: bytes) -> tuple[int, int, int] | None:
-    """Return width, height and the offset of the pixels in a PGM file with two bytes per pixel; None for any other."""
+    """Return width, height and offset of the pixels of a PGM file with two bytes per pixel; None for others."""
     gap = rb"(?:\s|#[^\n]*\n)+"
     match = re.match(rb"P5" + gap + rb"(\d{1,5})" + gap + rb"(\d{1,5})" + gap + rb"(\d{1,5})\s", data)
     if match is None or not 255 < int(match[3]) < 65536:
@@ -160,10 +161,10 @@ def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, s
 
 
 def scale_of(metres: np.ndarray) -> float | None:
-    """Return the metres per grey value that preserve an image; None without a reading.
+    """Choose the metres per grey value for a camera from an image (height, width) in metres; None without a reading.
 
-    It is a millimetre if all readings are whole millimetres. Otherwise it is the finest of a few scales whose range is
-    larger by a quarter than that of the image.
+    The result is a millimetre if all readings are whole millimetres. Otherwise it is the finest of a few scales that
+    can represent a quarter more than the largest reading.
     """
     given = metres[np.isfinite(metres)].astype(np.float64)
     if given.size == 0:
@@ -174,8 +175,8 @@ def scale_of(metres: np.ndarray) -> float | None:
 
 
 def grey_of_metres(metres: np.ndarray, scale: float) -> tuple[np.ndarray, int]:
-    """Convert to grey (height, width) uint16, 0 = no reading, and count readings that are too far for the scale, which
-    become 0.
+    """Convert metres (height, width) to grey values uint16, 0 = no reading; also return the number of readings that are
+    too far for the scale, which become 0.
     """
     with np.errstate(invalid="ignore"):
         grey = np.round(metres.astype(np.float64) / scale)
@@ -185,5 +186,5 @@ def grey_of_metres(metres: np.ndarray, scale: float) -> tuple[np.ndarray, int]:
 
 
 def to_grey(depth_m: np.ndarray) -> np.ndarray:
-    """Convert (height, width) metres to uint16 in steps of ``GREY_M``; 0 without a reading, and beyond 16.4 m."""
+    """Convert (height, width) metres to uint16 in steps of ``GREY_M``; 0 without a reading or beyond 16.4 m."""
     return grey_of_metres(np.asarray(depth_m), GREY_M)[0]

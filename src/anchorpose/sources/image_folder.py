@@ -1,8 +1,8 @@
-"""Read depth images as one array, or as a folder of files with a sidecar that describes them.
+"""Read depth images from an array file, a folder of image files, or raw dumps with a sidecar that describes them.
 
-Arrays: NumPy's .npy of (images, height, width). Folders: 16-bit grey PNG or PGM, also in a subfolder ``depth``, or raw
-dumps of 16-bit values, either one file for all images, or a folder with one file per image. Numbers in the names show
-which images are missing; a sidecar depth.json may give the lens, the unit and the rate.
+An array is NumPy's .npy of (images, height, width). A folder has 16-bit grey PNG or PGM files, also in a subfolder
+``depth``. Raw dumps hold 16-bit values, either one file for all images, or a folder with one file per image. Numbers in
+the file names show which images are missing. A sidecar (a JSON file) may give the lens, the unit and the rate.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
-# m, minimum median of depth in metres; depth in millimetres has a median beyond ``FARTHEST_M``
+# m, minimum median of readings that are in metres; readings in millimetres have a median beyond ``FARTHEST_M``
 NEAREST_M: Final = 0.1
 
-_NPY: Final = b"\x93NUMPY"
+_NPY: Final = b"\x93NUMPY"  # first bytes of NumPy's files
 
 
 class ImageArray:
-    """All depth images of one camera, stored contiguously; ``read`` returns one by its position, as uint16."""
+    """A source of one camera whose depth images are one array; ``read`` returns the image at a position, as uint16."""
 
     def __init__(
         self,
@@ -72,13 +72,13 @@ class ImageArray:
 
 
 def _reader(path: Path, start: int, shape: tuple[int, ...], kind: np.dtype[Any]) -> Callable[[int], np.ndarray]:
-    """Return a function that reads the image (height, width) at a position; InputError if the file ends there."""
+    """Return a function that reads the image at a position; it raises InputError if the file ends within this image."""
     size = math.prod(shape) * kind.itemsize
 
     def read(position: int) -> np.ndarray:
         with open_regular(path) as file:
             place = file.seek(start + position * size)
-            data = file.read(min(size, max(0, path.stat().st_size - place)))  # the stated size may be damaged
+            data = file.read(min(size, max(0, path.stat().st_size - place)))  # the file's header may state a wrong size
         if len(data) < size:
             raise InputError(path, f"ends within image {position}", "copy or save it again")
         return np.frombuffer(data, kind).reshape(shape)
@@ -87,12 +87,12 @@ def _reader(path: Path, start: int, shape: tuple[int, ...], kind: np.dtype[Any])
 
 
 def _is_array(path: Path, head: bytes) -> bool:
-    """Return whether this is an array of NumPy."""
+    """Return whether a file is an array of NumPy."""
     return head.startswith(_NPY)
 
 
 def _open_array(path: Path) -> ImageArray:
-    """Open an array; raises InputError if it does not hold depth images."""
+    """Open an array of NumPy; raises InputError if it does not hold depth images."""
     with open_regular(path) as file:
         try:
             shape, columns, kind = _npy_header(file)
@@ -108,9 +108,10 @@ def _open_array(path: Path) -> ImageArray:
 def image_array(
     path: Path, shape: tuple[int, int, int], kind: np.dtype[Any], read: Callable[[int], np.ndarray]
 ) -> ImageArray:
-    """Make the source of an array (images, height, width); ``read`` returns an image by its position, as stored.
+    """Make the source of an array with the shape (images, height, width) and numbers of the type ``kind``. read:
+    function that returns the image at a position as it is stored.
 
-    Raises InputError if its size or its numbers are not those of depth images.
+    Raises InputError if the size or the numbers of the array are not those of depth images.
     """
     count, height, width = shape
     if count < 1 or not (0 < height <= LARGEST_SIDE_PX and 0 < width <= LARGEST_SIDE_PX):
@@ -131,7 +132,7 @@ def _as_uint16(image: np.ndarray) -> np.ndarray:
 
 
 def _require_metres(path: Path, image: np.ndarray) -> None:
-    """Raise InputError if the median of the readings cannot be in metres."""
+    """Raise InputError if the median of an image's readings cannot be a distance in metres."""
     seen = image[np.isfinite(image) & (image > 0)]
     if len(seen) and not NEAREST_M < float(np.median(seen)) < FARTHEST_M:
         problem = f"holds depth of {float(np.median(seen)):.4g} in the middle, which is no distance in metres"
@@ -148,15 +149,18 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 SIDECAR: Final = "depth.json"
 """Name of the sidecar of a folder; the sidecar of a single file has the file's name with the ending .json."""
 
-# number of images tested before a folder counts as a folder without depth, since it may also hold colour
+# maximum number of a folder's images that are tested, one of which must be 16-bit grey; the folder may hold colour
+# images too
 LOOK_AT: Final = 100
 
 FASTEST_S, SLOWEST_S = 0.003, 1.0
-"""Limits in seconds of the time between two images of a depth camera; numbers with other steps are not times."""
+"""Minimum and maximum time in s between two images of a depth camera; numbers in file names that usually differ by less
+or by more are not times.
+"""
 
 
 class SidecarDocument(Entry):
-    """A ``depth-sidecar``: information about depth images; ``width`` and ``height`` are needed for raw dumps only."""
+    """A ``depth-sidecar``, a file about depth images; ``width`` and ``height`` are needed for raw dumps only."""
 
     format: Literal["depth-sidecar"]
     version: Version
@@ -172,12 +176,12 @@ class SidecarDocument(Entry):
 
 
 def _is_images(path: Path, head: bytes) -> bool:
-    """Return whether a folder, or its ``depth``, holds 16-bit grey images."""
+    """Return whether a folder, or its subfolder ``depth``, holds 16-bit grey images."""
     return path.is_dir() and any(grey_size(file) is not None for file in _images(path)[:LOOK_AT])
 
 
 def _open_images(path: Path) -> ImageFiles:
-    """Open a folder of images; raises InputError if the sidecar cannot be used."""
+    """Open a folder of images; raises InputError if its sidecar cannot be used."""
     images = _images(path)
     width, height = first_size(path, images)
     grey = [file for file in images if grey_size(file) is not None]
@@ -194,8 +198,8 @@ def _open_images(path: Path) -> ImageFiles:
 
 
 def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
-    """Return the images with times from ``<number>-<microseconds>`` in their names, else their numbers, and whether
-    these are times. Images without numbers in their names are counted.
+    """Return the images with their times and True, if the names are ``<number>-<microseconds>``. Otherwise return them
+    with the numbers in their names, or with their positions if there are no such numbers, and False.
     """
     stamps = [re.fullmatch(r"\D*\d+-(\d{9,})", file.stem) for file in images]
     micros = [int(stamp[1]) for stamp in stamps if stamp is not None]
@@ -210,7 +214,7 @@ def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
 
 
 def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> SourceCamera:
-    """Return ``camera`` completed by the sidecar ``path``; raises InputError if the images have another size."""
+    """Return ``camera`` completed by the sidecar ``given``; raises InputError if it states another image size."""
     for name, own, said in (("width", camera.width, given.width), ("height", camera.height, given.height)):
         if said is not None and said != own:
             raise InputError(path, f"{name} is {said}, the images have {own}", "correct the number")
@@ -225,8 +229,9 @@ def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> Sourc
 
 
 def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndarray | None:
-    """Return (n,) seconds of images with these numbers, or None; raises InputError if ``times_s`` has another
-    length."""
+    """Return the times (n,) in seconds of images with these numbers (n,) by a sidecar; None if it has neither times nor
+    a rate. Raises InputError if it has another number of times.
+    """
     if given.times_s is not None:
         if len(given.times_s) != len(numbers):
             problem = f"times_s has {len(given.times_s)} times for {len(numbers)} depth images"
@@ -236,7 +241,7 @@ def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndar
 
 
 def file_times(given: SidecarDocument, path: Path, files: Sequence[FrameFile]) -> list[FrameFile] | None:
-    """Return the files, now numbered, with the sidecar's times; None if the sidecar has no times."""
+    """Return the files with the sidecar's times in place of their numbers; None if the sidecar has no times."""
     times = times_of(given, path, np.array([file.time_s for file in files]))
     return None if times is None else [replace(file, time_s=t) for file, t in zip(files, times.tolist(), strict=True)]
 
@@ -246,7 +251,7 @@ def _images(path: Path) -> list[Path]:
 
 
 def _is_raw_dump(path: Path, head: bytes) -> bool:
-    """Return whether a sidecar that gives a size describes this file or folder."""
+    """Return whether a sidecar is beside this file, or in this folder of raw files."""
     sidecar = _sidecar(path)
     if sidecar == path:
         return False
@@ -262,7 +267,7 @@ def _is_raw_dump(path: Path, head: bytes) -> bool:
 
 
 def _open_raw(path: Path) -> Source:
-    """Open a raw dump; raises InputError if the sidecar does not fit."""
+    """Open a raw dump; raises InputError if its sidecar cannot be used or does not fit the files."""
     sidecar = _sidecar(path)
     given = read_document(sidecar, SidecarDocument)
     if given.width is None or given.height is None:

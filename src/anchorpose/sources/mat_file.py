@@ -1,7 +1,7 @@
 """Read depth images from a MATLAB file of level 5 (MathWorks, "MAT-File Format"), compressed or not.
 
-The array is (height, width, images), uint16 or metres. scipy's reader is not used: it trusts the tags of the elements,
-and a single damaged byte in a tag crashed the process.
+The array must have the shape (height, width, images), and hold uint16 or metres. scipy's reader is not used: it trusts
+the tags (type and size) of the file's elements, and a single damaged byte in a tag crashed the process.
 """
 
 from __future__ import annotations
@@ -23,21 +23,23 @@ from anchorpose.sources.image_folder import ImageArray, image_array
 from anchorpose.sources.source import Reader
 
 HEADER_BYTES: Final = 128
-_ORDER_AT: Final = slice(126, 128)
+_ORDER_AT: Final = slice(126, 128)  # bytes of the header that state the byte order
 _INT8, _INT32, _UINT32, _MATRIX, _COMPRESSED = 1, 5, 6, 14, 15
 _STORED: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-"""Types of numbers in the file; MATLAB stores an array in the smallest type that holds its values."""
+"""Types of stored numbers, by their codes; MATLAB stores an array in the smallest type that holds its values."""
 
 _CLASSES: Final = {6: "f8", 7: "f4", 11: "u2"}
-"""Classes of arrays that can be depth: double, single and uint16."""
+"""Classes of arrays that can be depth, by their codes: double, single and uint16."""
 
-_COMPLEX: Final = 0x800
+_COMPLEX: Final = 0x800  # flag of an array of complex numbers
 _HEAD_BYTES: Final = 4096  # number of bytes at the beginning of a compressed array that hold its class, shape and name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatArray:
-    """An array of a file that is not read yet; content: its element, compressed or not."""
+    """An array whose values are not read yet. dtype: type of its values; order: byte order of the file; content: the
+    array's bytes in the file, which are compressed or not.
+    """
 
     name: str
     shape: tuple[int, ...]
@@ -48,7 +50,7 @@ class MatArray:
 
     @property
     def size_bytes(self) -> int:
-        """Return the bytes in memory."""
+        """Return the size of the values in memory in bytes."""
         return math.prod(self.shape) * self.dtype.itemsize
 
     def read(self) -> np.ndarray:
@@ -66,8 +68,8 @@ class MatArray:
 
 
 def list_arrays(data: memoryview) -> list[MatArray]:
-    """List the arrays of a file that can be depth, in order; raises ValueError, LookupError, struct.error or zlib.error
-    where it is damaged or cut off.
+    """List the arrays of a file that can be depth, in the file's order; raises ValueError, LookupError, struct.error or
+    zlib.error if the file is damaged or cut off.
     """
     order = {b"IM": "<", b"MI": ">"}[bytes(data[_ORDER_AT])]
     found = list[MatArray]()
@@ -89,14 +91,14 @@ def list_arrays(data: memoryview) -> list[MatArray]:
 
 
 def _body(data: memoryview, order: str) -> memoryview:
-    """Return the content of the compressed array, as far as it was unpacked."""
+    """Return the content of an array's element, without its tag; data: the element as far as it was unpacked."""
     if len(data) < 8 or struct.unpack_from(f"{order}I", data) != (_MATRIX,):
         raise ValueError("a compressed element that is not an array")
     return data[8:]
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Yield type and content of each element; raises ValueError if one ends beyond the data."""
+    """Yield type and content of each element; raises ValueError if an element ends beyond the data."""
     place = 0
     while place < len(data):
         kind, size = struct.unpack_from(f"{order}II", data, place)
@@ -112,14 +114,14 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
 
 
 def _is_mat(path: Path, head: bytes) -> bool:
-    """Return whether this is a MATLAB file of level 5."""
+    """Return whether a file is a MATLAB file of level 5."""
     return head.startswith(b"MATLAB 5.0")
 
 
 def _open_mat(path: Path) -> ImageArray:
     """Open a MATLAB file, which cannot be read in part: the whole array is held in memory.
 
-    Raises InputError if the file is damaged, cut off, or has no array or several that could be depth.
+    Raises InputError if the file is damaged or cut off, or does not have exactly one array that could be depth.
     """
     data = memoryview(read_whole(path, LARGEST_ARRAYS, "save it in several files, or as .npy"))
     try:

@@ -2,8 +2,8 @@
 
 Stray Scanner (github.com/strayrobots/scanner, docs/format.md): depth is 16-bit PNG in mm, camera_matrix.csv is for the
 video's pixels, odometry.csv has the time of every image. Record3D (record3d.app): a zip with ``metadata`` (JSON) and
-rgbd/<n>.depth, metres as float32 packed with LZFSE. In the metadata, K is written column by column, for the colour
-image of w x h pixels; dw x dh is the size of depth.
+rgbd/<n>.depth, metres as float32 packed with LZFSE. In the metadata, the lens matrix K is written column by column, for
+the colour image of w x h pixels; dw x dh is the size of depth.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ from anchorpose.sources.source import (
     read_matrix,
 )
 
-VIDEO: Final = (1920, 1440)  # width and height of the colour image of these devices; checked by the principal point
+VIDEO: Final = (1920, 1440)  # pixels, size of these devices' colour image; checked against the principal point
 
-# maximum distance of the principal point from the middle, as a share of the width; real lenses have up to 0.02
+# maximum distance of the principal point from the middle, as a share of the image's size; real lenses have up to 0.02
 OFF_CENTRE: Final = 0.1
 
 LARGEST_METADATA: Final = 100_000_000  # bytes, maximum size of the metadata; an hour at 60 images per second has 30 MB
@@ -74,7 +74,7 @@ def _is_stray(path: Path, head: bytes) -> bool:
 
 
 def _open_stray(path: Path) -> ImageFiles:
-    """Open a folder of Stray Scanner; raises InputError if the files do not fit each other."""
+    """Open a folder of Stray Scanner; raises InputError if the files contradict each other."""
     images = images_in(path / "depth")
     size = first_size(path / "depth", images)
     times, positions_m = _odometry(path / "odometry.csv")
@@ -96,10 +96,11 @@ def _open_stray(path: Path) -> ImageFiles:
 
 
 def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> Intrinsics:
-    """Scale the lens (3, 3) of a colour image to the depth image that shows the same view with fewer pixels.
+    """Scale the lens matrix (3, 3) of a colour image to the depth image that shows the same view with fewer pixels.
 
-    Pixel centres have whole-numbered coordinates, so the images are scaled about their common corner at -0.5. Raises
-    InputError if the matrix is not of a picture of that size, or the shapes differ.
+    picture, depth: sizes of the colour image and of the depth image. Pixel centres have whole-numbered coordinates, so
+    the images are scaled about their common corner at -0.5. Raises InputError if the matrix cannot be that of a colour
+    image of this size, or the ratios of width to height differ.
     """
     wide, high = depth[0] / picture[0], depth[1] / picture[1]
     centre = np.array([matrix[0, 2] / picture[0], matrix[1, 2] / picture[1]])
@@ -115,7 +116,7 @@ def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> I
 
 
 def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
-    """Read time by frame number, and positions (n, 3) in metres; raises InputError for a file with other columns."""
+    """Read times by frame number, and the device's positions (n, 3), metres; raises InputError for other columns."""
     (_, columns), *rows = read_rows(path) or [(1, [])]
     if not {"timestamp", "frame", "x", "y", "z"} <= set(columns):
         raise InputError(path, "does not begin with the columns timestamp, frame, x, y, z", "export it again")
@@ -125,7 +126,7 @@ def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
         try:
             time_s, number, *position = (float(cells[place]) for place in places)
         except (ValueError, IndexError):
-            continue  # its image gets no time, and is counted among the images left out
+            continue  # this row's image gets no time, and is counted among the images left out
         if math.isfinite(time_s) and number == number // 1:
             times[int(number)] = time_s
             positions.append(position)
@@ -133,19 +134,19 @@ def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
 
 
 def _is_record3d(path: Path, head: bytes) -> bool:
-    """Return whether this is a zip with Record3D's files."""
+    """Return whether a file is a zip archive with Record3D's files."""
     if not head.startswith(b"PK\x03\x04"):
         return False
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
     except _DAMAGE:
-        return path.suffix.lower() == ".r3d"  # a damaged zip is recognised by its ending, and refused with its name
+        return path.suffix.lower() == ".r3d"  # recognise a damaged zip too, so that opening it reports the damage
     return "metadata" in names and any(name.startswith("rgbd/") for name in names)
 
 
 def _open_record3d(path: Path) -> ImageFiles:
-    """Open a file of Record3D; raises InputError if the file cannot be used, MissingPackage without lzfse."""
+    """Open a file of Record3D; raises InputError if the file cannot be used, MissingPackage if lzfse is missing."""
     try:
         import lzfse  # noqa: F401
     except ImportError:
@@ -169,13 +170,13 @@ def _open_record3d(path: Path) -> ImageFiles:
         has_times=timed,
     )
     files = [FrameFile(Path(name), time_s) for name, time_s in zip(names, times_s, strict=True)]
-    archive = zipfile.ZipFile(path)  # closed with the source
+    archive = zipfile.ZipFile(path)  # closed when the source is closed
     notes = movement_note(_positions(values))
     return ImageFiles(path, camera, files, notes, lambda name, shape: _decode(archive, name.as_posix(), shape))
 
 
 def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
-    """Return the metadata, and the names of the depth images in order."""
+    """Return the metadata of a Record3D file, and the names of its depth images in the order of their numbers."""
     try:
         with zipfile.ZipFile(path) as archive:
             values = parse_json(_read(archive, "metadata", LARGEST_METADATA), LARGEST_METADATA)
@@ -209,8 +210,8 @@ def _whole(path: Path, values: dict[str, Any], key: str) -> int:
 
 
 def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list[float], bool]:
-    """Return each image's time or, if times are unknown, its number; and whether these are times. Times are read from
-    the file, or computed from the frame rate.
+    """Return each image's time in s and True; or, if times are unknown, each image's number and False. Times are read
+    from the metadata, or computed from the frame rate.
     """
     stamps = values.get("frameTimestamps")
     if isinstance(stamps, list) and stamps and numbers[-1] < len(stamps):
@@ -236,9 +237,9 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
 
     wanted = 4 * camera.width * camera.height
     try:
-        data = lzfse.decompress(_read(archive, name, wanted + 4096))  # incompressible data grow by some bytes
+        data = lzfse.decompress(_read(archive, name, wanted + 4096))  # packing incompressible data adds some bytes
     except (lzfse.error, *_DAMAGE) as error:
-        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: a negative position, which is damage
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: damage (a negative position)
             raise
         return None, "is damaged inside"
     if len(data) != wanted:

@@ -1,6 +1,6 @@
 """Plan the output of a conversion (the cameras of all inputs with the user's additions), and write a camera's folder.
 
-Images are written before their rows, so that every image with a row is complete.
+Each image is written before its row in timestamps.csv, so that every image with a row is complete.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraPlan:
-    """A camera to write, with upright images. model and serial: empty if unknown; fps: None if the images have
-    times; count: number of images, None if unknown.
+    """A camera of the recording to be written, whose images are upright. model and serial: empty if unknown; fps: None
+    if the images have times; count: number of images, None if unknown.
     """
 
     camera: Camera
@@ -49,8 +49,8 @@ class CameraPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The plan of a conversion. cameras: the cameras of each source; notes: sentences on decisions, and on missing
-    information with its remedy.
+    """The plan of a conversion. cameras: the cameras of each source; notes: sentences on poses that were left out or
+    are missing.
     """
 
     cameras: tuple[tuple[CameraPlan, ...], ...]
@@ -58,8 +58,8 @@ class Plan:
 
 
 def make_plan(sources: Sequence[Source], options: ConvertOptions) -> Plan:
-    """Make the plan; raises InputError if information is missing that only the user can give, or if information
-    is given twice.
+    """Plan a conversion; raises InputError if information is missing that only the user can give, or if an option gives
+    information that the files have.
     """
     all_cameras = [camera for source in sources for camera in source.cameras]
     if options.intrinsics is not None and all(camera.intrinsics is not None for camera in all_cameras):
@@ -101,7 +101,7 @@ def _plan_camera(source: Source, index: int, name: str, options: ConvertOptions)
 
 
 def _text(value: str) -> str:
-    """Return a device's text up to its first null character, at which the vendors' programs end it."""
+    """Return a device's name or number up to its first null character, where the vendors' programs end such a text."""
     return value.partition("\0")[0]
 
 
@@ -113,7 +113,7 @@ def _lens(camera: SourceCamera, options: ConvertOptions) -> Intrinsics | None:
 
 
 def _incomplete(source: Source, camera: SourceCamera, options: ConvertOptions) -> InputError:
-    """Return an error with all missing information, and the option for each."""
+    """Return an error that names all missing information, and the option to give each piece of it."""
     missing = list[tuple[str, str]]()
     if _lens(camera, options) is None:
         missing.append(("the lens", "--intrinsics fx,fy,cx,cy in pixels"))
@@ -128,8 +128,8 @@ def _incomplete(source: Source, camera: SourceCamera, options: ConvertOptions) -
 
 
 def _names(sources: Sequence[Source]) -> list[str]:
-    """Return one folder name per camera, unique regardless of case: the name of the camera or, if it is not unique,
-    with the name of the input in front.
+    """Return one folder name per camera: the name of the camera or, if it is not unique, the same with the name of the
+    input in front. The names are unique even if upper and lower case are not distinguished.
     """
     own = [(folder_name(source.path.stem), folder_name(camera.name)) for source in sources for camera in source.cameras]
     cameras = [camera.casefold() for _, camera in own]
@@ -152,7 +152,9 @@ def folder_name(text: str) -> str:
 def _poses_of_one_world(
     cameras: tuple[tuple[CameraPlan, ...], ...], options: ConvertOptions
 ) -> tuple[tuple[tuple[CameraPlan, ...], ...], tuple[str, ...]]:
-    """Leave out poses that cannot be valid: different inputs have different worlds, and a mirrored world is invalid."""
+    """Leave out the poses if they do not place all cameras in one world (different inputs have different worlds), or if
+    the images are mirrored; return the cameras, and notes.
+    """
     placed = [any(plan.camera.T_world_camera is not None for plan in own) for own in cameras]
     whole = all(plan.camera.T_world_camera is not None for own in cameras for plan in own)
     if not any(placed) or (whole and len(cameras) == 1 and not options.mirror):
@@ -165,27 +167,31 @@ def _poses_of_one_world(
 
 
 def _require_valid(sources: Sequence[Source], cameras: Sequence[Sequence[CameraPlan]]) -> None:
-    """Raise InputError if a file's numbers are invalid for a recording."""
+    """Raise InputError if the description of a camera in an input is invalid for a recording."""
     for source, own in zip(sources, cameras, strict=True):
         document = {"format": "rgbd-recording", "version": 1, "cameras": [plan.document() for plan in own]}
         validate(source.path, RecordingDocument, document)
 
 
 def turn_image(grey: np.ndarray, degrees: int, mirror: bool) -> np.ndarray:
-    """Return the image turned clockwise, then mirrored left to right; contiguous."""
+    """Return a contiguous copy of the image, turned clockwise by ``degrees``, then mirrored left to right if
+    ``mirror``.
+    """
     turned = np.rot90(grey, -QUARTERS[degrees])
     return np.ascontiguousarray(turned[:, ::-1] if mirror else turned)
 
 
 def can_turn(lens: Intrinsics, degrees: int) -> bool:
-    """Return whether OpenCV's model can describe the turned lens: a quarter turn would exchange the order of a sensor's
-    tilt axes.
+    """Return whether OpenCV's model can describe the lens of the turned image. A quarter turn would exchange the order
+    of the two axes about which the sensor is tilted, so it is possible only without tilt.
     """
     return QUARTERS[degrees] % 2 == 0 or not any(lens.distortion[12:14])
 
 
 def turn_lens(lens: Intrinsics, size: tuple[int, int], degrees: int, mirror: bool) -> Intrinsics:
-    """Return the lens of the turned image; size: width and height before. See ``can_turn``."""
+    """Return the lens of the image that ``turn_image`` makes. size: width and height before the turn, which must be
+    possible (see ``can_turn``).
+    """
     width, height = size
     for _ in range(QUARTERS[degrees] % 2):
         lens = _quarter(lens, height)
@@ -196,8 +202,8 @@ def turn_lens(lens: Intrinsics, size: tuple[int, int], degrees: int, mirror: boo
 
 
 def turn_pose(T_world_camera: np.ndarray, degrees: int) -> np.ndarray:
-    """Return T_world_camera of a camera whose image was turned clockwise, which corresponds to a rotation of the camera
-    in the opposite sense about its axis.
+    """Return T_world_camera of a camera whose image was turned clockwise: the camera is rotated about its optical axis
+    in the opposite sense.
     """
     angle = np.deg2rad(degrees)
     cos, sin = np.rint(np.cos(angle)), np.rint(np.sin(angle))
@@ -207,7 +213,7 @@ def turn_pose(T_world_camera: np.ndarray, degrees: int) -> np.ndarray:
 
 
 def _quarter(lens: Intrinsics, height: int) -> Intrinsics:
-    """Turn clockwise by 90 degrees: the old x becomes y, and y becomes -x."""
+    """Turn a lens clockwise by 90 degrees: the old x becomes y, the old y -x. height: of the image before the turn."""
     d = list(lens.distortion)
     if lens.model is not LensModel.KANNALA_BRANDT:
         d[2], d[3] = d[3], -d[2]
@@ -217,14 +223,14 @@ def _quarter(lens: Intrinsics, height: int) -> Intrinsics:
 
 
 def _mirror_across(lens: Intrinsics, width: int) -> Intrinsics:
-    """Mirror left to right: x becomes -x."""
-    d = _negated(lens, (3, 8, 9, 13))  # p2, s1, s2 and the tilt about y
+    """Mirror a lens left to right: x becomes -x."""
+    d = _negated(lens, (3, 8, 9, 13))  # these change sign: p2, s1, s2 and the tilt about y
     return replace(lens, cx=width - 1 - lens.cx, distortion=d)
 
 
 def _mirror_down(lens: Intrinsics, height: int) -> Intrinsics:
-    """Mirror top to bottom: y becomes -y."""
-    d = _negated(lens, (2, 10, 11, 12))  # p1, s3, s4 and the tilt about x
+    """Mirror a lens top to bottom: y becomes -y."""
+    d = _negated(lens, (2, 10, 11, 12))  # these change sign: p1, s3, s4 and the tilt about x
     return replace(lens, cy=height - 1 - lens.cy, distortion=d)
 
 
@@ -239,8 +245,10 @@ BEGIN_AGAIN: Final = "remove the unfinished recording and begin again"
 
 
 class CameraWriter:
-    """A writer of a camera's folder that continues an earlier, stopped run. The number of an image is its position in
-    the source.
+    """A writer of a camera's folder, which continues after the complete images of an earlier run that was stopped.
+
+    given: number of images received, the earlier run's included; written: number of these that were written. The number
+    in an image's file name is its position in the source.
     """
 
     def __init__(self, folder: Path, plan: CameraPlan) -> None:
@@ -263,11 +271,11 @@ class CameraWriter:
         self._rows.close()
 
     def write(self, time_s: float, grey: np.ndarray, number: int | None = None) -> Path | None:
-        """Write an image and return its file; None for an image that is not later than the previous image, which is
-        left out.
+        """Write an image and return the path of its file. An image whose time is not later than that of the previous
+        image is left out, and None is returned.
 
-        time_s as in ``SourceFrame``; number: the number of the image, larger than the previous number; given if the
-        source states which images it lost.
+        time_s: as in ``SourceFrame``; number: the number for the image's file name, larger than the previous number;
+        given if the source states which images it lost.
         """
         number = self.given if number is None else number
         self.given = number + 1
@@ -282,7 +290,7 @@ class CameraWriter:
         return path
 
     def note(self, source: Path) -> str:
-        """Return a note on images that were left out because of their times; empty if there are none. Raises
+        """Return a sentence on images that were left out because of their times; empty if there are none. Raises
         InputError, naming ``source``, if too many were left out, or if the remaining times cannot be seconds.
         """
         if self.written:
@@ -307,8 +315,8 @@ class CameraWriter:
 def encode_grey(grey: np.ndarray) -> bytes:
     """Return a PNG file of grey values (height, width) uint16.
 
-    It uses only run lengths and Huffman coding: noise has no longer repetitions, and a search for them doubles the
-    time.
+    The compression uses only run lengths and Huffman coding. A search for longer repeated sequences would double the
+    time of encoding, and noisy depth images have no such sequences.
     """
     import cv2
 
@@ -318,12 +326,12 @@ def encode_grey(grey: np.ndarray) -> bytes:
 
 
 def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
-    """Return numbers and times of the complete images: their files exist, and the last one can be decoded."""
+    """Return numbers and times of complete images: the file of each exists, and the last file can be decoded."""
     path = folder / "timestamps.csv"
     if not path.is_file():
         return []
     text = read_whole(path, LARGEST_TABLE, BEGIN_AGAIN).decode("utf-8", errors="replace")
-    lines = text.split("\n")[1:-1]  # drops a last row that was cut off
+    lines = text.split("\n")[1:-1]  # without the header row, and without a last row that was cut off
     there = {file.name for file in (folder / "depth").iterdir()}
     rows = list[tuple[int, str]]()
     for line in lines:

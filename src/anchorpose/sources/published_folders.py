@@ -1,10 +1,10 @@
 """Read folders of depth images as data sets are published: TUM and ICL-NUIM, Open3D, Redwood and ScanNet.
 
-TUM: a text file lists times and depth images, in 1/5000 m (the benchmark's file formats page); the lens is published
-per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON file with ``intrinsic_matrix``,
-column by column; ``depth_scale`` there is grey values per metre (Open3D's RGBDVideoMetadata). ScanNet's reader of .sens
-files: intrinsic/intrinsic_depth.txt, depth in mm, and the poses of a carried camera in an arbitrary world.
-Times that a folder lacks are not invented.
+TUM: a text file lists times and depth images, whose unit is 1/5000 m (the benchmark's file formats page); the lens is
+published per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON file with
+``intrinsic_matrix``, column by column; ``depth_scale`` in this file is in grey values per metre (Open3D's
+RGBDVideoMetadata). ScanNet's reader of .sens files writes the lens to intrinsic/intrinsic_depth.txt, depth in mm, and
+the poses of a carried camera in an arbitrary world. If a folder has no times, no times are made up.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from anchorpose.sources.source import (
     read_matrix,
 )
 
-TUM_M: Final = 1.0 / 5000.0
+TUM_M: Final = 1.0 / 5000.0  # metres per grey value
 
 LISTS: Final = ("depth.txt", "associations.txt", "associate.txt", "associated.txt", "association.txt")
 
-POSES_READ: Final = 100  # number of poses read, spread over the recording; so many show whether a camera was carried
+POSES_READ: Final = 100  # number of poses read, spread over the recording; enough to show whether a camera was carried
 
 
 def _is_tum(path: Path, head: bytes) -> bool:
-    """Return whether a folder has a list of depth images, as TUM's have."""
+    """Return whether a folder has a text file that lists depth images, as TUM's folders have."""
     listing = _list_in(path)
     if listing is None:
         return False
@@ -52,7 +52,7 @@ def _is_tum(path: Path, head: bytes) -> bool:
 
 
 def _open_tum(path: Path) -> ImageFiles:
-    """Open a folder with a list; raises InputError if the list names no usable depth image."""
+    """Open a folder with a list of depth images; raises InputError if the list names no usable depth image."""
     listing = _list_in(path)
     if listing is None:
         raise InputError(path, "holds no depth.txt", "give the folder that does")
@@ -76,7 +76,7 @@ def _list_in(path: Path) -> Path | None:
 
 
 def _rows(folder: Path, text: str) -> list[FrameFile]:
-    """Return each line's time and depth image; a line of two pairs has a colour image as well."""
+    """Return the time and depth image in each line; some lines also have the time and name of a colour image."""
     files = list[FrameFile]()
     for line in text.splitlines():
         cells = line.split()
@@ -91,7 +91,7 @@ def _rows(folder: Path, text: str) -> list[FrameFile]:
 
 
 def _frame_file(folder: Path, time: str, name: str) -> FrameFile | None:
-    """Return a line's time and image; None unless it is a time and an image inside the folder."""
+    """Return the file of an image and its time; None if the time is not a number or the image is outside the folder."""
     try:
         time_s = float(time)
         inside = (folder / name).resolve().is_relative_to(folder.resolve())
@@ -103,12 +103,12 @@ def _frame_file(folder: Path, time: str, name: str) -> FrameFile | None:
 
 
 def _is_exported(path: Path, head: bytes) -> bool:
-    """Return whether a folder has ``depth`` and a file of the camera."""
+    """Return whether a folder has a subfolder ``depth`` with images, and a file with the camera's lens."""
     return path.is_dir() and bool(images_in(path / "depth")) and _camera_file(path) is not None
 
 
 def _open_exported(path: Path) -> ImageFiles:
-    """Open an exported folder; raises InputError if the matrix or the images cannot be used."""
+    """Open a folder of Open3D or ScanNet; raises InputError if the camera's matrix or the images cannot be used."""
     found = _camera_file(path)
     if found is None:
         raise InputError(path, "holds no JSON file with an intrinsic_matrix", "give the folder that does")
@@ -164,7 +164,9 @@ def _lens(path: Path, values: dict[str, Any]) -> Intrinsics:
 
 
 def _positions(folder: Path) -> np.ndarray:
-    """Return some of the poses' places (n, 3), metres; damaged poses are left out, as only a note needs them."""
+    """Return the camera's positions (n, 3), metres, in about ``POSES_READ`` of the stored poses. Damaged poses are left
+    out, since the positions only serve for a note.
+    """
     files = sorted(folder.glob("*.txt"), key=natural_order)
     positions = list[np.ndarray]()
     for file in files[:: max(1, len(files) // POSES_READ)]:

@@ -1,4 +1,6 @@
-"""Read bags with depth images: ROS 1, ROS 2 (SQLite and MCAP), and recordings of RealSense's and Orbbec's software."""
+"""Read depth images from bags (files of ROS messages) in the formats of ROS 1 and ROS 2 (SQLite and MCAP), also from
+those that RealSense's and Orbbec's software records.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,7 @@ from anchorpose.sources.vendor_bags import device_time_ns, find_orbbec, find_rea
 
 
 def matches(path: Path, head: bytes) -> bool:
-    """Recognise a bag by its first bytes, a folder of ROS 2 by the bags in it."""
+    """Return whether a file is a bag, by its first bytes, or a folder contains bags of ROS 2."""
     if path.is_dir():
         return bool(files_of(path))
     database = head.startswith(SQLITE_MAGIC) and b"CREATE TABLE topics" in head
@@ -62,7 +64,7 @@ def open_source(path: Path) -> BagSource:
 
 
 class BagSource:
-    """The source that reads a bag, see ``Source``. Only one image at a time is in memory."""
+    """The source (see ``Source``) that reads a bag, one image at a time."""
 
     def __init__(self, path: Path, bag: Bag, streams: Streams) -> None:
         self.path = path
@@ -104,7 +106,7 @@ class BagSource:
             camera = images[topic] if topic in images else stamps[topic]
             try:
                 if topic in stamps:
-                    if camera in waiting:  # if not, the image was damaged, and is already counted
+                    if camera in waiting:  # otherwise the image was damaged, and is counted already
                         yield _stamped(camera, *waiting.pop(camera), message)
                     continue
                 time_ns, depth = self._read(camera, message)
@@ -120,7 +122,9 @@ class BagSource:
             self._tallies[camera]["damaged"] += 1
 
     def _read(self, camera: int, message: Message) -> tuple[int, np.ndarray]:
-        """Read time in nanoseconds and image (height, width) uint16. Raises DamagedBag."""
+        """Read the time in nanoseconds and the image (height, width) uint16 of a message. Raises DamagedBag if the
+        message is damaged, or the image differs in kind or size from the camera's first image.
+        """
         stream = self._streams[camera]
         image = stream.read(message)
         encoding = encoding_of(image)
@@ -148,7 +152,9 @@ class BagSource:
 
 
 def _stamped(camera: int, received_ns: int, depth: np.ndarray, message: Message) -> SourceFrame:
-    """Return RealSense's image that waited for its time stamp, which arrives in ``message``. Raises DamagedBag."""
+    """Return an image of RealSense with its time stamp, which is in ``message``, the message that follows the image.
+    received_ns: time of the image's receipt. Raises DamagedBag if the two do not belong together.
+    """
     time_ns = device_time_ns(message)
     if time_ns is None or received_ns != message.received_ns:
         raise DamagedBag("an image and its time stamp do not belong together")
@@ -160,6 +166,6 @@ COUNTED: Final = {
     "without stamp": "{} depth images of {} have no time stamp: the time of their receipt is used.",
     "too far": "{} readings of {} are farther than its grey values reach: no reading.",
 }
-"""Notes on counted images of a camera."""
+"""Note for each kind of problem: the number of images or readings and the camera's name are filled in."""
 
 READERS: Final = (Reader(matches, open_source),)

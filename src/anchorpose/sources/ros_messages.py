@@ -17,22 +17,22 @@ from anchorpose.recording.depth_image import image_chunks
 from anchorpose.sources.bag_file import Bag, DamagedBag, Message
 from anchorpose.sources.source import NO_READING, SourceCamera
 
-INTEGERS: Final = frozenset({"16UC1", "mono16", "Z16", "z16"})
-METRES: Final = "32FC1"
+INTEGERS: Final = frozenset({"16UC1", "mono16", "Z16", "z16"})  # encodings of depth as 16-bit whole numbers
+METRES: Final = "32FC1"  # encoding of depth as floats in metres
 _PNG: Final = b"\x89PNG"
 _HEADER: Final = 12  # number of bytes of the header that compressed_depth_image_transport adds: format, two parameters
 T = TypeVar("T")
 IMAGE = "sensor_msgs/Image"
 COMPRESSED = "sensor_msgs/CompressedImage"
 READ_BY_HAND = "convert with --intrinsics fx,fy,cx,cy"
-"""The remedy where a file has no usable lens."""
+"""The remedy in notes if a file has no usable lens."""
 
 RECORD_AGAIN = "copy it again from where it was recorded, or record again"
-"""The remedy where a file is damaged."""
+"""The remedy in messages if a file is damaged."""
 
 
 class MessageFields:
-    """A reader of one message's fields in order; raises DamagedBag beyond its end."""
+    """A reader of one message's fields, in their order; it raises DamagedBag if the message ends before a field."""
 
     def __init__(self, message: Message) -> None:
         self._data = memoryview(message.data)
@@ -46,7 +46,7 @@ class MessageFields:
             self._start = self._place = 4
 
     def number(self, kind: str) -> int | float:
-        """Return the next value; kind: a letter of ``struct``."""
+        """Return the next value; kind: its type as a letter of Python's ``struct``."""
         size = struct.calcsize("<" + kind)
         self._align(size)
         return struct.unpack(self._order + kind, self.take(size))[0]
@@ -75,21 +75,23 @@ class MessageFields:
         return self._data[self._place - size : self._place]
 
     def header(self) -> tuple[int, str]:
-        """Return ``std_msgs/Header``: the stamp in nanoseconds, and the frame."""
+        """Return the next ``std_msgs/Header``: the time stamp in nanoseconds, and the name of the coordinate frame."""
         if not self._cdr:
-            self.take(4)  # ROS 1's sequence number
+            self.take(4)  # skip ROS 1's sequence number
         stamp_ns = self.whole("I") * 1_000_000_000 + self.whole("I")
         return stamp_ns, self.text()
 
     def _align(self, size: int) -> None:
-        """Skip to the next multiple of a number's size, where CDR aligns it."""
+        """Skip to the next multiple of a number's size, since CDR aligns numbers."""
         if self._cdr:
             self._place += -(self._place - self._start) % size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageMessage:
-    """A ``sensor_msgs/Image``. reader: for the rest of the message, which only vendors' messages have."""
+    """A ``sensor_msgs/Image``. step: bytes per row; reader: the reader of the fields after the image, which only
+    vendors' messages have.
+    """
 
     stamp_ns: int
     frame_id: str
@@ -114,8 +116,9 @@ class CompressedMessage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraInfo:
-    """A ``sensor_msgs/CameraInfo``; roi: column, row, height, width of the region in the full image; zeros for the full
-    image.
+    """A ``sensor_msgs/CameraInfo``. model, D: distortion model and coefficients; K, P: camera matrix and projection,
+    row by row; binning: number of pixels binned across and down; roi: column, row, height, width of the region in the
+    full image, zeros for all of it.
     """
 
     frame_id: str
@@ -133,7 +136,7 @@ Image = ImageMessage | CompressedMessage
 
 
 def read_image(message: Message) -> ImageMessage:
-    """Read an image message. Raises DamagedBag."""
+    """Read an image message. Raises DamagedBag if the message is cut off."""
     reader = MessageFields(message)
     stamp_ns, frame_id = reader.header()
     height, width, encoding = reader.whole("I"), reader.whole("I"), reader.text()
@@ -144,14 +147,14 @@ def read_image(message: Message) -> ImageMessage:
 
 
 def read_compressed(message: Message) -> CompressedMessage:
-    """Read a compressed image message. Raises DamagedBag."""
+    """Read a compressed image message. Raises DamagedBag if the message is cut off."""
     reader = MessageFields(message)
     stamp_ns, frame_id = reader.header()
     return CompressedMessage(stamp_ns, frame_id, reader.text(), reader.take(reader.whole("I")))
 
 
 def read_camera_info(message: Message) -> CameraInfo:
-    """Read a camera info message. Raises DamagedBag."""
+    """Read a camera info message. Raises DamagedBag if the message is cut off."""
     reader = MessageFields(message)
     _, frame_id = reader.header()
     height, width, model = reader.whole("I"), reader.whole("I"), reader.text()
@@ -165,9 +168,8 @@ def read_camera_info(message: Message) -> CameraInfo:
 
 
 def read_transforms(message: Message) -> list[tuple[str, str, np.ndarray]]:
-    """Read ``tf2_msgs/TFMessage``: parent and child frame, and (7,) translation in metres and quaternion x, y, z, w.
-
-    Raises DamagedBag.
+    """Read ``tf2_msgs/TFMessage``: for each transform the names of parent and child frame, and (7,) translation in
+    metres and quaternion x, y, z, w. Raises DamagedBag if the message is cut off.
     """
     reader = MessageFields(message)
     transforms = []
@@ -178,7 +180,7 @@ def read_transforms(message: Message) -> list[tuple[str, str, np.ndarray]]:
 
 
 def encoding_of(image: Image) -> str:
-    """Return the encoding, empty unless it is a lossless depth image."""
+    """Return the encoding of an image, one of ``INTEGERS`` or ``METRES``; empty if it is not a lossless depth image."""
     if isinstance(image, ImageMessage):
         return image.encoding if image.encoding in INTEGERS | {METRES} else ""
     encoding, _, packing = image.format.partition(";")
@@ -187,7 +189,7 @@ def encoding_of(image: Image) -> str:
 
 
 def size_of(image: Image) -> tuple[int, int]:
-    """Return width and height. Raises DamagedBag."""
+    """Return width and height of an image in pixels. Raises DamagedBag if it is not complete."""
     if isinstance(image, ImageMessage):
         return image.width, image.height
     png = _png_of(image)
@@ -198,7 +200,7 @@ def size_of(image: Image) -> tuple[int, int]:
 
 
 def grey_of(image: Image) -> np.ndarray:
-    """Return (height, width) uint16 of an image whose values are whole numbers, 0 = no reading. Raises DamagedBag."""
+    """Return the grey values (height, width) uint16 of an image, 0 = no reading. Raises DamagedBag if it is damaged."""
     grey = _plain(image, 2) if isinstance(image, ImageMessage) else _decode(_png_of(image))
     grey = grey.astype(np.uint16)
     grey[grey == NO_READING] = 0
@@ -206,11 +208,11 @@ def grey_of(image: Image) -> np.ndarray:
 
 
 def metres_of(image: Image) -> np.ndarray:
-    """Return the image (height, width) float32 in metres, NaN = no reading. Raises DamagedBag."""
+    """Return the metres (height, width) float32 of an image, NaN = no reading. Raises DamagedBag if it is damaged."""
     if isinstance(image, ImageMessage):
         metres = _plain(image, 4).astype(np.float32)
     else:
-        # the transport packs 1/depth: png = a / depth + b
+        # compressed_depth_image_transport stores 1/depth: png = a / depth + b
         a, b = struct.unpack("<ff", bytes(image.data[4:_HEADER]).ljust(8, b"\0"))
         packed = _decode(_png_of(image)).astype(np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -220,7 +222,7 @@ def metres_of(image: Image) -> np.ndarray:
 
 
 def _plain(image: ImageMessage, size: int) -> np.ndarray:
-    """Return the values (height, width) of ``size`` bytes each; rows may be padded."""
+    """Return the values (height, width) of an uncompressed image, ``size`` bytes each; its rows may be padded."""
     row = image.width * size
     step = image.step or row
     if not 0 < row <= step or image.height == 0 or step * image.height > len(image.data):
@@ -249,7 +251,7 @@ def _decode(png: bytes) -> np.ndarray:
 
 
 def read_any_image(message: Message) -> Image:
-    """Return an image message, plain or compressed. Raises DamagedBag."""
+    """Read an image message, compressed or not. Raises DamagedBag if the message is cut off."""
     return read_compressed(message) if message.channel.kind == COMPRESSED else read_image(message)
 
 
@@ -257,8 +259,9 @@ def read_any_image(message: Message) -> Image:
 class DepthStream:
     """The stream of one camera's images.
 
-    in_metres: whether values are metres, else whole grey values; read: function that returns the image of a message,
-    with the device's time; metadata_topic: topic of the device's time, if it is in a message after the image.
+    in_metres: True if the values are metres, False if they are whole grey values; read: function that reads an image
+    with its time stamp from a message; metadata_topic: topic of the messages that have the device's time and follow the
+    image, empty if there are none.
     """
 
     topic: str
@@ -270,14 +273,14 @@ class DepthStream:
 
 @dataclass(frozen=True, slots=True)
 class Streams:
-    """The streams found in a bag, and sentences on how they were chosen."""
+    """The depth streams found in a bag, and sentences on how they were chosen."""
 
     streams: tuple[DepthStream, ...]
     notes: tuple[str, ...]
 
 
 def first(bag: Bag, topic: str, read: Callable[[Message], T]) -> T | None:
-    """Return the first message of a topic that can be read, or None."""
+    """Return the content of the first message of a topic that can be read, or None if there is no such message."""
     for message in bag.messages((topic,)):
         try:
             return read(message)
@@ -287,6 +290,6 @@ def first(bag: Bag, topic: str, read: Callable[[Message], T]) -> T | None:
 
 
 def first_grey_image(bag: Bag, topic: str, read: Callable[[Message], Image] = read_any_image) -> Image | None:
-    """Return the first image of a topic, or None if its values are not whole numbers of depth."""
+    """Return the first image of a topic; None if there is none, or its values are not depth in whole numbers."""
     image = first(bag, topic, read)
     return image if image is not None and encoding_of(image) in INTEGERS else None

@@ -1,5 +1,5 @@
-"""Choose the depth images that ROS drivers publish: which topics belong to one camera, and which ``CameraInfo``
-describes them.
+"""Choose among the depth images that ROS drivers publish: find the topics of each camera, the best of these topics, and
+the ``CameraInfo`` that describes its images.
 """
 
 from __future__ import annotations
@@ -37,11 +37,13 @@ from anchorpose.sources.source import SourceCamera
 
 _INFO: Final = "sensor_msgs/CameraInfo"
 _MOVED: Final = frozenset({"registered", "aligned", "rgb", "color", "hd", "qhd"})
-"""Words in the name of a topic whose depth was moved into the colour camera's image, which loses some of the depth."""
+"""Words in the names of topics whose depth was converted to the colour camera's view (registered). This loses some
+readings.
+"""
 _RECTIFIED: Final = frozenset({"rect", "rectified"})
 _OF_DEPTH: Final = _MOVED | _RECTIFIED | {"depth", "image", "raw", "to", "compressed", "compresseddepth", "sd"}
-"""Words of a topic that describe the kind of its images, not their camera."""
-_LONGEST_NAME: Final = 60
+"""Words in the name of a topic that describe the kind of its images, not their camera."""
+_LONGEST_NAME: Final = 60  # maximum number of characters of a camera's name
 
 _MODELS: Final = {
     "plumb_bob": LensModel.BROWN_CONRADY,
@@ -49,18 +51,18 @@ _MODELS: Final = {
     "equidistant": LensModel.KANNALA_BRANDT,
     "fisheye": LensModel.KANNALA_BRANDT,
 }
-_LARGEST: Final = 1e6  # limit of any number of a lens, and of positions in metres
-_SHORTEST_PX: Final = 1.0
+_LARGEST: Final = 1e6  # maximum size of any number of a lens, and of a position in metres
+_SHORTEST_PX: Final = 1.0  # minimum focal length
 _TOPIC: Final = "/tf_static"
-_WORLDS: Final = frozenset({"world", "map", "odom"})
+_WORLDS: Final = frozenset({"world", "map", "odom"})  # names of fixed coordinate frames
 _LONGEST: Final = 100  # maximum number of successive transforms, since in a damaged file they may form a cycle
 T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
-"""Rotation (4, 4) from the world of REP 103, x forward and z up, to this project's, x forward and y up."""
+"""Rotation (4, 4) from the world of ROS (REP 103: x forward, z up) to this project's world (x forward, y up)."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A topic with depth images; words: words of its name; message: its first image."""
+    """A topic with depth images. words: the words of its name; message: its first image."""
 
     channel: Channel
     words: tuple[str, ...]
@@ -76,22 +78,24 @@ class _Candidate:
 
     @property
     def cost(self) -> tuple[bool, ...]:
-        """Return a cost, lowest for the most direct topic: the sensor's own view and numbers, not moved into the colour
-        image.
+        """Return a sort key, lowest for the topic that is closest to the sensor's own images: not registered to the
+        colour image, in whole numbers, not rectified, not compressed.
         """
         moved = not _MOVED.isdisjoint(self.words)
         return moved, self.in_metres, self.rectified, self.channel.kind == COMPRESSED
 
     @property
     def camera(self) -> str:
-        """Return a name for the camera: the remaining words, suitable for a folder."""
+        """Return a name for the camera: the words of the topic that do not describe the kind of its images."""
         words = (re.sub(r"[^A-Za-z0-9-]", "", word) for word in self.words if word.lower() not in _OF_DEPTH)
         return "_".join(filter(None, words))[:_LONGEST_NAME] or "depth"
 
 
 @dataclass(slots=True)
 class _Search:
-    """The search for every camera's streams in a bag, with notes."""
+    """The search for each camera's lens, pose and unit in a bag. infos: the ``CameraInfo`` of each topic; notes:
+    sentences for the user.
+    """
 
     bag: Bag
     infos: dict[str, CameraInfo]
@@ -121,7 +125,7 @@ class _Search:
                 continue
             if scale is not None:
                 break
-        scale = scale or 0.001  # 0.001 where no image has a reading
+        scale = scale or 0.001  # assume millimetres if no image has a reading
         self.notes.append(f"Depth of {name} is in metres: it is written in steps of {scale * 1000:g} mm.")
         return scale
 
@@ -138,8 +142,8 @@ class _Search:
         return None
 
     def _infos_of(self, candidate: _Candidate, size: tuple[int, int]) -> list[CameraInfo]:
-        """Return the ``CameraInfo`` beside the images if its size fits, otherwise one with the same optical frame and
-        size.
+        """Return the ``CameraInfo`` whose topic is beside that of the images, if its size fits; otherwise all that have
+        the same optical frame and size.
         """
         topic = re.sub(r"/compressed(Depth)?$", "", candidate.channel.topic)
         beside = self.infos.get(f"{topic.rpartition('/')[0]}/camera_info")
@@ -158,7 +162,7 @@ class _Search:
 
 
 def find_streams(bag: Bag, path: Path) -> Streams:
-    """Find the most direct depth images of each camera. Raises InputError if the bag has no depth images."""
+    """Find each camera's depth topic that is closest to the sensor's own images. Raises InputError if there is none."""
     notes: list[str] = []
     candidates = _candidates(bag, notes)
     if not candidates:
@@ -177,8 +181,8 @@ def find_streams(bag: Bag, path: Path) -> Streams:
 
 
 def _candidates(bag: Bag, notes: list[str]) -> list[_Candidate]:
-    """List the topics that have depth in their name and have images of an encoding for it; infrared has the same
-    encodings.
+    """List the topics that have "depth" in their name and images in an encoding of depth. The encoding alone does not
+    suffice, since infrared images have the same encodings.
     """
     candidates = []
     for channel in bag.channels:
@@ -200,21 +204,23 @@ def _described(bag: Bag, notes: list[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """The intrinsics, or the reason why they are missing."""
+    """A camera's intrinsics, or None and the reason why they are missing."""
 
     intrinsics: Intrinsics | None
     problem: str = ""
 
 
 def image_size(info: CameraInfo) -> tuple[int, int]:
-    """Return width and height of the images of an info, after its region and binning."""
+    """Return width and height of the images that ``info`` describes, after cropping to its region and binning."""
     _, _, height, width = info.roi
     across, down = _binning(info)
     return (width or info.width) // across, (height or info.height) // down
 
 
 def lens_of(info: CameraInfo, rectified: bool) -> Lens:
-    """Return the lens of an image. rectified: whether distortion was removed, so that P applies and not K."""
+    """Return the lens of the images that ``info`` describes. rectified: whether distortion was removed from them, so
+    that the matrix P applies instead of K.
+    """
     if rectified and info.P[0] > 0.0:
         focal_centre = info.P[0], info.P[5], info.P[2], info.P[6]
     elif rectified and any(info.D):
@@ -228,12 +234,16 @@ def lens_of(info: CameraInfo, rectified: bool) -> Lens:
 
 
 def may_be_a_lens(focal_centre: tuple[float, ...], D: tuple[float, ...]) -> bool:
-    """Return whether focal lengths, centre and coefficients are possible for a lens, not damage or zeros."""
+    """Return whether focal lengths and centre (fx, fy, cx, cy) and coefficients are possible for a lens, unlike zeros
+    or damaged numbers.
+    """
     return all(abs(value) < _LARGEST for value in (*focal_centre, *D)) and min(focal_centre[:2]) >= _SHORTEST_PX
 
 
 def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, ...], model: str) -> Lens:
-    """Return the lens with these focal lengths, centre and coefficients; model: ROS's name."""
+    """Return the lens with this focal length and centre (fx, fy, cx, cy) and coefficients; model: its model's name in
+    ROS.
+    """
     fx, fy, cx, cy = focal_centre
     if not any(D):
         return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy))
@@ -241,14 +251,14 @@ def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, .
     if known is LensModel.BROWN_CONRADY and len(D) == 4:
         D = (*D, 0.0)
     if known is LensModel.BROWN_CONRADY and len(D) in COEFFICIENTS[LensModel.RATIONAL]:
-        known = LensModel.RATIONAL  # some drivers state the shorter model for OpenCV's eight coefficients
+        known = LensModel.RATIONAL  # some drivers name the model of five coefficients but give eight
     if known is None or len(D) not in COEFFICIENTS[known]:
         return Lens(None, f"its lens model {model!r} with {len(D)} coefficients is not known")
     return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy, distortion=D, model=known))
 
 
 def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tuple[float, float, float, float]:
-    """Return the lens of a region of the full image with binned pixels.
+    """Convert fx, fy, cx, cy of the full image to those of the images, which show a region of it with binned pixels.
 
     Half pixels are added because the centre of a binned pixel lies between the centres of its parts.
     """
@@ -259,12 +269,12 @@ def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tu
 
 
 def _binning(info: CameraInfo) -> tuple[int, int]:
-    """Return the pixels binned across and down; ROS writes 0 for 1."""
+    """Return the numbers of pixels that are binned across and down; ROS may write 0 instead of 1."""
     return max(info.binning[0], 1), max(info.binning[1], 1)
 
 
 class StaticTransforms:
-    """The transforms of a bag that never change."""
+    """The constant transforms between coordinate frames that are stored in a bag."""
 
     def __init__(self, bag: Bag) -> None:
         self._parents: dict[str, tuple[str, np.ndarray]] = {}
@@ -273,11 +283,11 @@ class StaticTransforms:
                 for parent, child, values in read_transforms(message):
                     self._parents[child] = parent, values
             except DamagedBag:
-                continue  # a chain that needs this transform then ends in no fixed world
+                continue  # a chain of frames that needs this transform then reaches no fixed world
 
     def place(self, frame: str) -> tuple[np.ndarray | None, str]:
-        """Return T_world_camera (4, 4) of an optical frame, None without a fixed world; and the last frame of its
-        chain.
+        """Return T_world_camera (4, 4) of a camera's optical frame, None if the chain of its parent frames reaches no
+        fixed world; and the last frame of this chain.
         """
         T_frame_camera, found = np.eye(4), None
         frame = frame.lstrip("/")

@@ -1,4 +1,6 @@
-"""Find the reader of a recorder's file by its content; it returns the cameras and their depth images one by one."""
+"""Find the reader for a recorder's file by the file's content, and define ``Source``, the opened file, which gives
+cameras and depth images. A recorder is any other program or device that records depth images.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,9 @@ from anchorpose.recording.regular_file import open_regular
 
 MILLIMETRE_M: Final = 0.001
 
-NO_READING: Final = 65535  # value that, like 0, marks "too far" or "too near"
+NO_READING: Final = 65535  # grey value that, like 0, means no reading: the surface was too far or too near
 
-# m, maximum movement of a resting camera; the estimated position of a phone on a tripod drifts by some millimetres
+# m, maximum movement of a camera that stands still; the estimated position of a phone on a tripod drifts by some mm
 STANDS_STILL_M: Final = 0.03
 
 MODULES: Final = (
@@ -29,21 +31,21 @@ MODULES: Final = (
     "phones",
     "published_folders",
     "mat_file",
-    "image_folder",  # tried last, since most formats above include a folder of images
+    "image_folder",  # tried last: folders of most other formats hold images too, so it would match them
 )
-"""Modules of this package with ``READERS``, in the order in which they are tried; they are imported one by one."""
+"""Modules of this package with ``READERS``, in the order in which they are tried. Each is imported when it is tried."""
 
-HEAD_BYTES: Final = 4096
+HEAD_BYTES: Final = 4096  # number of bytes at the beginning of a file by which its format is recognised
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceCamera:
     """One depth camera of a recorder's file, as far as the file describes it.
 
-    name: for the camera's folder; depth_scale: metres per grey value, None if unknown; intrinsics: None if the
-    file has no lens; T_world_camera: (4, 4) where the file places the camera; model and serial: empty if unknown;
-    count: number of its depth images, None if only reading the whole file would show it; has_times: False where the
-    file only numbers its images.
+    name: for the camera's folder; depth_scale: metres per grey value, None if unknown; intrinsics: None if the file has
+    no lens; T_world_camera: (4, 4), None if the file has no pose; model and serial: of the device, empty if unknown;
+    count: number of its depth images, None if only reading the whole file would show it; has_times: False if the file
+    only numbers its images.
     """
 
     name: str
@@ -60,9 +62,9 @@ class SourceCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFrame:
-    """One depth image. time_s: time on the device's clock, to the microsecond; if the camera has no times, the image's
-    number. depth (height, width) uint16, native byte order: grey values as in the file, where 0 replaces 65535 and NaN;
-    0 = no reading.
+    """One depth image. camera: index of its camera in ``Source.cameras``. time_s: time on the device's clock, to the
+    microsecond; if the camera has no times, the image's number. depth (height, width) uint16, native byte order: grey
+    values as in the file, with 0 in place of 65535 and NaN; 0 = no reading.
     """
 
     camera: int
@@ -73,15 +75,15 @@ class SourceFrame:
 class Source(Protocol):
     """An opened file or folder of a recorder, with its header read and checked.
 
-    notes: sentences on decisions (units, missing information and, after reading, damaged frames).
+    notes: sentences on units that were assumed, on missing information and, after reading, on damaged frames.
     """
 
     path: Path
     cameras: tuple[SourceCamera, ...]
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in the order of the file, streamed; skip: number of images of each camera to leave
-        out.
+        """Yield the depth images in the order of the file, reading one at a time. skip: number of images to leave out
+        at the beginning, for each camera.
 
         A damaged image is left out with a note; raises InputError if the rest of the file cannot be read.
         """
@@ -95,11 +97,11 @@ class Source(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """A format of a recorder: how it is recognised and opened.
+    """A format of a recorder, with the functions that recognise and open a file or folder in this format.
 
     matches: function that tests the content, not the ending; it gets a path and the first 4096 bytes of a file, or no
-    bytes for a folder. open_source: function that opens it; it raises InputError if the header cannot be used,
-    MissingPackage if an extra is missing.
+    bytes for a folder. open_source: function that opens the path; it raises InputError if the header cannot be used,
+    MissingPackage if an optional package is missing.
     """
 
     matches: Callable[[Path, bytes], bool]
@@ -107,8 +109,8 @@ class Reader:
 
 
 def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
-    """Return a sentence if a camera with the positions ``positions_m`` (n, 3) was moved, else nothing; NaN rows are
-    unknown.
+    """Return a sentence if the positions ``positions_m`` (n, 3) over time show that the camera was moved, else nothing;
+    a NaN row is an unknown position.
     """
     known = positions_m[np.isfinite(positions_m).all(axis=1)]
     if len(known) == 0:
@@ -122,14 +124,14 @@ def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
 def find_reader(path: Path) -> Reader | None:
     """Return the reader that recognises a file or folder by its content, or None.
 
-    Raises InputError if the path cannot be read, or if only its vendor's software can read it.
+    Raises InputError if the path cannot be read, or if only the vendor's software can read this format.
     """
     if not path.exists():
         raise InputError(path, "there is no such file or folder", "check the path")
     try:
         head = b"" if path.is_dir() else _head(path)
         refused = _vendors_own(path, head)
-        if refused is not None:  # tested before ros_bags, since a ZED's .svo2 is an MCAP file
+        if refused is not None:  # tested first: a ZED's .svo2 is an MCAP file, which ros_bags would accept
             raise InputError(path, *refused)
         modules = (import_module(f"anchorpose.sources.{name}") for name in MODULES)
         return next((reader for each in modules for reader in each.READERS if reader.matches(path, head)), None)
@@ -156,13 +158,13 @@ def _head(path: Path) -> bytes:
 
 
 def finite(value: Any) -> float | None:
-    """Return a finite number of a JSON file; None for anything else."""
+    """Return a value of a JSON file as a float if it is a finite number; None for anything else."""
     number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
     return float(value) if number and math.isfinite(value) else None
 
 
 def finite_list(value: Any, count: int) -> list[float] | None:
-    """Return a list of so many finite numbers; None for anything else."""
+    """Return a value of a JSON file if it is a list of ``count`` finite numbers; None for anything else."""
     if not isinstance(value, list) or len(value) != count:
         return None
     numbers = [number for cell in value if (number := finite(cell)) is not None]
@@ -170,7 +172,9 @@ def finite_list(value: Any, count: int) -> list[float] | None:
 
 
 def read_matrix(path: Path, rows: int, columns: int) -> np.ndarray:
-    """Return (rows, columns) float64 of a text file, separated by spaces or commas; raises InputError."""
+    """Read a matrix (rows, columns) float64 from a text file with spaces or commas between numbers; raises InputError
+    if the file is not a matrix of this size.
+    """
     try:
         cells = [line.replace(",", " ").split() for line in read_text(path).splitlines() if line.strip()]
         matrix = np.array(cells, dtype=np.float64)
@@ -195,7 +199,7 @@ OTHERS_OWN: Final = (
     ),
     (b"MATLAB 7.3", "is a MATLAB file of version 7.3", "save it again in MATLAB with '-v7'"),
 )
-"""First bytes of files that only the vendor's software reads, a description of each, and a workaround."""
+"""For each format that only the vendor's software reads: the first bytes of a file, a description, and a workaround."""
 
 
 def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
@@ -209,8 +213,8 @@ def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
 
 
 def _is_zed(path: Path, head: bytes) -> bool:
-    """Return whether a ZED wrote a file: an .svo2 is MCAP and states its writer; an .svo is recognised only by its
-    name.
+    """Return whether a file is the recording of a ZED camera: an .svo2 file is an MCAP file that states its writer; an
+    .svo file is recognised only by its name.
     """
     if head.startswith(b"\x89MCAP0\r\n"):
         return b"stereolabs" in head[:256]

@@ -1,15 +1,15 @@
 """Read recordings of RealSense's and Orbbec's software: bags with message types that only these vendors use.
 
-RealSense: ROS 1 bags of librealsense, and ROS 2 databases since version 2.58, as in librealsense's public sources
-(ros_file_format.h, ros_writer.cpp) and in files that its recorder wrote. Depth is in the unit of the camera. In
-databases, the header of an image has the time of the recorder's clock; the device's time is in a text message that
-follows the image.
+RealSense writes ROS 1 bags, and ROS 2 databases since version 2.58 of librealsense. Their layout is known from its
+public sources (ros_file_format.h, ros_writer.cpp) and from files that its recorder wrote. The unit of depth is an
+option of the camera. In databases, the header of an image has the time of the recorder's clock; the device's time is in
+a text message that follows the image.
 
-Orbbec: ROS 1 bags (OrbbecSDK_v2, public sources under MIT). The message definitions that the bag embeds lack fields of
-its images, so ROS's tools refuse the bag. Lens and serial number are written when recording ends. SDK 2.3 writes the
-fields of an image in another order than 2.4 and later. SDK 1 records with a library without public sources: it is only
-known that its definitions use a type that ROS does not have (OrbbecSDK issue 195), and that its lens is unreliable
-(pyorbbecsdk issue 176).
+Orbbec writes ROS 1 bags (OrbbecSDK_v2, public sources under MIT). The message definitions that the bag embeds lack
+fields of its images, so ROS's tools refuse the bag. Lens and serial number are written when recording ends. SDK 2.3
+writes the fields of an image in another order than 2.4 and later. SDK 1 records with a library without public sources:
+it is only known that its definitions use a type that ROS does not have (OrbbecSDK issue 195), and that the lens in its
+files is unreliable (pyorbbecsdk issue 176).
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ from anchorpose.sources.source import MILLIMETRE_M, SourceCamera
 
 _DEPTH: Final = re.compile(r"(?P<sensor>(?P<device>/device_\d+)/sensor_\d+)/Depth_\d+/image/data(/compressedDepth)?")
 _MODELS: Final = {"Brown Conrady": "plumb_bob", "Kannala Brandt4": "equidistant"}
-_OWN_FIELDS: Final = "1"  # in place of the frame's name; then the depth unit follows the image
+_OWN_FIELDS: Final = "1"  # frame_id of an image if the depth unit follows the image in the message
 
 
 def find_realsense(bag: Bag, path: Path) -> Streams | None:
-    """Find the depth images of a recording, None if it is not RealSense's. Raises InputError if the unit is
+    """Find the depth images in a bag; None if it is not RealSense's. Raises InputError if the unit of depth is
     unknown.
     """
     topics = sorted(channel.topic for channel in bag.channels)
@@ -64,7 +64,9 @@ def find_realsense(bag: Bag, path: Path) -> Streams | None:
 
 
 def device_time_ns(message: Message) -> int | None:
-    """Return the time in a metadata message of a database, None if it has no time. Raises DamagedBag."""
+    """Return the device's time in RealSense's metadata message, None if it has none. Raises DamagedBag if it is
+    damaged.
+    """
     milliseconds = _number(_texts(message).get("timestamp", ""))
     return None if milliseconds is None else round(milliseconds * 1_000_000)
 
@@ -93,7 +95,7 @@ def _stream(bag: Bag, match: re.Match[str], image: Image, path: Path, number: in
 
 
 def _depth_unit(bag: Bag, sensor: str, image: Image) -> float | None:
-    """Return metres per grey value, from the image itself or the sensor's option."""
+    """Return the metres per grey value, as the image itself or an option of the sensor states them; None if unknown."""
     if isinstance(image, ImageMessage) and image.frame_id == _OWN_FIELDS:
         unit = float(image.reader.number("f"))
     else:
@@ -126,25 +128,27 @@ def _lens_with(fx: float, fy: float, cx: float, cy: float, D: tuple[float, ...],
     if not may_be_a_lens((fx, fy, cx, cy), D):
         return Lens(None, "the camera was not calibrated")
     if _MODELS.get(model) == "equidistant":
-        D = D[:4]  # ROS has five places for every model
+        D = D[:4]  # this model has four, but ROS writes five for every model
     return lens_with((fx, fy, cx, cy), D, _MODELS.get(model, model))
 
 
 def _about(bag: Bag, device: str) -> dict[str, str]:
-    """Return information on the device, such as name and serial number. A bag has one message per item, a database one
-    message for all.
+    """Return the device's name, serial number and other information, by the vendor's name for each item. A ROS 1 bag
+    has one message per item, a database has one message for all items.
     """
     about: dict[str, str] = {}
     for message in bag.messages((f"{device}/info",)):
         try:
             about |= _texts(message)
         except DamagedBag:
-            continue  # a missing name or number stays empty
+            continue  # the device's name or serial number then stays empty
     return about
 
 
 def _texts(message: Message) -> dict[str, str]:
-    """Return names and values of a message: ``diagnostic_msgs/KeyValue``, or ``name=value;...`` in a text."""
+    """Return the values of a message by their names. In a ROS 1 bag it is a ``diagnostic_msgs/KeyValue``, in a database
+    a text ``name=value;...``.
+    """
     reader = MessageFields(message)
     if not message.channel.cdr:
         return {reader.text(): reader.text()}
@@ -170,13 +174,13 @@ _PLAY_IT: Final = (
     "record again with Orbbec Viewer 2, or play it with SDK 1 (ob::Playback), save its depth as 16-bit PNG and convert "
     "their folder"
 )
-_PRECISION_LEVEL, _DISPARITY_TO_ORBBEC_DEPTH, _UNIT_MM = 75, 85, 176  # OBPropertyID
-_UNITS_MM: Final = (1.0, 0.8, 0.4, 0.1, 0.2, 0.5, 0.05)  # mm per grey value, by OBDepthPrecisionLevel
-_BROWN_CONRADY, _RATIONAL, _KANNALA_BRANDT = 3, 4, 5  # OBCameraDistortionModel
+_PRECISION_LEVEL, _DISPARITY_TO_ORBBEC_DEPTH, _UNIT_MM = 75, 85, 176  # numbers of settings (Orbbec's OBPropertyID)
+_UNITS_MM: Final = (1.0, 0.8, 0.4, 0.1, 0.2, 0.5, 0.05)  # mm per grey value for each OBDepthPrecisionLevel, from 0 on
+_BROWN_CONRADY, _RATIONAL, _KANNALA_BRANDT = 3, 4, 5  # lens models (Orbbec's OBCameraDistortionModel)
 
 
 def find_orbbec(bag: Bag, path: Path) -> Streams | None:
-    """Find the depth images of a recording, None if it is not Orbbec's. Raises InputError if it has no depth."""
+    """Find the depth images in a bag; None if it is not Orbbec's. Raises InputError if its depth cannot be read."""
     if any(_OF_SDK_1 in channel.definition for channel in bag.channels):
         raise InputError(path, "it is of Orbbec Viewer or SDK 1, whose format is not published", _PLAY_IT)
     if _ORBBEC_DEPTH not in {channel.topic for channel in bag.channels}:
@@ -204,10 +208,10 @@ def find_orbbec(bag: Bag, path: Path) -> Streams | None:
 
 
 def read_depth(message: Message) -> ImageMessage:
-    """Read an image with the device's time; SDK 2.3 writes the length of the metadata before the data, and the data
-    begin with the metadata.
+    """Read an image of Orbbec with the device's time. SDK 2.3 writes the length of the metadata before the data, and
+    the data begin with the metadata.
 
-    Raises DamagedBag.
+    Raises DamagedBag if the message is cut off.
     """
     reader = MessageFields(message)
     _, frame_id = reader.header()
@@ -217,8 +221,8 @@ def read_depth(message: Message) -> ImageMessage:
         data = reader.take(reader.whole("I"))[length:]
     else:
         data = reader.take(length)
-        reader.take(4)  # the depth unit, which is not filled in
-    reader.take(8)  # the number of the image
+        reader.take(4)  # skip the field of the depth unit, which Orbbec leaves empty
+    reader.take(8)  # skip the number of the image
     return ImageMessage(reader.whole("Q") * 1000, frame_id, height, width, encoding, big_endian, step, data, reader)
 
 
@@ -234,7 +238,7 @@ def _notes(lens: Lens | None, unit_m: float | None) -> tuple[str, ...]:
 
 
 def _properties(bag: Bag) -> dict[int, bytes]:
-    """Return the device's settings by their number."""
+    """Return the bytes of each of the device's settings, by the number of the setting (Orbbec's OBPropertyID)."""
     properties = {}
     for message in bag.messages((_PROPERTY,)):
         try:
@@ -248,7 +252,9 @@ def _properties(bag: Bag) -> dict[int, bytes]:
 
 
 def _refuse_disparity(bag: Bag, properties: dict[int, bytes], path: Path) -> None:
-    """Raise InputError for disparity: stereo cameras record it if the computer converts it to depth."""
+    """Raise InputError if the images are disparity, not depth. Stereo cameras record disparity if the computer, not the
+    camera, converts it to depth.
+    """
     stereo = any(channel.topic == _DISPARITY for channel in bag.channels)
     if stereo and not any(properties.get(_DISPARITY_TO_ORBBEC_DEPTH, b"")):
         raise InputError(
@@ -259,7 +265,7 @@ def _refuse_disparity(bag: Bag, properties: dict[int, bytes], path: Path) -> Non
 
 
 def _unit_m(properties: dict[int, bytes]) -> float | None:
-    """Return metres per grey value, None if the file does not state it."""
+    """Return the metres per grey value by the device's settings, None if the file does not state them."""
     level, unit_mm = int.from_bytes(properties.get(_PRECISION_LEVEL, b"\xff"), "little"), 0.0
     if len(properties.get(_UNIT_MM, b"")) == 4:
         (unit_mm,) = struct.unpack("<f", properties[_UNIT_MM])
@@ -272,7 +278,7 @@ def _read_lens(message: Message) -> Lens:
     """Read ``custom_msg/OBStreamProfileInfo``; its coefficients are k1 to k6, then p1, p2."""
     reader = MessageFields(message)
     reader.header()
-    reader.take(2 + 4 * (9 + 3) + 2 * 3)  # stream and format, pose to colour, width, height and rate
+    reader.take(2 + 4 * (9 + 3) + 2 * 3)  # skip stream and format, pose to colour, width, height and rate
     fx, fy, cx, cy = reader.numbers("f", 4).tolist()
     k1, k2, k3, k4, k5, k6, p1, p2 = reader.numbers("f", 8).tolist()
     model = reader.whole("B")

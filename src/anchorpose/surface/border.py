@@ -1,7 +1,7 @@
 """Find what bounds the surface at each node: the patient's own outline, or an object that cuts the surface off.
 
-A bar or a therapist's arm in front of the shin ends the surface, and the geodesic extremum there looks like a foot.
-Only the pixels around a node show whether the body really ends there.
+A bar or a therapist's arm in front of the shin ends the surface above it, and the geodesic extremum there (the node
+farthest from the centre) looks like a foot. Only the pixels around a node show whether the body really ends there.
 """
 
 from __future__ import annotations
@@ -18,20 +18,21 @@ from anchorpose.surface.denoise import extent
 from anchorpose.surface.surface import Surface
 from anchorpose.threads import each
 
-# pixels, maximum distance between an edge and the nodes that it marks: two nodes plus the pixels lost at a depth edge
+# pixels, maximum distance of a node from the depth edge that bounds it: two grid steps plus pixels lost at the edge
 REACH_PX = 5
-SEARCH_PX = 3  # pixels that are searched across the lost or mixed pixels of an edge
-SUPPORT = 3  # minimum number of pixels of an edge within 5x5 pixels; one noisy reading beside the skin is not an edge
-IN_FRONT_M = 0.04  # m, minimum distance of an object in front of the patient: the thinnest bar, above sensor noise
-# m, maximum depth difference between the patient and a hand on the patient, a hand's thickness
+SEARCH_PX = 3  # pixels, distance up to which another surface is searched across an edge's lost or mixed pixels
+SUPPORT = 3  # minimum number of edge pixels within 5x5 pixels; a single noisy reading beside the skin is not an edge
+# m, minimum distance of an object in front of the patient: the thinnest bar's, and above sensor noise
+IN_FRONT_M = 0.04
+# m, maximum depth difference between the patient's skin and a hand that touches it: a hand's thickness
 TOUCHING_M = 0.10
-HOLE_RADIUS_PX = 3  # pixels, minimum radius of a hole; the rim of lost readings around every silhouette is thinner
-MARGIN_PX = 24  # pixels around the patient that are examined; half a hole of 0.15 m at 2.4 m
-HOLE_ENCLOSED = 0.4  # minimum share of a hole's rim that shows the patient; half a hole at a limb's end still counts
+HOLE_RADIUS_PX = 3  # pixels, minimum radius of a hole in the readings; the lost rim around every silhouette is thinner
+MARGIN_PX = 24  # width, in pixels, of the examined strip around the patient: half of a 0.15 m hole at 2.4 m
+HOLE_ENCLOSED = 0.4  # minimum share of a hole's rim that shows the patient; below 0.5, to include holes at a limb's end
 
 
 class Border(IntEnum):
-    """The kind of border within reach of a node; the highest value if there are several."""
+    """The kind of border within ``REACH_PX`` of a node; the highest value if there are several kinds."""
 
     INSIDE = 0  # skin all around, or the patient's own silhouette in front of surfaces farther from the camera
     SELF = 1  # another part of the patient stands in front
@@ -40,9 +41,9 @@ class Border(IntEnum):
 
 
 def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
-    """Return (n,) uint8 of ``Border`` for each node; views: one per camera, in the order of ``surface.camera``.
+    """Return (n,) uint8 of ``Border`` for each node; views: one per camera, indexed by ``surface.camera``.
 
-    A camera without a node of the surface is skipped; a hidden node is ``INSIDE``.
+    Cameras that saw no node are skipped. A node on hidden skin is ``INSIDE``.
     """
     kind = np.zeros(len(surface), np.uint8)
     cameras = np.unique(surface.camera[: surface.seen_count])
@@ -76,7 +77,9 @@ def _border_of_pixels(view: View) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
-    """Return the edge pixels that have enough neighbours of the same or a higher kind. spots (k,): all edge pixels."""
+    """Return each edge pixel's kind if at least ``SUPPORT`` of the 5x5 pixels around it have this or a higher kind. If
+    not, return the next lower kind for which this is true, 0 if none. spots (k,): flat indices of all edge pixels.
+    """
     height, width = kind.shape
     kept = np.zeros_like(kind)
     for spot in spots:
@@ -95,8 +98,8 @@ def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.ndarray:
-    """Return the highest kind within a disc (odd, odd) around each pixel. Edge pixels are few, so each is spread
-    separately.
+    """Return the highest kind within a disc (odd, odd) around each pixel. Edge pixels are few, so each pixel's kind is
+    spread over its disc separately.
     """
     height, width = kind.shape
     reach = len(disc) // 2
@@ -111,11 +114,11 @@ def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.n
 
 @njit(cache=True, nogil=True)
 def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Classify each patient pixel by the surfaces that it meets within ``SEARCH_PX`` in eight directions.
+    """Return the kind (``Border``) of each patient pixel, by the surfaces within ``SEARCH_PX`` in eight directions.
 
     Floor and foot plate lie in front of every sole, but do not cut the patient's surface. So a surface in front is
-    extrapolated by its slope to the patient's pixel. There the floor has the depth of the sole, but a bar is still in
-    front.
+    extrapolated by its slope to the patient's pixel. There the extrapolated floor has the depth of the sole, but an
+    extrapolated bar is still in front.
     """
     height, width = depth.shape
     kinds = np.zeros((height, width), np.uint8)
@@ -195,12 +198,12 @@ def _holes(labels: np.ndarray) -> np.ndarray | None:
 
 @njit(cache=True, nogil=True)
 def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.ndarray, count: int) -> tuple:
-    """Return (count,) how many pixels of the rim (r,) lie within a disc (5, 5) around each component, and how many of
-    these show the patient.
+    """Return (count,) how many of the pixels rim (r,), flat indices, lie within a disc (5, 5) of each component of lost
+    readings, and how many of these show the patient.
     """
     height, width = component.shape
     length, enclosed = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    last = np.full(count, -1, np.int64)  # the last rim pixel that each component counted
+    last = np.full(count, -1, np.int64)  # per component, the last rim pixel counted: no pixel is counted twice
     for k in range(len(rim)):
         row, col = rim[k] // width, rim[k] % width
         for i in range(max(0, row - 2), min(height, row + 3)):

@@ -1,7 +1,8 @@
 """Separate parts of the patient's body that touch, such as thigh on thigh or a hand on the trunk, at their creases.
 
-A mesh from a depth frame connects touching parts. First it is decided which part each node shows; the limit between
-the parts is the crease. Then the mesh is cut where neighbours show skin that is far apart on the body.
+A mesh from a depth frame connects parts that touch. ``decide_candidates`` decides which skin each node shows, so that
+the border between two parts lies in the crease. ``cut_contacts`` then cuts the mesh where neighbouring nodes show skin
+that is far apart on the body.
 """
 
 from __future__ import annotations
@@ -15,18 +16,20 @@ from numba import njit
 from anchorpose.surface.links import find_root, unite
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
-# factor on folds in the length of a path; with a fold of 3 degrees per node, a path over it counts twice as long
+# 1/rad, cost of a fold: in a path, an edge over a fold of 3 degrees counts as twice as long
 CREASE_COST: Any = np.float32(20.0)
-# m on the body, minimum distance between the ends of a contact's edge; smaller distances are uncertain, as skin points
-# are 3 cm apart
+# m, minimum distance along the body between the skin points that the two ends of a contact's edge show; smaller
+# distances are uncertain, as skin points are 3 cm apart
 LEAST_APART_M: Any = np.float32(0.07)
-# rad (6 degrees per node), minimum fold of a contact; smooth skin never folds so much, even if an arm is predicted
-# wrongly
+# rad (6 degrees per edge), minimum fold that gives evidence of a contact; smooth skin never folds so much, so an arm
+# that is wrongly predicted to lie on it does not cut it
 LEAST_CREASE: Any = np.float32(0.10)
-# minimum sine of the angle between an edge and the skin at either end, as at a hand on the trunk
+# minimum sine of the angle between an edge and the skin at one of its ends, for the edge to be a step, as at the rim of
+# a hand on the trunk
 LEAST_STEP: Final = 0.6
-# an edge needs no crease if its ends are this far apart on the body (m), and if both ends are this near (m) to the skin
-# point that they show and to that point's plane; along the skin the prediction may have an error of half a limb
+# m; an edge without fold or step also gives evidence of a contact if its ends show skin points more than SHOWN_APART_M
+# apart on the body, and each end is within SHOWN_NEAR_M of its skin point and within SHOWN_OFF_M of the tangent plane
+# there; along the skin, the prediction may be off by half a limb
 SHOWN_APART_M: Any = np.float32(0.25)
 SHOWN_NEAR_M: Any = np.float32(0.06)
 SHOWN_OFF_M: Any = np.float32(0.02)
@@ -34,11 +37,11 @@ SHOWN_OFF_M: Any = np.float32(0.02)
 
 @njit(cache=True, nogil=True)
 def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """Return (n,) int32: which of two candidates (n, 2) int32 each node shows; -1 = no candidate.
+    """Return (n,) int32: which of its two candidates (n, 2) int32, skin points, each node shows; -1 = no candidate.
 
-    The decision spreads from nodes with one candidate to nodes with two. Such a node takes the candidate that is nearer
-    on the body to the skin of the node from which it is reached; paths over creases count as longer. The algorithm is
-    label correcting, so the order of the nodes does not matter.
+    The decision spreads along the mesh from nodes with one candidate to nodes with two, on shortest paths; paths over
+    creases count as longer. A node with two takes the candidate that is nearer, along the body, to the skin that the
+    node before it on this path shows. The algorithm is label correcting, so the order of the nodes does not matter.
     """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
@@ -83,10 +86,10 @@ def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.nd
 
 
 def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
-    """Return the surface without edges between touching limbs; it needs the ``skin`` of ``assign_skin``.
+    """Return the surface without edges between touching limbs. surface: with ``skin`` from ``assign_skin``.
 
-    A contact is a connected set of edges whose ends are far apart on the body. It is cut if at least half of its edges
-    fold inwards, form a step, or have ends that are surely on different parts (``SHOWN_APART_M``).
+    A contact is a connected set of edges whose ends show skin that is far apart on the body. It is cut if at least half
+    of its edges fold inwards, form a step, or have ends that are surely on different parts (``SHOWN_APART_M``).
     """
     ring = _cut(surface.arrays, surface.skin, expected.arrays, np.float32(LEAST_STEP))
     return replace(surface, ring=ring)
@@ -94,10 +97,10 @@ def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
 
 @njit(cache=True, nogil=True)
 def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: np.float32) -> np.ndarray:
-    """Return the ring without the edges of contacts; skin (n,) int32 of ``Surface``."""
+    """Return the mesh's neighbours ``ring`` without the edges of contacts; skin (n,) int32 of ``Surface``."""
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
-    seam = np.arange(count).astype(np.int32)  # union-find forest: the nodes of one contact
+    seam = np.arange(count).astype(np.int32)  # union-find forest: the nodes of one contact get one root
     edge = np.empty((4 * count, 2), np.int32)
     apart = np.empty(4 * count, np.float32)
     cuts = 0

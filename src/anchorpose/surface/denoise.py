@@ -1,7 +1,7 @@
 """Clean a depth frame before it is meshed: estimate its noise, smooth it, preserve edges, drop flying pixels.
 
-Raw sensor noise lengthens geodesics by about a tenth. All work is limited to the patient, who fills a tenth of the
-frame.
+Raw sensor noise lengthens geodesics by about a tenth. All computation is limited to the patient's pixels, a tenth of
+the frame.
 """
 
 from __future__ import annotations
@@ -13,22 +13,24 @@ from numba import njit
 
 MAD_TO_SIGMA: Final = 1.4826  # factor from median absolute deviation to standard deviation of a normal distribution
 SECOND_DIFFERENCE_GAIN: Final = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1], divided by that of z
-MAX_STEP: Final = 0.02  # maximum step of the grey values, as a share of the depth; a larger step is an edge of the body
-# maximum share of equal neighbours; with more, differences show the step between grey values instead of noise
+MAX_STEP: Final = 0.02  # maximum depth step between grey values, as a share of the depth; larger steps are body edges
+# maximum share of equal readings among neighbours; with more, readings differ by steps of grey values, not by noise
 QUANTISED_SHARE: Final = 0.3
-# standard deviations of the noise at which the biweight ends; twice the usual 3, since the centre pixel is noisy, too
+# depth difference, in sigmas of the noise, from which a neighbour has no weight; twice the usual 3, since the centre
+# pixel is noisy, too
 RANGE_SIGMAS: Final = 6.0
-# degrees, maximum slant of one surface; steeper skin is few pixels wide, and arms jump by more
+# degrees, maximum slant of one surface; steeper skin is few pixels wide, and at an arm's edge depth jumps by more
 MAX_SLANT_DEG: Final = 76.0
-JUMP_SIGMAS: Final = 2.0  # standard deviations of the raw noise; at an edge, smoothing leaves about half of the noise
+# sigmas of the raw noise that the jump limit includes; at an edge, smoothing leaves about half of the noise
+JUMP_SIGMAS: Final = 2.0
 
 
 def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
     """Return the noise coefficient a: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
 
     depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the pixels to use. The coefficient comes
-    from the robust spread of second differences along rows, or from the height of depth steps if these exceed the
-    noise. It is 0 for a frame without noise or without three neighbouring readings.
+    from the robust spread of second differences along rows, or from the step between grey values if this exceeds the
+    noise. It is 0 for a frame without noise or without three neighbouring readings in a row.
     """
     bend, step, step_per_z2 = _differences(depth_m, mask)
     if len(bend) == 0:
@@ -62,17 +64,17 @@ def denoise(depth_m: np.ndarray, mask: np.ndarray, noise: float | None = None, r
 
 
 def jump_coefficients(focal_px: float, noise: float) -> tuple[float, float]:
-    """Return (slope, spread): neighbouring pixels at depth z are on the same skin if they differ by at most ``slope * z
-    + spread * z**2``.
+    """Return (slope, spread) of the jump limit: neighbouring pixels at depth z are on the same skin if their depths
+    differ by at most ``slope * z + spread * z**2``.
     """
     return float(np.tan(np.radians(MAX_SLANT_DEG))) / focal_px, JUMP_SIGMAS * noise
 
 
 def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_support: int) -> np.ndarray:
-    """Return the depth without flying pixels, which lie between two surfaces.
+    """Return the depth without flying pixels, whose readings lie between two surfaces.
 
-    depth_m (height, width) float32 metres, 0 = no reading. A pixel stays when at least ``min_support`` of its eight
-    neighbours are within the jump limit of ``jump_coefficients``.
+    depth_m (height, width) float32 metres, 0 = no reading. A pixel stays if the depth of at least ``min_support`` of
+    its eight neighbours is within the jump limit (``jump_coefficients``).
     """
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
     return _supported(depth, np.float32(slope), np.float32(spread), min_support, *extent(depth > 0))
@@ -119,14 +121,14 @@ def _span(depth: np.ndarray, row: int, left: int, right: int) -> tuple:
 
 
 def _spatial(radius: int) -> np.ndarray:
-    """Return (side, side) float32 Gaussian weights whose spread is half the window."""
+    """Return (side, side) float32 Gaussian weights; their standard deviation is half of the window's width."""
     across = np.arange(-radius, radius + 1) ** 2
     return np.exp(-0.5 * (across[:, None] + across) / (0.5 * len(across)) ** 2).astype(np.float32)
 
 
 def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return three arrays (k,), one value per three neighbouring readings around depth z: second difference over z**2,
-    step over z, and step over z**2.
+    """Return three arrays (k,), with one value for every three neighbouring readings of a row; z is the middle one.
+    They are the second difference divided by z**2, and the difference of the outer two divided by z and by z**2.
     """
     top, bottom, left, right = extent(mask)
     inside = np.s_[top:bottom, left:right]
@@ -141,7 +143,7 @@ def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.nd
 def _bilateral(
     depth: np.ndarray, reach: Any, spatial: np.ndarray, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
-    """Filter row by row, neighbour by neighbour. reach: depth difference at which the biweight ends, over z**2."""
+    """Filter row by row, neighbour by neighbour. reach: depth difference divided by z**2 beyond which weights are 0."""
     radius, width = len(spatial) // 2, depth.shape[1]
     smooth = np.zeros_like(depth)
     inverse, total, weights = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
@@ -174,9 +176,10 @@ def _add_tap(
     total: np.ndarray,
     weights: np.ndarray,
 ) -> None:
-    """Add one neighbour of each pixel of a row. Indices are unsigned, so that none is taken to count from the end.
+    """Add the neighbour at one offset to the sums of each pixel of a row.
 
-    own_place, tap_place: row and column of the first pixel, and of its neighbour.
+    own_place, tap_place: row and column of the first pixel, and of its neighbour. Indices are unsigned, since compiled
+    code would test whether signed ones count from the end.
     """
     row, at = own_place
     i, there = tap_place
@@ -219,7 +222,7 @@ def _supported(
 def _count_tap(
     depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, limit: np.ndarray, support: np.ndarray
 ) -> None:
-    """Count one neighbour of each pixel of a row. Indices are unsigned, so that none is taken to count from the end."""
+    """Count, for each pixel of a row, its neighbour at one offset if within the jump limit; indices as ``_add_tap``."""
     for k in range(count):
         z = depth[i, there + k]
         support[at + k] += np.int32((z > np.float32(0.0)) & (abs(z - depth[row, at + k]) <= limit[at + k]))

@@ -1,11 +1,12 @@
-"""Assign seen nodes to the expected skin, and add the expected skin that no camera sees.
+"""Assign seen nodes to the patient's expected (predicted) skin, and add the expected skin that no camera sees.
 
 Parts near each other in space may be far apart on the body: a hand may lie on the trunk, one thigh against the other.
-If two such parts are both near a node, both are its candidates until the crease decides.
+If two such parts are both near a node, each gives the node a candidate, and the crease between them decides
+(``contacts.py``).
 
 Expected skin is added where nothing was seen and nothing contradicts it, and is linked to the rim of the seen surface.
-It is inferred, not measured. With it, geodesics run as on the complete body, and it shows whether a limb continues.
-Registration, track tree and images of the patient use only seen nodes.
+It is inferred, not measured. With it, geodesics run as on the complete body, and it shows whether a limb continues
+behind an object. Registration, track tree and images of the patient use only seen nodes.
 """
 
 from __future__ import annotations
@@ -54,26 +55,26 @@ def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32
     return np.float32(row), np.float32(column), z
 
 
-# m, maximum distance from a node to the skin point that it shows, the prediction error of a fast hand
+# m, maximum distance from a node to the expected skin point that it shows: the prediction error of a fast hand
 REACH_M: Any = np.float32(0.12)
-MAX_TURN_DEG: Final = 70.0  # maximum angle between the normals of node and skin; excludes the far side of a wrist
+MAX_TURN_DEG: Final = 70.0  # degrees, maximum angle between normals of node and skin; excludes a wrist's far side
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# weight of distances along the normal; above 1, since skin points are samples of a surface
+# factor on a node's distance from a skin point along the point's normal; sideways, nodes may lie between skin points
 OFF_PLANE_WEIGHT: Any = np.float32(3.0)
-AMBIGUOUS_M: Any = np.float32(0.04)  # m; if two skin points' distances from a node differ by less, they may be confused
-FAR_ON_BODY_M: Any = np.float32(0.12)  # m on the body; if candidates are farther apart, the node is ambiguous
+AMBIGUOUS_M: Any = np.float32(0.04)  # m; if two skin points' distances from a node differ by less, both are candidates
+FAR_ON_BODY_M: Any = np.float32(0.12)  # m along the body; only candidates farther apart than this must be told apart
 
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
-# minimum cosine between the skin's normal and the direction to the camera along the optical axis (120 degrees)
+# cosine of 120 degrees, the maximum angle between the reversed optical axis and the normal of skin that may be seen
 LEAST_FACING: Any = np.float32(-0.5)
-# factor on a pixel's span at the optical axis, since rays slant, and nodes lie in front of the nearest skin
+# factor on a pixel's width at the nearest skin, to get a pixel's minimum width: rays slant, and nodes may be nearer
 NARROWEST: Any = np.float32(0.75)
 MOST_CANDIDATES: Final = 128  # maximum number of skin points kept for one node; about fifty are within reach
 
 
 def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
-    """Return (k,) bool: skin points that are near other skin in space but far from it on the body. Nodes near such
-    points are ambiguous.
+    """Return (k,) bool: skin points that are near other skin in space but far from it along the body. A node near such
+    a point may show either skin.
 
     Near means within twice ``AMBIGUOUS_M``. If the error of the prediction exceeds ``AMBIGUOUS_M``, some points are
     missed.
@@ -86,7 +87,7 @@ def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
 
 
 def assign_skin(surface: Surface, camera: Camera, expected: ExpectedSkin, ambiguous: np.ndarray) -> Surface:
-    """Return one camera's surface with the skin point that each node shows, -1 if none is near.
+    """Return one camera's surface with the field ``skin``: the skin point that each node shows, -1 if none is near.
 
     ambiguous (k,): from ``find_ambiguous_skin``.
     """
@@ -100,10 +101,10 @@ def assign_skin(surface: Surface, camera: Camera, expected: ExpectedSkin, ambigu
 
 
 class SkinGrid(NamedTuple):
-    """Skin that faces the camera, sorted by cells of pixels."""
+    """Skin points that may face a camera, sorted into square cells of the camera's pixels."""
 
-    start: np.ndarray  # (rows * cols + 1,) int32, where each cell begins
-    which: np.ndarray  # (m,) int32, the skin points
+    start: np.ndarray  # (rows * cols + 1,) int32, where each cell begins in ``which``
+    which: np.ndarray  # (m,) int32, the skin points, cell by cell
     place: np.ndarray  # (6, m) float32, their positions and normals
     rows: int  # number of rows of cells
     cols: int  # number of columns of cells
@@ -158,10 +159,8 @@ def _candidates(
 
 @njit(cache=True, nogil=True)
 def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any, squared: np.ndarray) -> None:
-    """Compute squared distances from a node to skin points, weighted along their normals; inf if the normals differ too
-    much.
-
-    First and last are unsigned, so that no index is negative and the loop is vectorised.
+    """Compute the squared distances from node n to the skin points first to last of ``place``, with more weight along
+    the normals; inf if the normals differ too much. First and last are unsigned, so that the loop is vectorised.
     """
     points, normals = mesh.points_m, mesh.normals
     steep = OFF_PLANE_WEIGHT * OFF_PLANE_WEIGHT - np.float32(1.0)
@@ -177,8 +176,8 @@ def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any,
 
 @njit(cache=True, nogil=True)
 def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[int, int, int, int]:
-    """Return the cells within ``reach_px`` of a node as (top, bottom, left, right); bottom and right are one past the
-    last cell.
+    """Return the cells within ``reach_px`` pixels of a node as (top, bottom, left, right); bottom and right are one
+    past the last cell.
     """
     row, col, away = int(pixel[n, 0]), int(pixel[n, 1]), int(reach_px) + 1
     top, bottom = max(row - away, 0) // CELL_PX, (row + away) // CELL_PX + 1
@@ -188,7 +187,7 @@ def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[i
 
 @njit(cache=True, nogil=True)
 def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) -> SkinGrid:
-    """Return the skin points that face the camera and fall into its depth frame."""
+    """Return the skin points that may face the camera and fall into its depth frame, sorted into cells."""
     points, normals = skin.points_m, skin.normals
     T_camera_world, lens = camera
     cell, start = np.full(len(points), -1, np.int32), np.zeros(rows * cols + 1, np.int32)
@@ -221,9 +220,9 @@ def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) ->
 
 @njit(cache=True, nogil=True)
 def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """Return (k,) bool: ``find_ambiguous_skin`` for skin points sorted by their second coordinate.
+    """Compute ``find_ambiguous_skin`` (k,) bool for skin points sorted by their height.
 
-    place (3, k), landmarks (k, l) float32. Points within the radius of a point are contiguous.
+    place (3, k), landmarks (k, l) float32. Points whose height differs by at most 2 ``AMBIGUOUS_M`` are contiguous.
     """
     x, y, z = place[0], place[1], place[2]
     radius = np.float32(2.0) * AMBIGUOUS_M
@@ -233,7 +232,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
         while end < len(x) and y[end] - y[a] <= radius:
             end += 1
         count = 0
-        for b in range(a + 1, end):  # without branches, since every tenth would be mispredicted
+        for b in range(a + 1, end):  # no ``if``: the processor would mispredict every tenth
             squared = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
             near[count] = b
             count += int(squared < radius * radius)
@@ -246,19 +245,20 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
 
 
 SEEN_THROUGH_M: Any = np.float32(0.05)  # m; if a reading is this far behind a skin point, no skin is there
-# factor on the length of paths over skin points, which are 2 % longer than straight paths
+# factor on the length of paths from skin point to skin point, since these are 2 % longer than straight paths
 STRETCH: Any = np.float32(0.98)
 
 
 def add_hidden_skin(
     surface: Surface, expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]
 ) -> Surface:
-    """Return the surface with hidden skin added as nodes after the seen nodes; these nodes have links, but no grid.
+    """Return the surface with hidden skin points added as nodes after the seen nodes; they have links, but no ring of
+    grid neighbours.
 
     depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point is left out
-    if no node shows it and some camera sees through it. Nodes at the rim of the seen surface are linked to the skin
-    point that they show. That point becomes a node, too, even if a camera sees through it: the predicted outline may be
-    a few pixels too wide.
+    if no node shows it and some camera sees through its place. Nodes at the rim of the seen surface are linked to the
+    skin point that they show. This point becomes a node, too, even if a camera sees through its place: the predicted
+    outline may be a few pixels too wide.
     """
     body, first = expected.map, len(surface)
     absent = _seen_through(expected, depths_m, cameras)
@@ -284,8 +284,8 @@ def add_hidden_skin(
 
 
 def _seen_through(expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]) -> np.ndarray:
-    """Return (k,) bool: skin points that cannot be at their expected place, since a camera sees through it to a farther
-    surface.
+    """Return (k,) bool: skin points that cannot be at their expected place, since a camera sees a farther surface
+    through this place.
     """
     absent = np.zeros(len(expected.points_m), np.bool_)
     for depth, camera in zip(depths_m, cameras, strict=True):
@@ -295,7 +295,7 @@ def _seen_through(expected: ExpectedSkin, depths_m: Sequence[np.ndarray], camera
 
 @njit(cache=True, nogil=True)
 def _mark_seen_through(skin: np.ndarray, camera: Pinhole, depth: np.ndarray, absent: np.ndarray) -> None:
-    """Mark in ``absent`` (k,) the skin points that lie in front of the camera's readings."""
+    """Mark in ``absent`` (k,) the skin points that lie more than ``SEEN_THROUGH_M`` in front of a camera's reading."""
     for k in range(len(skin)):
         high, left, z = into_camera(camera, skin, k)
         if z <= 0.0:
@@ -325,11 +325,11 @@ class Paths(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return place (k,): the new node of each skin point, -1 = no node; and shown (k,): the piece of mesh that shows
-    the point, -1 = hidden.
+    """Return place (k,): number of each skin point's new node, -1 = no new node; and shown (k,): the piece of mesh that
+    shows the point with an inner node (a node off the rim), -1 = none.
 
-    A skin point that the mesh shows becomes a node only if it is next to hidden skin points, or if a node at the rim
-    shows it.
+    A skin point that an inner node shows becomes a new node in two cases only: a node at the rim shows it as well, or a
+    neighbouring skin point becomes a new node and is not shown by an inner node.
     """
     skin, first = seen.skin, len(seen.skin)
     shown = np.full(len(absent), -1, np.int32)
@@ -363,9 +363,9 @@ def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np
 
 @njit(cache=True, nogil=True)
 def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return links (m, 2) among the new nodes and from the rim to the new nodes, and their lengths (m,) float32.
+    """Return links (m, 2) between new nodes, and from nodes at the rim to new nodes, and their lengths (m,) float32.
 
-    Two skin points on one piece of mesh are not linked, since the mesh connects them.
+    Two skin points that one piece of mesh shows are not linked, since the mesh connects them.
     """
     skin, skin_points, pairs, via = seen.skin, paths.points_m, paths.pairs, paths.via
     most = len(pairs) + len(skin)

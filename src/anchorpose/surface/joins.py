@@ -15,15 +15,17 @@ from scipy.spatial import KDTree
 from anchorpose.surface.links import add_links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
-# maximum departure from either tangent plane, as a share of the gap's width; one shin has less, two legs have far more
+# maximum distance of a node on one side of a gap from the tangent plane of the node on the other side, as a share of
+# the gap's width; on one shin it is less, between two legs far more
 MAX_DEPARTURE: Final = 0.35
-SLACK_M: Final = 0.015  # m, additional departure for soft tissue and noise beside a narrow bar
-MARGIN_PX: Final = 4  # pixels beside a bar in which readings are lost or removed
+SLACK_M: Final = 0.015  # m, added to this maximum distance, for soft tissue and noise beside a narrow bar
+MARGIN_PX: Final = 4  # pixels, width of the strip beside a bar in which readings are lost or removed
 
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
-"""Row and column offsets of ring places E, NE, N, NW; with these, every pair of grid neighbours occurs once."""
+"""Row and column offsets of the neighbours E, NE, N, NW; with these, every pair of grid neighbours occurs once."""
 
-# factor on the smallest gap between two pieces, up to which they are linked; where the gap is larger, they only overlap
+# two pieces are linked where their gap is up to this factor wider than at its narrowest; elsewhere one piece is only in
+# front of the other
 SPREAD: Final = 1.5
 
 
@@ -58,7 +60,7 @@ def _facing_pairs(
     margin: int,
     max_width: float,
 ) -> np.ndarray:
-    """Compute ``bridge_pairs`` across at most ``longest`` grid cells, of which 2 ``margin`` at each end may be seen."""
+    """Compute ``bridge_pairs`` across ``longest`` + 2 ``margin`` cells; up to 2 ``margin`` may be without a reading."""
     rows, cols = index.shape
     pairs = np.empty((4 * len(points), 2), np.int32)
     count = 0
@@ -108,7 +110,7 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
     """Return one camera's surface, on the grid of every ``step``-th pixel, with its pieces linked where they are
     nearest to each other.
 
-    Pieces that show expected skin count as one piece: hidden skin connects them better than the shortest gap.
+    Pieces that show expected skin count as one piece and are not linked here, since hidden skin connects them better.
     """
     piece = pieces(surface)
     known = np.unique(piece[surface.skin >= 0])
@@ -124,7 +126,7 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
 
 
 def join_rest(surface: Surface, max_gap_m: float) -> Surface:
-    """Return the surface with separate seen pieces linked to the largest piece, at the place nearest to it.
+    """Return the surface with each separate seen piece linked to the largest piece, where they are nearest.
 
     Links are at most ``max_gap_m`` long; a piece farther away stays separate, with infinite distances.
     """

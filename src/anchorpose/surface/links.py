@@ -1,6 +1,6 @@
 """Handle links, which are edges outside the pixel grid, and the connected pieces of a mesh.
 
-Links lead between cameras, across bars and over hidden skin.
+A link connects the nodes of two cameras, the two sides of a bar or a gap, or nodes of hidden skin.
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ def straight_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Convert undirected pairs (m, 2) with lengths (m,) to compressed rows (link_start, link_node, link_length_m).
+    """Convert undirected pairs (m, 2) of ``count`` nodes, with lengths (m,), to the compressed rows link_start,
+    link_node and link_length_m of ``Surface``.
 
-    The rows are symmetric: each link appears once per end. They are in the order of the pairs. For repeated pairs the
-    shortest length counts.
+    Each link appears in the rows of both its nodes. A node's links are in the order of the pairs. For repeated pairs,
+    the shortest length counts.
     """
     none = np.empty(0, np.int32)
     return _compress(
@@ -57,7 +58,7 @@ def _compress(
     length: np.ndarray,
     count: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Append pairs to the compressed rows of the first nodes; own_start (o + 1,) for o nodes."""
+    """Append pairs to the compressed rows (own_*) of the first o nodes; own_start is (o + 1,)."""
     owners = len(own_start) - 1
     room = np.zeros(count + 1, np.int32)
     for n in range(owners):
@@ -80,7 +81,7 @@ def _compress(
             filled[here] += 1
     start, place = np.zeros(count + 1, np.int32), np.full(count, -1, np.int32)
     end = 0
-    for n in range(count):  # close the gaps left by repeated pairs; place: each node's place in this row
+    for n in range(count):  # merge repeated pairs; place: where this row already has each node
         for spot in range(room[n], room[n + 1]):
             there, metre = node[spot], metres[spot]
             if place[there] < start[n]:
@@ -101,7 +102,7 @@ def pieces(surface: Surface) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _connected_pieces(mesh: MeshArrays) -> np.ndarray:
-    """Compute ``pieces``, compiled; the root of a piece is its first node.
+    """Compute ``pieces`` in compiled code; the root of a piece is its first node.
 
     Source: Tarjan 1975 (doi:10.1145/321879.321884), with path halving.
     """
@@ -138,7 +139,7 @@ def unite(root: np.ndarray, one: Any, other: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def find_root(root: np.ndarray, node: Any) -> Any:
-    """Return the root of a node's set, and shorten the path to it. All nodes are int64, so that it is compiled once."""
+    """Return the root of a node's set, and shorten the path to it. Callers give int64, so that it is compiled once."""
     while root[node] != node:
         root[node] = root[root[node]]
         node = root[node]

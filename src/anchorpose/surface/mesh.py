@@ -13,8 +13,7 @@ from anchorpose.surface.joins import bridge_pairs
 from anchorpose.surface.links import compress_links, links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
-# pixels of a row that are processed together; the sums of such a tile stay in the fastest cache
-TILE = 256
+TILE = 256  # number of pixels of a row that are processed together; the sums of such a tile stay in the fastest cache
 S, SU, SV, SUU, SUV, SVV, SW, SUW, SVW, LIMIT, NX, NY, NZ = (np.uint64(TILE * place) for place in range(13))
 
 
@@ -25,7 +24,7 @@ def estimate_normals(
     determine a plane.
 
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
-    pixel (n, 2) int16: row and column, each with a reading; raster order is fastest. slope, spread: the jump limit per
+    pixel (n, 2) int16: row and column, each with a reading, fastest in raster order. slope, spread: the jump limit per
     pixel, from ``jump_coefficients``. Raises ValueError for a pixel without a reading. The fit is to the inverse depth,
     which is linear in the rays on a plane. So it is exact for planes at any slant, and all pixels have the same
     variance if noise grows as z**2.
@@ -48,7 +47,7 @@ class Window(NamedTuple):
 
 
 def _window(depth: np.ndarray, rays: np.ndarray, margin: int) -> tuple[Window, int, int]:
-    """Return the window, and the row and column of the depth frame where its part inside the margin begins."""
+    """Return the window, and the row and column in the depth frame of the window's first pixel inside the margin."""
     top, bottom, left, right = extent(depth > 0)
     shape = bottom - top + 2 * margin, right - left + 2 * margin + 1
     window = Window(*(np.zeros(shape, np.float32) for _ in range(4)))
@@ -63,7 +62,7 @@ def _window(depth: np.ndarray, rays: np.ndarray, margin: int) -> tuple[Window, i
 def _plane_normals(
     window: Window, pixel: np.ndarray, top: int, left: int, radius: int, slope: Any, spread: Any
 ) -> np.ndarray:
-    """Compute, tile by tile, the sums over the neighbours of each pixel and the planes that follow from them."""
+    """Compute ``estimate_normals`` tile by tile: sums over the neighbours of each pixel, then the planes."""
     z = window.z
     normals = np.empty((len(pixel), 3), np.float32)
     sums = np.empty(13 * TILE, np.float32)
@@ -96,8 +95,8 @@ def _plane_normals(
 
 @njit(cache=True, nogil=True)
 def _tap_weight(i: int, j: int, radius: int) -> Any:
-    """Return the weight of a neighbour i rows and j columns away. It is 0 outside the window, since neighbours are
-    processed in pairs and their number in a row may be odd.
+    """Return the weight of a neighbour i rows and j columns away. It is 0 beyond the radius: neighbours are processed
+    in pairs, and the last pair of a row may have one too many.
     """
     return np.float32(1.0 - (i**2 + j**2) / (2.0 * (radius + 1) ** 2)) if j <= radius else np.float32(0.0)
 
@@ -155,11 +154,12 @@ def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> N
         sums[NX + k], sums[NY + k], sums[NZ + k] = a / length, b / length, c / length
 
 
-# pixels; at 2.4 m the plane then covers 4 cm, which is wider than wrinkles and narrower than a wrist
+# pixels, radius of the plane fit around a node; at 2.4 m its window covers 4 cm, wider than wrinkles, narrower than a
+# wrist
 NORMAL_RADIUS_PX: Final = 3
 
 RING = np.array([[0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0], [1, 1]], dtype=np.int64)
-"""Row and column offsets of the eight ring places, E NE N NW W SW S SE."""
+"""Row and column offsets of a node's eight grid neighbours, in the order of ``Surface.ring``: E NE N NW W SW S SE."""
 
 
 def build_surface(
@@ -203,7 +203,7 @@ def build_surface(
 
 
 def edges(surface: Surface) -> np.ndarray:
-    """Return every edge once, (e, 2) int32 with the smaller index first: grid edges and links."""
+    """Return every edge of the surface once, (e, 2) int32 with the smaller index first: grid edges, then links."""
     return np.concatenate([grid_edges(surface), links(surface)[0]])
 
 
@@ -227,10 +227,10 @@ def faces(surface: Surface) -> np.ndarray:
     def joined(a: np.ndarray, place: int, b: np.ndarray) -> np.ndarray:
         return (a >= 0) & (b >= 0) & (surface.ring[a, place] == b)
 
-    fall_low = (down >= 0) & joined(down, 0, down_right)  # (a, c, d) of the cell a b over c d
-    fall_high = (right >= 0) & joined(right, 6, down_right)  # (a, d, b)
-    rise_high = (left >= 0) & joined(left, 6, down_left)  # (b, a, c), from node b
-    rise_low = (down >= 0) & joined(down_left, 0, down)  # (b, c, d)
+    fall_low = (down >= 0) & joined(down, 0, down_right)  # triangle (a, c, d) of a cell with the corners a b over c d
+    fall_high = (right >= 0) & joined(right, 6, down_right)  # triangle (a, d, b)
+    rise_high = (left >= 0) & joined(left, 6, down_left)  # triangle (b, a, c), from node b
+    rise_low = (down >= 0) & joined(down_left, 0, down)  # triangle (b, c, d), from node b
     corner_b = np.where(right >= 0, right, np.where(down_right >= 0, surface.ring[down_right, 2], -1))
     falls = fall_low.astype(np.int8) + fall_high
     rises = np.where(corner_b >= 0, (rise_high.astype(np.int8) + rise_low)[corner_b], 0)
@@ -279,8 +279,8 @@ def _refuse_wrong_size(camera: Camera, *frames: np.ndarray | None) -> None:
 
 
 def _grid_nodes(depth: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return index (rows, cols) int32, -1 = no node, and pixel (n, 2) int16: row and column in the whole depth
-    frame.
+    """Return index (rows, cols) int32: the node at each place of the grid, -1 = no node; and pixel (n, 2) int16: each
+    node's row and column in the whole depth frame.
     """
     present = depth[::step, ::step] > 0.0
     pixel = np.argwhere(present)
@@ -314,8 +314,8 @@ def _large_pieces(surface: Surface, patch_m2: np.ndarray, min_piece_m2: float) -
 def _link_ring(
     depth: np.ndarray, index: np.ndarray, pixel: np.ndarray, ring: np.ndarray, step: int, slope: float, spread: float
 ) -> np.ndarray:
-    """Link neighbours if every pixel step between them is within the jump limit, so that a single lost reading between
-    them does not hide a jump.
+    """Return the ring (n, 8): neighbours are linked if no two successive readings between them differ by more than the
+    jump limit. Lost readings between them are skipped and hide no jump.
     """
     rows, cols = index.shape
     linked = np.full((len(pixel), 8), -1, np.int32)

@@ -1,8 +1,8 @@
 """Turn one frame's labelled depth images into the patient's surface: mesh, cut, fuse the cameras, add hidden skin.
 
-If two cameras have nodes on the same skin, the nodes of the camera with fewer readings per area of skin are dropped:
-it sees the skin at a slant or from farther away. A border of two rings is kept; each of its nodes is linked to the
-corners of the other camera's cell that contains the node.
+If two cameras have nodes on the same skin, the nodes of the camera with fewer readings per area of skin are dropped: it
+sees the skin at a slant or from farther away. Of these nodes, those within two grid steps of the kept nodes stay as a
+border; each node of the border is linked to the four corners of the other camera's grid cell in which it lies.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from anchorpose.surface.mesh import build_surface, keep_nodes
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geodesic_lower_bound
 from anchorpose.threads import each
 
-# m along the normal, maximum distance of two nodes on the same skin, for clothes and noise; an arm on the trunk has
-# more
+# m, maximum distance along the normal between two cameras' nodes on the same skin, due to clothes and noise; the skin
+# of an arm is farther from the trunk on which it lies
 MAX_OFF_PLANE_M: Any = np.float32(0.015)
 MAX_TURN_DEG: Final = 60.0  # degrees, maximum angle between normals of the same skin, due to their noise in two cameras
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# m on the body, maximum distance between nodes on the same skin, the spacing of skin points; between thighs it is
-# larger
+# m along the body, maximum distance between the skin points that two nodes on the same skin show, due to the spacing of
+# skin points; those of two thighs are farther apart
 MAX_ON_BODY_M: Any = np.float32(0.09)
 
 
@@ -93,7 +93,7 @@ def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
 
 
 class Nodes(NamedTuple):
-    """All cameras' nodes."""
+    """All cameras' nodes, in the form for compiled kernels."""
 
     points_m: np.ndarray  # (n, 3) float32
     normals: np.ndarray  # (n, 3) float32
@@ -107,7 +107,7 @@ class Grid(NamedTuple):
     """A camera's nodes on their grid."""
 
     node: np.ndarray  # (rows, cols) int32, the node at every ``step``-th pixel, -1 = no node
-    step: int
+    step: int  # pixels between neighbouring nodes
 
 
 def _same_skin(
@@ -118,7 +118,8 @@ def _same_skin(
     cameras: tuple[Camera, Camera],
     config: SurfaceConfig,
 ) -> np.ndarray:
-    """Return pairs (m, 2) int32: each node of the source surface with the corners of the target's cell around it.
+    """Return pairs (m, 2) int32 of nodes on the same skin: each node of the source surface, with those corners of the
+    target surface's grid cell around it that show this skin.
 
     source, target (2,): first node, and one past the last node; cameras: the cameras of source and target. Nodes of the
     source that the target's camera sees better are marked in ``dropped``.
@@ -136,7 +137,7 @@ def _same_skin(
 
 
 def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
-    """Return the number of pixels between neighbours on the grid from which the surface was made."""
+    """Return the number of pixels between grid neighbours of a surface whose first node has the index ``first``."""
     east = np.flatnonzero(ring[:, 0] >= 0)
     if len(east) == 0:
         return 1
@@ -144,14 +145,14 @@ def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
 
 
 def _lengths_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Return the lengths (m,) float32, summed in single precision."""
+    """Return the distance (m,) between the nodes of each pair, computed in single precision."""
     x, y, z = (points_m[pairs[:, 0]] - points_m[pairs[:, 1]]).T
     length: np.ndarray = np.sqrt(x**2 + y**2 + z**2)
     return length
 
 
 def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
-    """Return (n,) bool, nodes to keep: nodes that are not dropped, and dropped nodes within two rings of them."""
+    """Return (n,) bool, nodes to keep: those not dropped, and dropped nodes at most two grid steps from one of them."""
     stay = ~dropped
     for _ in range(2):
         stay = stay | np.append(stay, False)[ring].any(axis=1)
@@ -162,8 +163,8 @@ def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
 def _pair_corners(
     nodes: Nodes, begin: int, end: int, grid: Grid, camera: Pinhole, eyes: np.ndarray, max_apart: np.float32
 ) -> np.ndarray:
-    """Compute ``_same_skin`` for the nodes from begin to end; eyes (2, 3) float32: positions of their camera and of the
-    other camera.
+    """Compute ``_same_skin`` for the nodes from begin to end. grid, camera: those of the other surface; eyes (2, 3)
+    float32: positions of the nodes' own camera and of the other camera.
     """
     points, shown, step = nodes.points_m, nodes.skin, grid.step
     rows, cols = grid.node.shape
@@ -239,12 +240,11 @@ def patient_surface(
     expected: ExpectedSkin | None = None,
     config: SurfaceConfig | None = None,
 ) -> Surface:
-    """Build the patient's surface of one frame: seen nodes of all cameras, then hidden skin where the body is
-    expected.
+    """Build the patient's surface of one frame: seen nodes of all cameras, then hidden skin where the body is expected.
 
     views: one per camera, in the order of the cameras; a camera without a depth frame has a blank view. expected: the
-    patient's predicted skin. Without it, bars are bridged by planes and pieces are joined by distance, but nothing is
-    cut and no hidden skin is added.
+    patient's predicted skin. Without it, the surface is bridged behind bars if both sides lie in one plane, and pieces
+    are joined where they are nearest, but touching parts are not cut and no hidden skin is added.
     """
     config = config or SurfaceConfig()
     if expected is None or not config.by_body:
@@ -258,7 +258,7 @@ def patient_surface(
 
 
 def _bridged_mesh(view: View, camera: Camera, config: SurfaceConfig) -> Surface:
-    """Mesh one camera's view of the patient, joined across objects in front."""
+    """Mesh one camera's view of the patient, joined behind bars and across gaps."""
     mesh = build_surface(view.depth_m, view.patient, camera, config, view.hidden_by_equipment)
     return join_pieces(mesh, config.step, config.max_join_m)
 

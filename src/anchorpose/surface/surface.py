@@ -23,28 +23,26 @@ HIDDEN_SKIN: Final = 255
 class SurfaceConfig:
     """Settings for meshing labelled depth images to one surface."""
 
-    # whether the mesh is cut and closed by the predicted body; False = by the depth images, as in the paper
+    # whether the predicted body decides where the mesh is cut and closed; False = depth images alone, as in the paper
     by_body: bool = True
-    # pixels between nodes, 13 mm at 2.4 m; with 2 instead of 1, the geodesic error is 3 mm larger and the time a
-    # quarter
+    # pixels between nodes, 13 mm at 2.4 m; 2 instead of 1 adds 3 mm to the geodesic error and quarters the computing
+    # time
     step: Count = 2
     min_piece_m2: NotNegative = 0.0020  # m2, half a palm; smaller pieces are left out: bits of clothes, bars and floor
     # m, maximum width of a gap across which pieces are joined, such as chin to neck; 0 = no joins
     max_join_m: NotNegative = 0.10
-    # pixels; a window of 5x5 pixels is below a finger's width at 2.4 m and reduces the path error to about 1 %
+    # pixels; a window of 5x5 pixels is below a finger's width at 2.4 m and reduces errors of path lengths to about 1 %
     denoise_radius_px: Count = 2
-    # minimum number of neighbours on the same surface, out of 8; at a fingertip 2 pixels wide, a pixel has 3
+    # minimum number of a pixel's 8 neighbours on the same surface; on a fingertip 2 pixels wide, a pixel has 3
     min_support: Annotated[int, Field(ge=0, le=8)] = 3
-    # m, maximum width of a bridged bar: a knee pad with its shadow; behind wider bars the shape of the skin is unknown
+    # m, maximum width of a bridged bar: that of a knee pad and its shadow; behind wider bars the skin is unknown
     bridge_max_width_m: NotNegative = 0.15
-    # m, maximum distance between nodes of two cameras on the same skin, for calibration errors and half a slanted mesh
-    # cell
+    # m, maximum distance of two cameras' nodes on the same skin: calibration errors plus half of a slanted mesh cell
     fusion_max_apart_m: Positive = 0.03
 
 
 class MeshArrays(NamedTuple):
-    """The mesh in the form for compiled kernels: the fields of ``Surface`` with these names, each in one C-ordered
-    block.
+    """The mesh in the form for compiled kernels: fields of ``Surface`` with the same names, each as a C-ordered array.
 
     points_m, normals (n, 3), link_length_m (m,) float32; ring (n, 8), link_start (n + 1,), link_node (m,) int32.
     """
@@ -59,7 +57,7 @@ class MeshArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nodes:
-    """Places on skin that cameras saw."""
+    """Points of the skin that cameras saw."""
 
     points_m: np.ndarray  # (n, 3) float32, world frame
     normals: np.ndarray  # (n, 3) float32, unit vectors towards the camera that saw the node
@@ -75,7 +73,7 @@ class Nodes:
 
 
 def join_nodes(parts: Sequence[Nodes]) -> Nodes:
-    """Join the nodes of all parts, one part after another."""
+    """Return the nodes of all parts as one object, one part after another."""
     nowhere = np.zeros((0, 3), np.float32)
     empty = Nodes(nowhere, nowhere, np.zeros(0, np.uint8), np.zeros((0, 2), np.int16))
     return Nodes(*(np.concatenate([getattr(one, name) for one in (empty, *parts)]) for name in Nodes.__slots__))
@@ -86,8 +84,8 @@ class Surface(Nodes):
     """Nodes on the patient's skin and the edges between them, from one camera or several.
 
     Nodes that no camera saw are inferred: they come last, have ``HIDDEN_SKIN`` as camera and -1 as pixel, and only
-    connect geodesics between seen places. Links are edges outside the grid, to nodes of other cameras and across hidden
-    skin; they are stored as symmetric compressed rows.
+    serve geodesics between seen nodes. Links are edges outside the grid, to nodes of other cameras and to hidden skin;
+    they are stored as compressed rows, with each link in the rows of both its nodes.
     """
 
     # (n, 8) int32, the node's neighbours on its camera's grid in circular order (E, NE, N, NW, W, SW, S, SE), -1 =
@@ -117,7 +115,7 @@ class Surface(Nodes):
 
 
 def seen_part(surface: Surface) -> Surface:
-    """Return the nodes that a camera saw, with the edges and links among them."""
+    """Return the surface of only the nodes that a camera saw, with the edges and links among them."""
     count = surface.seen_count
     if count == len(surface):
         return surface
@@ -139,14 +137,14 @@ def seen_part(surface: Surface) -> Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyMap:
-    """Distances along the body between k sampled skin points, seen or not; they are valid in every pose."""
+    """Distances along the skin between k sampled skin points of the body; they are valid in every pose."""
 
     # (k, l) float32, geodesic distance of each point to l landmarks: the paper's descriptor (Definition 3) on the
     # complete body
     landmarks_m: np.ndarray
     pairs: np.ndarray  # (e, 2) int32, neighbours and second neighbours
     via: np.ndarray  # (e,) int32, the common neighbour on a pair's path; for direct neighbours the first of the two
-    straight: np.ndarray  # (e,) float32, the pair's distance divided by the length of its path
+    straight: np.ndarray  # (e,) float32, straight-line distance of the pair divided by the length of its path
 
 
 class SkinArrays(NamedTuple):
@@ -159,11 +157,11 @@ class SkinArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedSkin:
-    """The patient's skin at its expected place."""
+    """The patient's skin where the predicted pose has it."""
 
     points_m: np.ndarray  # (k, 3) float32, world
     normals: np.ndarray  # (k, 3) float32, world, outwards
-    map: BodyMap  # distances along the body between the same k points
+    map: BodyMap  # distances along the skin between the same k points
 
     @property
     def arrays(self) -> SkinArrays:

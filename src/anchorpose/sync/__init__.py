@@ -1,1 +1,1 @@
-"""Bring the results and the file of another device, such as EMG or an accelerometer, to one clock."""
+"""Relate the clock of another device's file, such as EMG or an accelerometer, to the clock of the results."""

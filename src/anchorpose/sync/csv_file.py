@@ -1,4 +1,4 @@
-"""Read signals from a CSV: one line of names, a column of times in seconds, and a column of numbers per signal."""
+"""Read signals from a CSV: a line of column names, a column of times in seconds, and a column of numbers per signal."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ MISSING: Final = ("", "NaN", "nan", "NA", "n/a")
 
 
 def read_csv(path: Path, time_column: str | None = None) -> OtherFile:
-    """Read the columns of a CSV; time_column: the column of times, None for the first of ``TIME_COLUMNS``.
+    """Read the columns of a CSV. time_column: name of the column of times, None for the first of ``TIME_COLUMNS``.
 
-    Empty cells, NaN, NA and n/a are missing. Raises InputError naming the file and the remedy.
+    Empty cells, NaN, NA and n/a count as missing values. Raises InputError naming the file and the remedy.
     """
     if not is_there(path):
         raise InputError(path, "there is no such file", "check the path")

@@ -15,9 +15,8 @@ REMEDY: Final = "export it again as continuous EDF or EDF+"
 
 
 def read_edf(path: Path) -> OtherFile:
-    """Read the signals by their labels, one stream per sampling rate; annotations are markers, named by their texts.
-
-    Raises InputError if it is not EDF, MissingPackage without pyedflib.
+    """Read the signals with their labels, as one stream per sampling rate, and annotations as markers named by their
+    texts. Raises InputError if the file is not EDF, MissingPackage if pyedflib is missing.
     """
     try:
         import pyedflib

@@ -27,20 +27,20 @@ SEGMENTS: Final = {
         for side in ("Left", "Right")
     },
 }
-"""Upper and lower joint of each segment. The sensor is assumed to be midway between them; the segment's axes are the
-axes of the lower joint.
+"""Upper and lower joint of each segment. The sensor is assumed to be midway between these joints; the segment's axes
+are the axes of the lower joint.
 """
 
 DIRECTION_ERROR_RAD: Final = 0.07
-"""Standard deviation of the error of a segment's direction (four degrees). In twelve real recordings, tracked thighs
-were off by 2.7 degrees in the median and by 4.8 in the worst.
+"""Standard deviation of the error of a segment's tracked direction (four degrees). In twelve real recordings, the
+direction of the thigh was off by 2.7 degrees in the median recording and by 4.8 in the worst.
 """
 
 GRAVITY_M_S2: Final = 9.81
 
 SMOOTHING_S: Final = 0.1
-"""Standard deviation of the kernel that smooths joints and sensor alike, s. Tracked joints jitter by some millimetres
-between frames, which two derivatives turn into metres per second squared; after smoothing, 0.1 m/s2 remain.
+"""Standard deviation in s of the kernel that smooths both joints and sensor signals. Tracked joints jitter by some
+millimetres between frames, which two derivatives turn into metres per second squared; after smoothing, 0.1 m/s2 remain.
 """
 
 
@@ -48,7 +48,7 @@ def specific_force(joints: JointTable, segment: str) -> Signals:
     """Return the specific force in m/s2 along the segment's axes: acceleration less gravity, as an accelerometer on the
     segment measures it.
 
-    values (g, 3), NaN in gaps. At rest it points upwards with the size of gravity.
+    Its values (g, 3) are NaN where joints are missing. At rest the force points upwards with the size of gravity.
     """
     time_s, middle_m, axes = _motion(joints, segment)
     acceleration = _derivative(_derivative(middle_m)) + GRAVITY_M_S2 * UP
@@ -56,8 +56,8 @@ def specific_force(joints: JointTable, segment: str) -> Signals:
 
 
 def angular_velocity(joints: JointTable, segment: str) -> Signals:
-    """Return the angular velocity in rad/s about the segment's axes, as a gyroscope on the segment measures it. values
-    (g, 3), NaN in gaps.
+    """Return the angular velocity in rad/s about the segment's axes, as a gyroscope on the segment measures it. Its
+    values (g, 3) are NaN where joints are missing.
     """
     time_s, _, axes = _motion(joints, segment)
     rate = np.einsum("gij,gik->gjk", axes, _derivative(axes.reshape(-1, 9)).reshape(-1, 3, 3))
@@ -65,11 +65,12 @@ def angular_velocity(joints: JointTable, segment: str) -> Signals:
 
 
 def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float) -> float:
-    """Return the sigma that errors of the segment's direction add to an offset found from ``from_s`` to ``to_s``.
+    """Return the sigma in s that errors of the segment's direction add to a clock offset that is found from the
+    movement between ``from_s`` and ``to_s``.
 
-    If a segment is tracked too far forward in the middle of a movement, it seems early; when it moves back, it seems
-    late, so both errors cancel. Only the change from the first to the last posture remains, for example in sitting
-    down. It is NaN where the segment is unknown.
+    A segment that is tracked too far forward seems early while it moves forward, and late while it moves back. In a
+    movement forward and back, these errors of the offset cancel. They remain only if the last posture differs from the
+    first, for example after sitting down. The result is NaN if the segment's direction is unknown.
     """
     time_s, _, axes = _motion(joints, segment)
     along = axes[(time_s >= from_s) & (time_s <= to_s)][:, :, 1]
@@ -81,8 +82,8 @@ def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float
 
 
 def _motion(joints: JointTable, segment: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the times (g,) of the grid, and at these times the smoothed midpoint (g, 3) in metres and the axes (g, 3,
-    3) of a segment.
+    """Return the times (g,) of an even grid, and at these times the smoothed midpoint (g, 3) in metres and the axes (g,
+    3, 3) of a segment.
     """
     upper, lower = (JOINT_INDEX[name] for name in SEGMENTS[segment])
     middle_m = joints.position_m[:, [upper, lower]].mean(axis=1)
@@ -92,5 +93,5 @@ def _motion(joints: JointTable, segment: str) -> tuple[np.ndarray, np.ndarray, n
 
 
 def _derivative(values: np.ndarray) -> np.ndarray:
-    """Return the derivative per second of (g, k) on the grid."""
+    """Return the derivative per second (g, k) of values (g, k) at the times of the grid."""
     return np.asarray(np.gradient(values, 1.0 / GRID_HZ, axis=0))

@@ -1,8 +1,8 @@
-"""Find another clock from the movement of one segment and the sensor that is strapped to it.
+"""Find the clock of an inertial sensor: compare its signals with the tracked movement of the segment it is strapped to.
 
-The sensor's mounting is unknown. So at each lag, the best rotation of the sensor's axes to the segment's axes is found
-(Schönemann 1966, doi:10.1007/BF02289451), and the correlation does not depend on the mounting. A sensor whose axes are
-left-handed is accepted, and a single axis is enough.
+The sensor's orientation on the segment (its mounting) is unknown. So for each time offset that is tried (lag), the best
+rotation of the sensor's axes to the segment's axes is found (Schönemann 1966, doi:10.1007/BF02289451); the correlation
+then does not depend on the mounting. The sensor's axes may be left-handed, and a single axis is enough.
 """
 
 from __future__ import annotations
@@ -24,41 +24,41 @@ from anchorpose.agreement.clock import (
 )
 
 LEAST_DRIFT_S: Final = 60.0
-"""Minimum common time in s for which the drift is fitted. For a shorter time, the prior of the drift (100 parts in a
-million) is more precise than the fit, since offsets are known to 5 ms.
+"""Minimum common time in s of both signals for which the drift is fitted. For a shorter time, the prior of the drift
+(100 parts in a million) is more precise than the fit, since offsets are known to 5 ms.
 """
 
 LEAST_OVERLAP_S: Final = 1.5
-"""Minimum common time in s, in which one movement such as standing up takes place."""
+"""Minimum common time in s of both signals, about the time that one movement such as standing up takes."""
 
 SHORT_S: Final = 10.0
 LEAST_SHORT_CORRELATION: Final = 0.9
-"""Minimum correlation if the common time is below ``SHORT_S`` (s), since a short movement may match others by chance.
-In four real recordings of 2.5 to 5 s, the correlation with the right file was 0.90 to 0.99.
+"""Minimum correlation if the common time is below ``SHORT_S`` (s), since a short movement may by chance correlate with
+a different one. In four real recordings of 2.5 to 5 s, the correlation with the right file was 0.90 to 0.99.
 """
 
 LARGEST_MISFIT: Final = 0.7
-"""Maximum misfit of the mean acceleration, as a share of gravity, if the common time is below ``SHORT_S``. Other
-movements may correlate after a rotation, but then gravity seldom has the right direction and size. In fourteen real
-recordings, the misfit of the right file was 0.15 to 0.67.
+"""Maximum of ``_mean_misfit`` of accelerations if the common time is below ``SHORT_S``. Rotated signals of a different
+movement may correlate, but then gravity seldom has the right direction and size. In fourteen real recordings, the
+misfit of the right file was 0.15 to 0.67.
 """
 
 SENSOR_SIGMA_S: Final = 0.01
-"""Sigma in s that skin and muscle under a sensor add to the offset: the accelerometer and the gyroscope of one sensor
-on the thigh gave clocks 10 ms apart, although each was certain within 8 ms.
+"""Sigma in s that the movement of skin and muscle under a sensor adds to the offset: the accelerometer and the
+gyroscope of one sensor on the thigh gave clocks 10 ms apart, although each was certain within 8 ms.
 """
 
 ROUNDS: Final = 3
-"""Number of rounds in which clock and mounting are fitted in turn; both are nearly right after the first."""
+"""Number of rounds in which clock and mounting are fitted in turn; both are nearly right after the first round."""
 
 
 def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = None, has_gravity: bool = False) -> Clock:
-    """Find the sensor's clock.
+    """Find the sensor's clock relative to the clock of the tracked segment.
 
-    ours (g, 3): signals of the tracked segment, in its axes; theirs (h, k), k from 1 to 3: signals of the sensor, in
-    its axes. Units are arbitrary. near_s: an offset that is correct within half a second, None if unknown.
+    ours (g, 3): signals of the tracked segment, along its axes; theirs (h, k), k from 1 to 3: signals of the sensor,
+    along its axes. Units are arbitrary. near_s: an offset that is correct within half a second, None if unknown.
     has_gravity: whether both are accelerations of three axes. Raises NoCommonMovement if the best offset explains too
-    little of the movement, or another offset explains equally much.
+    little of the movement, or another offset explains as much of it.
     """
     r, overlap = rotated_correlations(ours.values[::COARSE], theirs.values[::COARSE])
     clock = starting_clock(*offset_of_peak(ours, theirs, r, overlap, LEAST_OVERLAP_S, near_s))
@@ -79,10 +79,10 @@ def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = Non
 
 
 def rotated_correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the correlation at each lag of b (m, k) behind a (n, 3) after the best rotation, and its number of
-    samples.
+    """Return, for each lag of b (m, k) behind a (n, 3), the correlation after the best rotation, and the number of
+    samples that it uses.
 
-    Rows with a NaN are left out. Lag index i pairs a[j] with b[j + i - (n - 1)].
+    Rows with a NaN are left out. The lag with index i pairs a[j] with b[j + i - (n - 1)].
     """
     (a, seen_a), (b, seen_b) = _centred(a), _centred(b)
     count = np.maximum(np.rint(_sums(seen_a, seen_b)), 0.0)
@@ -100,20 +100,22 @@ def rotated_correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _centred(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values less their mean, 0 where unknown; and (n,): 1.0 where the whole row is known, else 0."""
+    """Return the values less their mean, 0 in rows with a NaN; and (n,): 0.0 for such rows, 1.0 for others."""
     seen = np.isfinite(values).all(axis=1)
     mean = values[seen].mean(axis=0) if seen.any() else 0.0
     return np.where(seen[:, None], np.nan_to_num(values - mean), 0.0), seen.astype(np.float64)
 
 
 def _sums(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return (n + m - 1,): at each lag, the sum of the products of the common samples."""
+    """Return for each lag (n + m - 1,) the sum, over the samples that this lag pairs, of the products ``first *
+    second``.
+    """
     return np.asarray(correlate(second, first, method="fft"))
 
 
 def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray, float]:
-    """Return the rotation and scale (k, 3) from the sensor's axes and unit to the segment's, and the correlation after
-    it.
+    """Return the matrix (k, 3), a rotation times a scale, that turns the sensor's values to the segment's axes and
+    unit, and the correlation after this rotation.
 
     clock: a clock that is nearly correct. Raises NoCommonMovement if the two signals have no time in common.
     """
@@ -124,16 +126,16 @@ def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray,
 
 
 def _mean_misfit(ours: Signals, turned: Signals, clock: Clock) -> float:
-    """Return the distance between the mean vectors of segment and sensor, divided by the mean size of the segment's.
-    turned: the sensor's vectors in the axes and unit of the segment.
+    """Return the distance between the mean vectors of segment and sensor, divided by the mean length of the segment's
+    vectors. turned: the sensor's vectors in the axes and unit of the segment.
     """
     x, y = _in_common(ours, turned, clock)
     return float(np.linalg.norm(x.mean(axis=0) - y.mean(axis=0)) / np.linalg.norm(x, axis=1).mean())
 
 
 def _in_common(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values of the segment (c, 3) and of the sensor (c, k) where both are known; raises NoCommonMovement
-    without any.
+    """Return the values of the segment (c, 3) and of the sensor (c, k) at the times when both are known; raises
+    NoCommonMovement if there are none.
     """
     at_s = clock.reference_time_s(ours.time_s)
     found = np.stack([np.interp(at_s, theirs.time_s, y, np.nan, np.nan) for y in theirs.values.T], axis=1)

@@ -11,48 +11,50 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.recording.recording import nearest_within
 
 MOST_PULSES: Final = 1000
-"""Maximum number of pulses in a file. A signal with more onsets has no pulses, or triggers a camera, which does not
-determine offsets.
+"""Maximum number of pulses in a file. With more, the signal does not consist of pulses, or its pulses trigger a camera
+at even intervals, so that many offsets match.
 """
 
 LEAST_PULSES: Final = 3
-"""Minimum number of matched pulses if the offset is unknown, since two pulses at the same distance often occur by
-chance.
+"""Minimum number of matched pulses if the offset is unknown: two pulses of one file are often by chance as far apart as
+two of the other.
 """
 
 ANCHORS: Final = 20
-"""Number of onsets on the recording's clock with which offsets are tried; some may be missing in the other file."""
+"""Number of onsets on the recording's clock that are each paired with every onset of the other file, to get the offsets
+to try. One would not suffice, since its pulse may be missing in the other file.
+"""
 
 TOLERANCE_S: Final = 0.02
-"""Maximum difference in s of matched onsets, caused by the jitter of markers from another program, or of a signal with
-few samples.
+"""Maximum difference in s of matched onsets. Markers from another program jitter, and a signal may have a low sampling
+rate.
 """
 
 LEAST_SHARE: Final = 0.5
 """Minimum share of the pulses in the common time that must be matched, in each of the two files."""
 
 RIVAL_SHARE: Final = 0.75
-"""Maximum share of the matched pulses that another offset may match; above it, the pulses are too evenly spaced to
-decide.
+"""If another offset matches at least this share of the number of pulses that the best offset matches, the pulses are
+too evenly spaced to decide between the two offsets.
 """
 
 LEAST_SIGMA_S: Final = 0.001
-"""Minimum standard deviation of an onset in s, for an onset anywhere between two samples of a signal at 300 Hz."""
+"""Minimum standard deviation of an onset in s: that of a random time between two samples at 300 Hz."""
 
 ROUNDS: Final = 5
-"""Number of rounds in which line and sigma are fitted in turn."""
+"""Number of rounds in which the clock's drift and the sigma of the onsets are fitted in turn."""
 
 HIGH, LOW = 0.6, 0.4
-"""Levels on a scale from the lowest value (0) to the highest (1). A pulse begins above the first level and ends below
-the second.
+"""A pulse begins above ``HIGH`` and ends below ``LOW``, on a scale from a signal's extreme outside pulses (0) to its
+extreme within pulses (1).
 """
 
 
 def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the times (p,) at which pulses begin in a signal (n,) at times (n,); NaN does not count as a pulse.
+    """Return the times (p,) at which pulses begin in a signal with values (n,) at times (n,); NaN values are left out.
 
-    The rarer of the signal's two levels is the pulse, so pulses may also be negative. The onset is midway between the
-    last sample before the rise and the first after it, unless the signal rises slowly.
+    The rarer of the signal's two levels is the pulse, so pulses may also be negative. An onset is the time at which the
+    signal crosses the mean of its lowest and its highest value, interpolated linearly between two samples.
     """
     known = np.isfinite(values)
     times, heights = time_s[known], values[known]
@@ -61,7 +63,7 @@ def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     level = (heights - heights.min()) / np.ptp(heights)
     level = 1.0 - level if (level > 0.5).mean() > 0.5 else level
     sample = np.arange(len(level))
-    # the last sample that is above or below both levels
+    # at each sample, the index of the last one that was above ``HIGH`` or below ``LOW``
     clear = np.maximum.accumulate(np.where((level >= HIGH) | (level <= LOW), sample, 0))
     is_high = level[clear] >= HIGH
     begun = np.flatnonzero(is_high[1:] & ~is_high[:-1]) + 1
@@ -71,11 +73,11 @@ def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None = None) -> tuple[OtherClock, int]:
-    """Find the other clock, and the number of matched pulses. ours_s (n,), theirs_s (m,): increasing onsets of the
-    pulses on the recording's and on the other clock.
+    """Find the other device's clock; return it and the number of matched pulses. ours_s (n,), theirs_s (m,): increasing
+    onsets of the pulses on the recording's clock and on the other clock.
 
-    near_s: an offset that is right within half a second, None if unknown. Raises NoCommonMovement if too few
-    pulses match, or another offset matches nearly as many.
+    near_s: an offset that is right within half a second, None if unknown. Raises NoCommonMovement if too few pulses
+    match, or another offset matches nearly as many.
     """
     if not len(ours_s) or not len(theirs_s):
         raise NoCommonMovement("one of the two has no pulse")
@@ -97,8 +99,8 @@ def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | N
 
 
 def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) -> np.ndarray:
-    """Return (c, 2): candidate offsets, each an onset on the other clock minus an onset on the recording's; and the
-    time on the recording's clock at which each is valid.
+    """Return (c, 2), one row per offset to try: the offset, which is an onset on the other clock minus an onset on the
+    recording's clock; and the onset on the recording's clock, which is the time at which the offset holds.
     """
     anchors = ours_s[np.unique(np.linspace(0, len(ours_s) - 1, ANCHORS).astype(int))]
     tried = np.array([(theirs - anchor, anchor) for anchor in anchors for theirs in theirs_s])
@@ -108,8 +110,8 @@ def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) 
 def _matched(
     ours_s: np.ndarray, theirs_s: np.ndarray, offset_s: float, anchor_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices (k,) of matching onsets of both clocks. The tolerance grows with the distance from the anchor,
-    since clocks drift.
+    """Return the indices (k,) into ours_s and (k,) into theirs_s of onsets that match with an offset. The tolerance
+    grows with the time from ``anchor_s``, at which the offset holds, since clocks drift.
     """
     within_s = TOLERANCE_S + 2.0 * DRIFT_SIGMA * np.abs(ours_s - anchor_s)
     found = nearest_within(ours_s + offset_s, theirs_s, within_s)
@@ -130,7 +132,7 @@ def _require_enough(
 
 
 def _fitted(ours_s: np.ndarray, theirs_s: np.ndarray) -> OtherClock:
-    """Fit a line through matched onsets (k,); the drift has a prior of 0 ± ``DRIFT_SIGMA``."""
+    """Fit offset and drift of the clock to matched onsets (k,); the drift has a prior of 0 ± ``DRIFT_SIGMA``."""
     middle_s, ahead_s = float(ours_s.mean()), theirs_s - ours_s
     since_s, offset_s = ours_s - middle_s, float(ahead_s.mean())
     sigma_s, drift, information = TOLERANCE_S / 2.0, 0.0, DRIFT_SIGMA**-2

@@ -1,4 +1,4 @@
-"""Read the file of another device; its ending states the format."""
+"""Read the file of another device; the ending of its name states the format."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from anchorpose.sync.xdf_file import read_xdf
 
 
 def read_other(path: Path, time_column: str | None = None) -> OtherFile:
-    """Read the signals of a .csv, .xdf, .edf or .bdf; time_column as in ``read_csv``. Raises InputError for other
+    """Read the signals of a .csv, .xdf, .edf or .bdf file; time_column: as in ``read_csv``. Raises InputError for other
     endings.
     """
     ending = path.suffix.lower()

@@ -1,4 +1,4 @@
-"""Read when shared pulses began on the recording's clock, from a table of events or pulses."""
+"""Read the onsets of pulses that both devices recorded, on the recording's clock, from a table of events or pulses."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ EVENTS_REMEDY: Final = "give an events.tsv, whose first line begins with onset, 
 
 
 def recorded_onsets(path: Path, results: Path, joints: JointTable, column: str, kind: str | None) -> np.ndarray:
-    """Return (p,) seconds on the clock of the first camera, in increasing order.
+    """Return the onsets of pulses (p,), seconds on the clock of the first camera, in increasing order.
 
     path: an events.tsv, whose onsets count from the recording's first frame; or a .csv on the recording's clock, either
-    with the signal ``column``, or with a single column of times, one per pulse. kind: the trial_type to take, None for
-    all. Raises InputError if the file cannot be used.
+    with the signal ``column``, or with a single column of times, one per pulse. kind: the trial_type of the rows that
+    are pulses, None for all rows. Raises InputError if the file cannot be used.
     """
     if path.suffix.lower() == ".tsv":
         return np.unique(_events(path, kind) + first_frame_s(results, joints))

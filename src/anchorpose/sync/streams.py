@@ -1,4 +1,4 @@
-"""Hold the signals of another device over time as in its file, and find them by name."""
+"""Hold the signals of another device with their times, as they are in its file, and find signals by name."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from anchorpose.errors import InputError
 from anchorpose.options import DAY_S
 
 LARGEST_BYTES: Final = 2 * 2**30
-"""Maximum size in bytes of a file in XDF or EDF; 16 channels of EMG at 2 kHz take half a gigabyte per hour as floats.
-"""
+"""Maximum size in bytes of an XDF or EDF file; 16 channels of EMG at 2 kHz take half a gigabyte per hour as floats."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stream:
-    """Signals with common times.
+    """Several signals that were sampled at the same times.
 
-    time_s (n,) float64, seconds of the device's clock, rising; channels: their names; values (n, k) float64 in the
-    file's units, NaN where missing.
+    time_s (n,) float64, seconds on the device's clock, rising; channels: names of the k signals; values (n, k) float64
+    in the file's units, NaN where missing.
     """
 
     name: str
@@ -34,7 +33,7 @@ class Stream:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Markers:
-    """Onsets (n,) float64 of one stream of markers, seconds, rising."""
+    """The onsets of one stream of markers. time_s (n,) float64, seconds on the device's clock, rising."""
 
     name: str
     time_s: np.ndarray
@@ -42,7 +41,7 @@ class Markers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherFile:
-    """The content of a file: streams of signals, and markers beside them; notes: sentences on unused content."""
+    """The content of another device's file: streams of signals, and markers; notes: sentences on unused content."""
 
     path: Path
     streams: tuple[Stream, ...]
@@ -60,8 +59,8 @@ class OtherFile:
         )
 
     def take(self, wanted: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the times (n,) and values (n, wanted) of some channels; raises InputError unless one stream has all of
-        them.
+        """Return the times (n,) of the wanted channels and their values (n, wanted); raises InputError unless one
+        stream has all of them.
         """
         found = [self._place(name) for name in wanted]
         if len({place for place, _ in found}) > 1:
@@ -71,7 +70,7 @@ class OtherFile:
         return stream.time_s, stream.values[:, [column for _, column in found]]
 
     def _place(self, name: str) -> tuple[int, int]:
-        """Return the index of the stream and of the channel in it."""
+        """Return the index of the stream with the channel ``name``, and of the channel in it."""
         places = [
             (place, column)
             for place, stream in enumerate(self.streams)
@@ -109,7 +108,7 @@ def checked(path: Path, stream: Stream) -> Stream:
 
 
 def distinct(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names, with a number after each repeated one."""
+    """Return the names, with a number after each name that occurred before."""
     found = list[str]()
     for name in names:
         others = (f"{name} {number}" for number in count(2))
@@ -118,8 +117,8 @@ def distinct(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def usable(path: Path, streams: Iterable[Stream], markers: Sequence[Markers], notes: Sequence[str]) -> OtherFile:
-    """Return the file with the streams that ``checked`` accepts, and a note on each other stream; raises InputError
-    where no stream is left.
+    """Return the file with the streams that ``checked`` accepts, and a note on each other stream; raises InputError if
+    it has neither such a stream nor markers.
     """
     kept, left_out = list[Stream](), list[InputError]()
     for stream in streams:

@@ -1,4 +1,4 @@
-"""Find the clock of another device's file by movement, pulses or time stamps."""
+"""Find the clock of another device's file from common movement, common pulses or time stamps."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from anchorpose.sync.recorded_onsets import first_frame_s, recorded_onsets
 from anchorpose.sync.streams import OtherFile
 
 MOVEMENT, PULSES, STAMPS = "movement", "pulses", "stamps"
-"""Ways in which a clock was found, as in clock.json."""
+"""The ways in which a clock can be found, as clock.json states them."""
 
 STAMP_SIGMA_S: Final = 0.02
-"""Sigma of a time stamp in s; an image is stamped when it arrives, 10 to 50 ms after it was taken."""
+"""Sigma in s of an image's time stamp: an image is stamped when it arrives, 10 to 50 ms after it was taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Synchronised:
     """Results and another file, with the clock that relates them.
 
-    method: how the clock was found; compared: names of the two compared signals; notes: sentences for the user.
+    method: how the clock was found; compared: what was compared, in words; notes: sentences for the user.
     """
 
     results: Path
@@ -49,8 +49,8 @@ class Synchronised:
 
 
 def synchronise(results: Path, other: Path, settings: SyncSettings) -> Synchronised:
-    """Find the clock of ``other``; raises InputError if a file cannot be used or the two have no movement, pulses or
-    time in common.
+    """Find the clock of the file ``other``; raises InputError if a file cannot be used, or if it has no movement,
+    pulses or time in common with the results.
     """
     way = _way(settings)
     require_own(results, (JOINTS_FILE,))
@@ -123,8 +123,8 @@ def _by_pulses(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def other_onsets(other: OtherFile, name: str) -> np.ndarray:
-    """Return the onsets (p,) of a stream of markers, or of a signal's pulses; raises InputError if neither
-    exists.
+    """Return the onsets (p,) of the stream of markers ``name``, or of the pulses in the signal ``name``; raises
+    InputError if the file has neither.
     """
     markers = [each for each in other.markers if each.name == name]
     if markers:
@@ -157,8 +157,8 @@ def _by_stamps(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def _common(joints: JointTable, other: OtherFile, offset_s: float) -> tuple[float, float]:
-    """Return the times on the recording's clock between which both devices recorded; raises InputError if they have
-    no time in common.
+    """Return the first and the last time, on the recording's clock, at which both devices recorded; raises InputError
+    if they have no time in common.
     """
     times_s = [*(each.time_s for each in other.streams), *(each.time_s for each in other.markers)]
     ends = [each[[0, -1]] - offset_s for each in times_s]
@@ -178,4 +178,4 @@ WAYS: Final[dict[str, Way]] = {
     "pulses": _by_pulses,
     "stamps": _by_stamps,
 }
-"""By the option that selects the comparison: the function that makes it."""
+"""For each option that selects a comparison: the function that makes it."""

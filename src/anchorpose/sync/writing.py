@@ -1,5 +1,5 @@
-"""Write three things: the other clock, joints and events with times of the other clock, and the other device's signals
-at the joints' times.
+"""Write how the other device's clock relates to the recording's clock; joints and events with times on the other clock;
+and the other device's signals at the times of the joints.
 """
 
 from __future__ import annotations
@@ -35,13 +35,15 @@ SIGNALS_FILE: Final = "signals.parquet"
 SYNC: Final = FolderKind("a synchronisation", (CLOCK_FILE,), (CLOCK_FILE, JOINTS_FILE, SIGNALS_FILE, EVENTS_FILE))
 
 SEVERAL: Final = 2.0
-"""Minimum number of samples per frame of a signal that is averaged over the frame's time; a signal with fewer samples
-is interpolated.
+"""Samples per frame: a signal with at least this many is averaged over the time of each frame, one with fewer is
+interpolated.
 """
 
 
 def write_sync(folder: Path, found: Synchronised, overwrite: bool = False) -> None:
-    """Write all files into a new folder, or replace an earlier synchronisation; raises as ``check_results_path``."""
+    """Write all files into a new folder, or replace an earlier synchronisation if ``overwrite``; raises InputError if
+    the folder may not be written.
+    """
     check_results_path(folder, None, overwrite, SYNC)
     signals, events = signal_table(found), list(_events(found))
     with whole_or_nothing(folder, SYNC.own if overwrite else ()) as work:
@@ -85,12 +87,12 @@ def clock_document(found: Synchronised) -> dict[str, Any]:
 
 
 def signal_table(found: Synchronised) -> pa.Table:
-    """Return a table with frame, time_s, other_time_s, and each signal's value at the joints' times; null where
-    missing.
+    """Return a table with frame, time_s (recording's clock), other_time_s, and each signal's value at these times; null
+    where missing.
 
     A signal with several samples per frame has its mean over the frame's time, and a column NAME_rms with the root mean
-    square, as is usual for EMG; other signals are interpolated. Raises InputError if the table already has a column
-    of that name.
+    square, as is usual for EMG; other signals are interpolated. Raises InputError if a signal has the name of another
+    column.
     """
     time_s = found.joints.time_s
     other_s, step_s = found.clock.reference_time_s(time_s), usual_step_s(time_s)
@@ -110,12 +112,12 @@ def signal_table(found: Synchronised) -> pa.Table:
 
 
 def _averaged(stream: Stream, at_s: np.ndarray, step_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and root mean square (m, k) of the samples within half a step of each time (m,); NaN where there are
-    none.
+    """Return mean and root mean square (m, k) of a stream's samples within half of ``step_s`` of each time (m,); NaN
+    where there are none.
     """
     first, end = (np.searchsorted(stream.time_s, at_s + side * 0.5 * step_s) for side in (-1, 1))
     known = np.isfinite(stream.values)
-    centre = np.nanmean(np.where(known, stream.values, np.nan), axis=0)  # subtracted first, so that the sums stay small
+    centre = np.nanmean(np.where(known, stream.values, np.nan), axis=0)  # subtracted to keep the sums small
     values = np.where(known, stream.values - centre, 0.0)
     count, total, square = (
         np.vstack([np.zeros(each.shape[1]), np.cumsum(each, axis=0)]) for each in (known * 1.0, values, values**2)

@@ -20,10 +20,8 @@ REMEDY: Final = "give a file that LabRecorder or another program has written as 
 
 
 def read_xdf(path: Path) -> OtherFile:
-    """Read streams of numbers as signals, streams of texts as markers; times are corrected by the file's clock
-    offsets.
-
-    Raises InputError if it is not XDF or is empty, MissingPackage without pyxdf.
+    """Read streams of numbers as signals, and streams of texts as markers. Times are corrected by the clock offsets
+    that the file has. Raises InputError if it is not XDF or is empty, MissingPackage if pyxdf is missing.
     """
     try:
         import pyxdf
@@ -61,7 +59,7 @@ def _require_xdf(path: Path) -> None:
 
 @contextmanager
 def _complaints() -> Iterator[list[str]]:
-    """Yield the library's log messages about damage, which would otherwise go to the terminal."""
+    """Yield a list that collects pyxdf's log messages about damage, which would otherwise go to the terminal."""
     found = list[str]()
 
     class Keeper(logging.Handler):
@@ -95,7 +93,7 @@ def _signals(name: str, stream: Any) -> Stream:
 
 
 def _labels(stream: Any, count: int) -> tuple[str, ...]:
-    """Return the labels of the header if each channel has one, otherwise ch1, ch2 and so on."""
+    """Return the channels' labels in the stream's header if each channel has one, otherwise ch1, ch2 and so on."""
     try:
         channels = stream["info"]["desc"][0]["channels"][0]["channel"]
         found = [str(each["label"][0]) for each in channels]

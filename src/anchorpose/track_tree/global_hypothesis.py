@@ -1,5 +1,5 @@
-"""Find the pairs of nodes on the best branches over two to four frames, and the constraints on the pose that follow
-(paper, Section IV).
+"""Match surface nodes of one frame with those of the next by the best branches of a track tree over two to four frames,
+and make constraints on the pose from these pairs (paper, Section IV).
 """
 
 from __future__ import annotations
@@ -30,29 +30,31 @@ from anchorpose.track_tree.parts import ITERATIONS, joints_of_parts, register_pa
 from anchorpose.track_tree.tree import Support, TrackResult, TreeConfig, best_branches
 
 PART_REACH_M = 0.08  # m; a node farther from the body's skin belongs to no part
-PAIR_SIGMA_M = 0.04  # m, error of a match by the descriptor; it was 17 to 40 mm with the best subset
+PAIR_SIGMA_M = 0.04  # m, sigma of a match's place; by geodesic distances to the best anchors it is 17 to 40 mm
 ANCHOR_SIGMA_M = 0.05  # m, the paper's bound on the localisation error of anchors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GlobalHypothesis:
-    """The pairs on the best branches: nodes of frame t and their matches in frame t + 1."""
+    """The pairs of nodes on the best branches: nodes of frame t and their matches in frame t + 1."""
 
-    node: np.ndarray  # (m,) node of frame t
-    part: np.ndarray  # (m,) bone with which the node moves
-    point: np.ndarray  # (m,) skin point at the node
+    node: np.ndarray  # (m,) numbers of the nodes in frame t
+    part: np.ndarray  # (m,) number of the bone with which the node moves
+    point: np.ndarray  # (m,) number of the skin point that is nearest to the node
     matched_m: np.ndarray  # (m, 3) place of the node's match in frame t + 1; NaN if missed
-    predicted_m: np.ndarray  # (m, depth, 3) place expected by the motion dynamics, used if the match is missed
-    tree: TrackResult  # its ``support`` states which matches are missed, and why
+    predicted_m: np.ndarray  # (m, depth, 3) place of the node in each later frame, as expected by the motion dynamics
+    tree: TrackResult  # result of the tree search; ``support`` states which matches are missed, and why
 
     @property
     def matched_share(self) -> float:
-        """Return the share of nodes that have a match in the next frame; 0 without nodes."""
+        """Return the share of the nodes that have a match in the next frame; 0 without nodes."""
         return float((self.tree.support == Support.MATCHED).mean()) if len(self.node) else 0.0
 
 
 class SeenFrame(Protocol):
-    """A frame with the data that the tree needs. descriptor (n, 5): as in ``anchor_descriptor``, per surface node."""
+    """A frame with the data that the track tree needs. descriptor (n, 5): the distances of each node of the surface to
+    the anchors, as in ``anchor_descriptor``.
+    """
 
     @property
     def surface(self) -> Surface: ...
@@ -63,8 +65,8 @@ class SeenFrame(Protocol):
 
 
 def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: GateConfig) -> Matcher:
-    """Return the hypotheses of a frame's nodes in the next frame: one column per subset of the anchors that were found
-    in both frames.
+    """Return the matcher from a frame's nodes to nodes of the next frame: one column per subset of the anchors that
+    were found in both frames.
 
     Five anchors in subsets of three give ten columns. If there are fewer anchors than a subset needs, one subset has
     all of them; without anchors there are no columns.
@@ -90,10 +92,10 @@ def global_hypothesis(
     node_count: int,
     config: TreeConfig,
 ) -> GlobalHypothesis:
-    """Build, score and search the tree from the first frame of the window over the later frames.
+    """Build, score and search the track tree from the first frame of the window over the later frames.
 
-    predicted: one pose per frame after the first; node_count: number of source nodes of the tree. A node is predicted
-    to move with the part on which it lies.
+    predicted: one pose per frame after the first; links: one matcher per pair of successive frames; node_count: number
+    of source nodes of the tree. A node is predicted to move with the body part on which it lies.
     """
     source = window[0].surface
     chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), node_count)).astype(np.int64))
@@ -111,7 +113,9 @@ def global_hypothesis(
 
 
 def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return matches and costs level by level: first of the chosen nodes, then of the nodes to which matches lead."""
+    """Return matches and costs, one array per level: for the chosen nodes, then for the nodes that their matches reach,
+    and so on.
+    """
     matches = [links[0].ask(chosen)]
     for link_ in links[1:]:
         before = matches[-1]
@@ -121,7 +125,7 @@ def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndar
 
 
 def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Return (m, depth, 3): places of nodes that move with their parts from ``pose`` to each of the predicted poses."""
+    """Return (m, depth, 3): places of nodes that move with their body parts from ``pose`` to each predicted pose."""
     T_world_rest = body.transforms(pose)
     places = np.empty((len(nodes_m), len(predicted), 3))
     for level, later in enumerate(predicted):
@@ -131,14 +135,14 @@ def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarr
 
 
 def part_motion(T_world_rest_now: np.ndarray, T_world_rest_next: np.ndarray) -> np.ndarray:
-    """Return the motion tau^(t,t+1): (b, 4, 4) T_next_now of every part."""
+    """Return the motion tau^(t,t+1) of every body part between two frames: (b, 4, 4) T_next_now."""
     return T_world_rest_next @ np.linalg.inv(T_world_rest_now)
 
 
 def held_by(
     body: Body, pose: Pose, predicted: Pose, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame]
 ) -> Constraints:
-    """Return constraint rows from the tree's pairs and the anchors, to register the window's second frame."""
+    """Return constraints on the body in the window's second frame, from the track tree's pairs and the anchors."""
     now = pose_points(body, pose)
     pairs = pairs_of(now, hypothesis, window, part_motion(now.transforms, body.transforms(predicted)))
     return join([pairs, anchor_constraints(body.points, window[1].anchors, ANCHOR_SIGMA_M)])
@@ -147,7 +151,7 @@ def held_by(
 def pairs_of(
     now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> Constraints:
-    """Return the tree's pairs as rows that pull the skin point beside each node."""
+    """Return a constraint per pair that pulls the skin point beside the node to the place of the node's match."""
     found = np.isfinite(hypothesis.matched_m).all(axis=1)
     point, part = hypothesis.point[found], hypothesis.part[found]
     nodes = window[0].surface.points_m[hypothesis.node[found]].astype(np.float64)
@@ -178,7 +182,8 @@ def joints_by_parts(
     iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> np.ndarray:
-    """Return the joints (21, 3) in the second frame, by the rule J, after every part was registered by the paper's ICP.
+    """Return the joints (21, 3) in the second frame, by the rule J (``joints_of_parts``), after every part was
+    registered by the paper's ICP.
 
     Skin points are moved to their ``skin_places``. Parts without evidence keep their predicted motion.
     """

@@ -1,7 +1,8 @@
-"""Make subset hypotheses: places where a node may be in the next frame (paper, Section IV, track tree construction).
+"""Make hypotheses, one per subset of the anchors: the place where a node may be in the next frame (paper, Section IV,
+track tree construction).
 
 The gate limits the difference between the descriptors of one skin point in two frames (paper, error analysis, Section
-V).
+V). The descriptor of a node is its geodesic distances to the anchors.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ class Feature(StrEnum):
     """The evidence that two nodes show the same place on the skin."""
 
     GEODESIC = "geodesic"  # geodesic distances to the anchors (paper, Definition 3)
-    POSITION = "position"  # nearness to the node's former place, without a descriptor; for comparison
+    POSITION = "position"  # nearness to the node's place in the frame before, without a descriptor; for comparison
 
 
 @settings
@@ -36,7 +37,8 @@ class HypothesisConfig:
     subset_size: Count = 3
     # whether every frame is matched with the next frames, as in the paper; False = match no frames
     always: bool = False
-    # whether distances that a hole lengthens are left out; False = the subsets decide, as in the paper
+    # whether distances that a hole in the surface lengthens are left out; False = they are kept, as in the paper, which
+    # relies on subsets of other anchors
     trusted_only: bool = True
 
 
@@ -46,20 +48,21 @@ class GateConfig:
     (e_1) and surface noise (e_2) explain.
     """
 
-    # e_1, m; the gate is then 3 cm at 1 m; with the paper's 5 cm, matches were worse by a quarter
+    # e_1, m, for anchor jitter; the gate is then 3 cm at 1 m from an anchor; the paper's 5 cm made matches worse by a
+    # quarter
     anchor_bound_m: NotNegative = 0.020
     # e_2, m per m of path to the anchor, for the geodesic noise that is left after smoothing
     surface_bound_per_m: NotNegative = 0.010
-    # m around the predicted place; a hand at 3.6 m/s moves this far in one frame of 33 ms
+    # m, radius around the predicted place in which matches are searched; a hand at 3.6 m/s moves this far in 33 ms
     search_radius_m: Positive = 0.12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
-    """For each source node, one possible match per subset of anchors; a missed match is a value, not an error."""
+    """For each source node, one possible match per subset of the anchors. A missed match is a value, not an error."""
 
     match: np.ndarray  # (m, s) int32, node of the next surface, -1 = no node within the gate
-    subsets: np.ndarray  # (s, n_s) int, anchor indices
+    subsets: np.ndarray  # (s, n_s) int, indices of the anchors in each subset
 
 
 def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
@@ -135,8 +138,8 @@ def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> 
 
 
 class Matcher:
-    """The matches of one frame's nodes in the next frame. Each is computed on first use: with several cameras, the
-    track tree reaches only half of the nodes.
+    """The matches of one frame's nodes in the next frame. Each match is computed on first use: with several cameras,
+    the track tree reaches only half of the nodes.
     """
 
     def __init__(self, find: Callable[[np.ndarray], np.ndarray], node_count: int, subsets: np.ndarray) -> None:
@@ -144,9 +147,10 @@ class Matcher:
         match of a node must not depend on the other nodes.
         """
         self.subsets = subsets
-        # as in ``Hypotheses``; also -1 before it is computed
+        # (k, s) as in ``Hypotheses``; a match that is not computed yet is -1, too
         self.match = np.full((node_count, len(subsets)), -1, np.int32)
-        self.cost_m = np.zeros((node_count, len(subsets)), np.float32)  # cost of each match beside its distance, metres
+        # m, cost added to the distance between each match and its prediction
+        self.cost_m = np.zeros((node_count, len(subsets)), np.float32)
         self._asked = np.zeros(node_count, dtype=bool)
         self._find = find
 

@@ -1,4 +1,4 @@
-"""Compute the match of every node under every subset of anchors, compiled."""
+"""Compute, in compiled code, the match of every node under every subset of anchors."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class Target(NamedTuple):
 
 
 class Balls(NamedTuple):
-    """The balls in which matches are searched, one per source node."""
+    """The balls in which matches are searched, one around the expected place of each source node."""
 
     centres: np.ndarray  # (m, 3) float32
     radius: float
     low: np.ndarray  # (m, 3) int64, the first voxel along each axis that the ball touches
-    high: np.ndarray  # (m, 3) int64, the last voxel; first number -1 if the ball touches no voxel or has no centre
+    high: np.ndarray  # (m, 3) int64, the last voxel along each axis; first number -1 if the ball touches no voxel
     order: np.ndarray  # (m,) int64, the source nodes, grouped by voxels
 
 
@@ -31,17 +31,18 @@ class Scratch(NamedTuple):
     """Memory for the search of one node."""
 
     spots: np.ndarray  # (n,) target nodes in the ball's voxels
-    distances: np.ndarray  # (5, n) their distances to the anchors
+    distances: np.ndarray  # (5, n) distances of the nodes in ``spots`` to the anchors
     close: np.ndarray  # (n,) bit set of the anchors to which target node and source node have similar distances
     near: np.ndarray  # (n + 1,) target nodes in the ball
-    offset2: np.ndarray  # (5, n + 1) their squared differences of distance from the source node
-    psi: np.ndarray  # (n + 1,) nodes within the gate of a subset
-    distance2: np.ndarray  # (n,)
+    # (5, n + 1), squared difference of the distances from each anchor to a node of ``near`` and to the source node
+    offset2: np.ndarray
+    psi: np.ndarray  # (n + 1,) target nodes that are within the gate of a subset
+    distance2: np.ndarray  # (n,) sum of ``offset2`` over the anchors of a subset
 
 
 def sort_balls(centres: np.ndarray, radius: float, voxels: Voxels) -> Balls:
-    """Sort balls of one radius around centres (m, 3) float32. With an infinite radius, a ball contains all nodes; with
-    a NaN centre, it contains none.
+    """Sort balls of one radius, around centres (m, 3) float32, by the voxels that they touch. With an infinite radius,
+    a ball contains all nodes; with a NaN centre, it contains none.
     """
     last_voxel = voxels.shape - 1
     low, high = np.zeros((len(centres), 3), np.int64), np.tile(last_voxel, (len(centres), 1))
@@ -106,9 +107,10 @@ def match_all(
 
 @njit(cache=True)
 def _pick(source: np.ndarray, largest: np.float32, enough: np.ndarray, laid_out: int, scratch: Scratch) -> int:
-    """Fill psi with the copied target nodes that may be within the gate of any subset, and return their number.
+    """Fill ``scratch.psi`` with the indices in ``scratch.spots`` of the target nodes that may be within the gate of any
+    subset; return the number of these nodes.
 
-    source (5,) float32: the distances of the source node; largest: its largest squared gate.
+    source (5,) float32: distances of the source node to the anchors; largest: its largest squared gate.
     """
     close, psi = scratch.close, scratch.psi
     close[:laid_out] = 0
@@ -141,8 +143,8 @@ def _largest(limits2: np.ndarray) -> np.float32:
 
 @njit(cache=True)
 def _lay_out(low: np.ndarray, high: np.ndarray, voxels: Voxels, target: np.ndarray, scratch: Scratch) -> int:
-    """Copy the target nodes in some voxels to spots and their distances, anchor by anchor, to distances; return the
-    number of nodes.
+    """Copy the target nodes in the voxels from ``low`` to ``high`` to ``scratch.spots``, and their distances, anchor by
+    anchor, to ``scratch.distances``; return the number of nodes.
     """
     start, shape, count = voxels.start, voxels.shape, 0
     spots, distances = scratch.spots, scratch.distances
@@ -171,7 +173,7 @@ def _compare(
 def _within(
     offset2: np.ndarray, subset: np.ndarray, limit2: np.float32, count: int, distance2: np.ndarray, psi: np.ndarray
 ) -> int:
-    """Fill psi with the nodes in the ball that are within the gate of one subset; return their number."""
+    """Fill psi with the nodes in the ball that are within the gate of one subset; return the number of these nodes."""
     distance2[:count] = 0.0
     for k in subset:
         for c in range(count):
@@ -185,7 +187,7 @@ def _within(
 
 @njit(cache=True)
 def _middle(points: np.ndarray, near: np.ndarray, psi: np.ndarray, size: int, order: np.ndarray) -> int:
-    """Return the node of psi nearest to the average position of psi, -1 if psi is empty."""
+    """Return the node of the set psi that is nearest to the average position of the set, -1 if it is empty."""
     x, y, z = 0.0, 0.0, 0.0
     for m in range(size):
         spot = near[psi[m]]

@@ -20,28 +20,30 @@ from anchorpose.camera import transform_points
 from anchorpose.rotations import COLLINEAR_RATIO, ONE_PLACE_M2, rotate, rotation_matrices
 from anchorpose.surface.surface import Nodes
 
-# minimum number of pairs of a part; with fewer, a rigid motion follows the noise of single nodes
+# minimum number of pairs (a skin point and its place in the next frame) to fit a part's motion; with fewer, the motion
+# follows the noise of single nodes
 LEAST_PAIRS: Final = 6
-PAIR_ROUNDS: Final = 8  # number of rounds of reweighting the pairs; after five, the fit hardly changes
-# m, minimum scale of residuals; pairs whose residuals are below the spacing of nodes are equally good
+PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each; after five, a fit hardly changes
+# m, lower limit of the residual that halves a pair's weight: the spacing of nodes, below which pairs fit equally well
 LEAST_SCALE_M: Final = 0.01
-# m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbours share
+# m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbouring nodes share
 SURFACE_SIGMA_M: Final = 0.02
-# rad and m, sigma of a step's rotation and shift, so that a part does not slide in unconstrained directions
+# rad and m, sigma of a part's rotation and shift in one ICP step, so that it does not slide where no node constrains it
 TURN_SIGMA: Final = 0.15
 SHIFT_SIGMA_M: Final = 0.02
-ALIKE: Final = 0.5  # minimum cosine between normals (60 degrees), which excludes the other side of a limb
+ALIKE: Final = 0.5  # minimum cosine (60 degrees) between normals of skin and node: excludes a limb's other side
 
 
 @njit(cache=True)
 def fit_pairs(
     skin_m: np.ndarray, matched_m: np.ndarray, start: np.ndarray, transforms: np.ndarray, robust: bool
 ) -> np.ndarray:
-    """Return (k,) bool: the parts whose pairs determine a motion; this motion replaces the predicted motion in
-    transforms (k, 4, 4).
+    """Fit a motion to the pairs of each part, and replace the predicted motion in transforms (k, 4, 4) by it. Return
+    (k,) bool: whether the part has enough pairs for this.
 
-    skin_m, matched_m (n, 3) float64, metres. robust: whether pairs are reweighted, starting from the prediction, by
-    Cauchy's function of the residual over the median residual, so that mismatches have little influence.
+    skin_m, matched_m (n, 3) float64, metres: the skin point of each pair, and its place in the next frame. robust:
+    whether pairs are weighted by their residuals, at first those after the predicted motion, so that mismatches have
+    little influence (``_weigh``).
     """
     fitted = np.zeros(len(transforms), np.bool_)
     for k in range(len(transforms)):
@@ -60,7 +62,7 @@ def fit_pairs(
 
 @njit(cache=True)
 def _weigh(source: np.ndarray, target: np.ndarray, T: np.ndarray, weight: np.ndarray) -> None:
-    """Fill weight (n,) from the residuals of the pairs under a motion."""
+    """Fill weight (n,) with Cauchy's function of residual / median residual, for the pairs after a motion T."""
     for row in range(len(source)):
         squared = 0.0
         for axis in range(3):
@@ -99,7 +101,7 @@ def _fit_rigid(source: np.ndarray, target: np.ndarray, share: np.ndarray, T: np.
 
 @njit(cache=True)
 def carry(skin: Oriented, start: np.ndarray, transforms: np.ndarray) -> Oriented:
-    """Return the skin after the motions (k, 4, 4) of its parts."""
+    """Return the skin after the motions (k, 4, 4) of its parts were applied."""
     places, normals = np.empty_like(skin.places_m), np.empty_like(skin.normals)
     for k in range(len(transforms)):
         T = transforms[k]
@@ -117,12 +119,12 @@ def carry(skin: Oriented, start: np.ndarray, transforms: np.ndarray) -> Oriented
 def plane_steps(
     moved: Oriented, start: np.ndarray, nodes: Oriented, nearest: np.ndarray, near: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Take one step of point-to-plane ICP.
+    """Take one step of point-to-plane ICP for each part.
 
-    Return the step (k, 6), a rotation about the centre and a translation, NaN if too few nodes are near; and the centre
-    (k, 3). nearest (n,): the node nearest to each point of the skin; near (n,) bool: whether this node is within reach.
-    The plane's normal is the mean of both normals, as in ``surface_constraints``. Parts do not move in directions
-    without a constraint.
+    Return the step (k, 6), a rotation about the part's centre and a translation, NaN if too few nodes are near; and the
+    centre (k, 3). nearest (n,): the node nearest to each point of the skin; near (n,) bool: whether this node is within
+    reach. The plane's normal is the mean of the normals of skin point and node, as in ``surface_constraints``. Parts do
+    not move in directions that no node constrains.
     """
     steps, centres = np.full((len(start) - 1, 6), np.nan), np.zeros((len(start) - 1, 3))
     planes, rows = np.empty((len(near), 4)), np.empty(len(near), np.int64)
@@ -139,8 +141,8 @@ def plane_steps(
 
 @njit(cache=True)
 def _plane(moved: Oriented, row: int, nodes: Oriented, node: int, plane: np.ndarray) -> bool:
-    """Fill plane (4,) with its unit normal and the point's distance from it; return False if the normals differ too
-    much.
+    """Fill plane (4,) with a unit normal and the distance of skin point ``row`` from the plane; return False if the
+    normals of point and node differ too much.
     """
     alike, squared = 0.0, 0.0
     for axis in range(3):
@@ -158,7 +160,7 @@ def _plane(moved: Oriented, row: int, nodes: Oriented, node: int, plane: np.ndar
 
 @njit(cache=True)
 def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.ndarray, step: np.ndarray) -> None:
-    """Fill the centre (3,) of the rows, and the step (6,) by weighted least squares."""
+    """Fill the centre (3,) of the skin points in ``rows``, and the step (6,) of the part by weighted least squares."""
     for row in rows:
         for axis in range(3):
             centre[axis] += places[row, axis] / len(rows)
@@ -180,16 +182,16 @@ def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.
     step[:] = np.linalg.solve(matrix, right)
 
 
-ITERATIONS: Final = 5  # number of iterations of ICP after the pairs
-REACH_M: Final = 0.06  # m, a limb's radius; farther nodes belong to another limb
+ITERATIONS: Final = 5  # number of iterations of ICP, after the parts were fitted to the matches
+REACH_M: Final = 0.06  # m, maximum distance of a node from a part's skin: a limb's radius; others are on another limb
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartRegistration:
     """The motion of every part from frame t to frame t + 1."""
 
-    T_next_now: np.ndarray  # (b, 4, 4) motion of each bone's part
-    registered: np.ndarray  # (b,) bool, False if the prediction was kept
+    T_next_now: np.ndarray  # (b, 4, 4) motion of each bone's part of the body
+    registered: np.ndarray  # (b,) bool, whether the part was registered; False if it keeps the prediction
 
 
 def register_parts(
@@ -201,14 +203,14 @@ def register_parts(
     iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> PartRegistration:
-    """Register each part, first by the pairs of the global hypothesis, then by the nearest nodes: the paper's tau-hat =
-    ICP(tau, phi).
+    """Register each part, first by the matches of the global hypothesis, then to the nearest nodes by ICP (the paper's
+    equation for a part's motion, tau-hat = ICP(tau, phi)).
 
-    skin: points of the body's skin in frame t; part (n,): their bone; matched_m (n, 3): their places in frame t + 1 by
-    the tree, NaN without a match; surface: surface of frame t + 1; T_predicted (b, 4, 4): predicted motion of each
-    part; iterations: number of ICP iterations after the pairs; robust: whether pairs that do not fit lose their
-    influence. The skin is registered instead of the last frame's nodes, whose errors would accumulate. A part that is
-    hardly seen keeps its prediction, and ``registered`` is False.
+    skin: n points of the body's skin in frame t; part (n,): number of each point's bone; matched_m (n, 3): each point's
+    place in frame t + 1 by the track tree, NaN without a match; surface: surface of frame t + 1; T_predicted (b, 4, 4):
+    predicted motion of each part; iterations: number of ICP iterations; robust: whether matches that do not fit lose
+    their influence. The skin is registered instead of the last frame's nodes, whose errors would accumulate. A part
+    that is hardly seen keeps its prediction, and ``registered`` is False.
     """
     order = np.argsort(part, kind="stable")
     bones, first = np.unique(part[order], return_index=True)
@@ -226,8 +228,8 @@ def register_parts(
 
 
 def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.ndarray, iterations: int) -> np.ndarray:
-    """Refine the transforms (k, 4, 4) of the parts in place by ICP; return (k,) bool: the parts that moved. start (k +
-    1,): where the rows of each part begin.
+    """Refine the parts' transforms (k, 4, 4) by ICP, in place; return (k,) bool: whether each part moved. start (k +
+    1,): first row of each part.
 
     A part stops moving at the first step with too few nodes near it.
     """
@@ -247,9 +249,7 @@ def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.nd
 
 
 def joints_of_parts(asset: BodyAsset, body: BodyMesh, T_world_rest: np.ndarray) -> np.ndarray:
-    """Return the joints (21, 3), metres, by the rule J: each joint is the mean of its places on the two parts that it
-    joins.
-    """
+    """Return the joints (21, 3), metres, by the rule J: a joint is the mean of its places on the two parts it joins."""
     bones = joint_bones(asset)
     rest = body.rest_joints()
     places = []

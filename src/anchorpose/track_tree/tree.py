@@ -1,5 +1,6 @@
-"""Search the track tree for the chain of hypotheses over N_Tr frames that is nearest to the prediction (paper, Section
-IV).
+"""Search the track tree, for each node, for the branch that is nearest to the prediction (paper, Section IV).
+
+A branch is a chain of hypotheses over N_Tr frames: a node of each frame that may show the same place of the skin.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from anchorpose.settings import Count, Positive, settings
 
 @settings
 class TreeConfig:
-    """Settings of the tree."""
+    """Settings of the track tree."""
 
-    missed_cost_m: Positive = 0.10  # m, cost of a frame without a match, twice the bound on an anchor's error
-    # maximum number of branches visited per tree before it is pruned; exact searches on 3650 nodes with ten noisy
-    # subsets visited fewer than 50
+    # m, cost of each frame without a match: twice the paper's bound on an anchor's error
+    missed_cost_m: Positive = 0.10
+    # maximum number of branches visited in the tree of one node, then the tree is pruned; searches without this limit
+    # visited fewer than 50 for each of 3650 nodes with ten noisy subsets
     max_branches: Count = 200
 
 
@@ -29,21 +31,21 @@ class Support(IntEnum):
     """The kind of support for a node's place in the next frame."""
 
     MATCHED = 0  # the place is a hypothesis on the best branch
-    TOO_FAR = 1  # the place is the prediction, since all hypotheses are too far away from the prediction
+    TOO_FAR = 1  # the place is the prediction, since all hypotheses are too far away from it
     NO_HYPOTHESIS = 2  # the place is the prediction, since no subset of anchors finds the node in the next frame
-    UNKNOWN = 3  # the place is unknown, since there is no prediction by which to choose
+    UNKNOWN = 3  # the place is unknown, since there is no prediction to choose a branch by
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackResult:
-    """The global hypothesis: the first link of each source node's best branch."""
+    """The global hypothesis: the first link of the best branch of each source node."""
 
     match: np.ndarray  # (m,) int32, node of the next surface, -1 = missed
     # (m,) float32 m, the best branch's sum of distances to the prediction, smaller is better; NaN without a prediction
     score: np.ndarray
-    subset: np.ndarray  # (m,) int32, column of the match among the hypotheses, -1 = missed
+    subset: np.ndarray  # (m,) int32, column (subset) in which the match is found, -1 = missed
     support: np.ndarray  # (m,) int8 of ``Support``
-    pruned: int  # number of trees above the size limit; their branch is good, but another may be better
+    pruned: int  # number of trees in which the search was cut off; their branch is good, but another may be better
 
 
 def best_branches(
@@ -53,8 +55,8 @@ def best_branches(
     config: TreeConfig,
     costs_m: Sequence[np.ndarray] | None = None,
 ) -> TrackResult:
-    """Score every branch, R = sum of ed(node, predicted node) over the levels, and keep the best branch of each source
-    node.
+    """Score every branch, R = sum of ed(node, predicted node) over the levels (ed: Euclidean distance), and keep the
+    best branch of each source node.
 
     matches: entry l is (n_l, s_l) int, the match in surface l + 1 of each node of surface l under each subset, -1 =
     missed; surface 0 is the source, and levels may have different numbers of subsets. positions_m: entry l is (n_(l+1),
@@ -62,10 +64,11 @@ def best_branches(
     level; NaN = unknown. costs_m: for each entry of matches, (n_l, s_l) metres added to the distance, such as the
     dissimilarity of the two nodes; None = nothing is added.
 
-    A missed node has no children: its branch ends and costs ``missed_cost_m`` for each remaining level. Every branch
-    may be given up at this cost. The search is branch and bound: children are visited in order of distance, and a
-    branch is left as soon as it cannot win. So the optimum is exact unless the tree is pruned. Of equal branches, the
-    lower subset is taken. Raises ValueError if the shapes do not fit or a match points outside its surface.
+    A missed node has no children: its branch ends and costs ``missed_cost_m`` for each remaining level. A branch may
+    also end at this cost although it has children. The search is branch and bound: children are visited in order of
+    distance, and a branch is left as soon as it costs at least as much as the best one found. So the optimum is exact
+    unless the tree is pruned. Of equal branches, the lower subset is taken. Raises ValueError if the shapes do not fit
+    or a match points outside its surface.
     """
     _check(matches, positions_m, predicted_m)
     costs = [np.zeros(level.shape, np.float32) for level in matches] if costs_m is None else costs_m
@@ -123,8 +126,8 @@ def _children(
     cost: np.ndarray,
     subset: np.ndarray,
 ) -> int:
-    """List distinct children by increasing distance to ``target`` plus extra cost (insertion sort, stable); return
-    their number.
+    """List the different children of a node by increasing distance from ``target`` plus extra cost (insertion sort,
+    stable); return the number of children.
 
     If several subsets lead to the same child, the cheapest counts; if they cost the same, the lower subset.
     """
@@ -150,24 +153,24 @@ def _children(
 
 
 class _Levels(NamedTuple):
-    """All levels, one after another."""
+    """The matches, costs and nodes of all levels, one level after another."""
 
-    matches: np.ndarray  # (sum of n_l, s) int32
-    costs_m: np.ndarray  # (sum of n_l, s)
+    matches: np.ndarray  # (sum of n_l, s) int32, as in ``best_branches``
+    costs_m: np.ndarray  # (sum of n_l, s) m, cost added to each match
     first: np.ndarray  # first row of each level in ``matches`` and ``costs_m``
     positions_m: np.ndarray
     first_node: np.ndarray  # first row of each level in ``positions_m``
 
 
 class _Branch(NamedTuple):
-    """The branch under search. Each array has one row or entry per level."""
+    """The branch under search. Each array has one row or entry for each level."""
 
-    node: np.ndarray  # children by increasing cost
-    cost: np.ndarray  # their costs
-    subset: np.ndarray  # their subsets
-    children: np.ndarray  # number of children
-    following: np.ndarray  # the next child to visit
-    so_far: np.ndarray  # cost of the branch up to this level
+    node: np.ndarray  # children of the present node, by increasing cost
+    cost: np.ndarray  # m, costs of the children in ``node``, ascending
+    subset: np.ndarray  # subsets of anchors that lead to the children in ``node``
+    children: np.ndarray  # number of children of the present node
+    following: np.ndarray  # index of the next child to visit
+    so_far: np.ndarray  # m, cost of the branch before this level adds a child
 
 
 @njit(cache=True)
@@ -205,7 +208,7 @@ def _best_branch(
 ) -> tuple[int, np.float32, int]:
     """Return the index of the best branch's first child (-1: missed), its score, and the number of visited branches."""
     depth = len(predicted)
-    best = np.float32(depth * missed_cost)  # cost if all levels are missed
+    best = np.float32(depth * missed_cost)  # cost of a branch without any match
     chosen, visited, level = -1, 0, 0
     while level >= 0:
         k = branch.following[level]
@@ -230,7 +233,7 @@ def _best_branch(
 
 @njit(cache=True)
 def _open_level(levels: _Levels, branch: _Branch, level: int, row: int, target: np.ndarray) -> None:
-    """List the children of the node in a row of the matches, the child nearest to ``target`` first."""
+    """List the children of the node in a row of the matches, as in ``_children``."""
     nodes = levels.positions_m[levels.first_node[level] : levels.first_node[level + 1]]
     branch.following[level] = 0
     matches, extra = levels.matches[row], levels.costs_m[row]

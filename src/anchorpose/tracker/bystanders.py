@@ -1,8 +1,8 @@
-"""Follow every bystander with a rough body, so that each pixel is compared with all predicted skins.
+"""Fit a rough body to every bystander and follow it, to compare each pixel with the predicted skin of every person.
 
-Remembered skin alone cannot separate a therapist's forearm from the patient's forearm that it passes or holds, and a
-mistake persists in later frames. Bodies can separate the arms, since an arm is attached to one person only (paper,
-Section III, transient occlusion).
+A therapist's forearm may hold or pass the patient's. The skin seen in earlier frames does not always show which forearm
+belongs to whom, and a wrong label persists in later frames. Fitted bodies can show it, since an arm is attached to only
+one person (paper, Section III, transient occlusion).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from anchorpose.surface.surface import Nodes, SurfaceConfig, join_nodes
 from anchorpose.threads import each
 from anchorpose.tracker.steps import facing_points, step_onto
 
-COARSE: Final = SurfaceConfig(step=4)  # a rough body needs no finer nodes
+COARSE: Final = SurfaceConfig(step=4)  # one node per 4 x 4 pixels; a rough body needs no finer nodes
 
 
 def nodes_of_pixels(
@@ -48,7 +48,9 @@ def nodes_of_pixels(
     cameras: Sequence[Camera],
     step: int = COARSE.step,
 ) -> Nodes:
-    """Return every ``step``-th masked pixel of all cameras as a node with a normal; None: no depth image."""
+    """Return the masked pixels of all cameras as nodes: every ``step``-th pixel of every ``step``-th row. depths_m,
+    masks (height, width): one per camera; None for a camera without a depth image.
+    """
     sheets = []
     for number, (depth, mask, camera) in enumerate(zip(depths_m, masks, cameras, strict=True)):
         if depth is not None and mask is not None and mask.any():
@@ -60,57 +62,60 @@ def nodes_of_pixels(
 ROUGHLY: Final = RegistrationConfig(
     reaches_m=(0.20, 0.12, 0.08), held_steps=0, least_nodes=60, node_count=700, rows_per_observation=2.0
 )
-"""Registration of a rough body, with a third of the nodes and steps that the patient's body gets."""
+"""Settings to fit a rough body: three registration steps, and a third as many nodes as for the patient's body."""
 
-WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # uncertainty of a walking person's next pose
+WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # standard deviation that a pose gains in 1 s
 
-TALLEST_CHILD_M: Final = 1.5  # m; a taller person has an adult's proportions
-STATURE_STEP_M: Final = 0.05  # m; statures are rounded to this step, which is the error of a stature from one frame
-HEIGHT_SIGMA_M: Final = 0.01  # m, uncertainty of a child's height; small, so that the given height is kept
-LEAST_EXPLAINED: Final = 0.75  # minimum share of a person's nodes that a body must explain to be used
-# maximum share of a trunk that a camera may see past; it is not 0, since rough bodies have errors of some centimetres
+TALLEST_CHILD_M: Final = 1.5  # m; people who appear taller get an adult's proportions, others a child's
+STATURE_STEP_M: Final = 0.05  # m; statures are rounded to multiples of this, the error of a stature from one frame
+HEIGHT_SIGMA_M: Final = 0.01  # m, assumed error of a child's height; small, so that the body gets this height
+LEAST_EXPLAINED: Final = 0.75  # a body is used only if it lies near at least this share of the person's surface nodes
+# maximum share of a trunk's skin that a camera may see past (read something farther away) before the body is rejected;
+# not 0, since rough bodies have errors of some centimetres
 MOST_TRUNK_PAST: Final = 0.25
-# maximum share of a limb that a camera may see past; one limb may exceed it, since it may be misplaced
+# maximum share of a limb's skin that a camera may see past; a body is rejected only if two limbs exceed it, since a
+# single limb may be misplaced on a correct body
 MOST_LIMB_PAST: Final = 0.5
-LEAST_NODES: Final = 150  # minimum number of nodes to follow a person; a third of a person's front at 4 m has this many
-SKIN_SIGMA_M: Final = 0.03  # m, uncertainty of predicted skin: clothes, hair, and an average body shape
+LEAST_NODES: Final = 150  # minimum number of nodes to fit a body; a third of a person's front at 4 m has this many
+SKIN_SIGMA_M: Final = 0.03  # m, standard deviation of a bystander's skin from its prediction: clothes, hair, body shape
 GROWTH_M_S: Final = 0.4  # m/s, growth of SKIN_SIGMA_M with time, since a hand may move faster than predicted
-# share of the last movement with which the prediction continues; below 1, since movements slow down
-DAMPING: Final = 0.8
-FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between failed searches; doubled each time
+DAMPING: Final = 0.8  # factor on the velocity of the last movement in a prediction; below 1, since movements slow down
+FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between two trials to fit a body; doubled after each failure, up to 240
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystander:
-    """A bystander with a body."""
+    """A bystander to whom a body is fitted."""
 
     label: int
     body: Body
     belief: PoseBelief
-    change: np.ndarray  # (POSE_SIZE,) change of the pose in the last ``elapsed_s``
-    elapsed_s: float  # s, time between the last two fits
-    hidden_s: float = 0.0  # s, time since enough of the person was seen to fit the body
+    change: np.ndarray  # (POSE_SIZE,) change of the pose between the last two fits; 0 while the person is hidden
+    elapsed_s: float  # s, time between the last two fits; negative in a backward pass
+    hidden_s: float = 0.0  # s, time since the body was last fitted; 0 if it was fitted in this frame
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """A bystander for whom no body was found yet."""
+    """A bystander without a fitted body; fitting one is tried again after some frames."""
 
     label: int
-    wait: int  # number of frames until the next search
-    pause: int  # number of frames between that search and the following search, if that search fails
+    wait: int  # number of frames until fitting is tried again
+    pause: int  # number of frames to wait after that trial if it fails
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystanders:
-    """All bystanders of one frame, with and without a body."""
+    """All bystanders of one frame: those in ``followed`` have a fitted body, those in ``searched`` have none."""
 
     followed: tuple[Bystander, ...] = ()
     searched: tuple[Search, ...] = ()
 
 
 def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: float) -> OwnershipLikelihood:
-    """Predict where bystanders' skin may be ``elapsed_s`` after the frame in which their bodies were fitted."""
+    """Return the likelihood that a place belongs to each bystander, from the predicted skin of their bodies. elapsed_s:
+    time since the frame to which ``bystanders`` belong.
+    """
     found = []
     for one in bystanders.followed:
         spread = SKIN_SIGMA_M + GROWTH_M_S * (abs(elapsed_s) + one.hidden_s)
@@ -127,7 +132,9 @@ def bystanders_placed(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> Bystanders:
-    """Move the bystanders' bodies over the ground to the places where the next frame shows them (``find_steps``)."""
+    """Return the bystanders after moving their bodies over the ground to where the next frame (``pieces``) shows them.
+    memory: the skin of all people, already moved by ``find_steps``; elapsed_s: time between both frames.
+    """
     seen, points, moved = memory.seen_last, body_points(), list[Bystander]()
     for one in bystanders.followed:
         if one.label in seen:
@@ -143,7 +150,7 @@ def bystanders_placed(
 def first_bystanders(
     fitted: Mapping[int, RoughPerson | None], views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> Bystanders:
-    """Return the bystanders of an initial frame from the rough body of each label."""
+    """Return the bystanders of an initial frame. fitted: rough body or None of each person, by label."""
     now = each(
         lambda label: _begun(label, fitted[label], person_evidence(views, cameras, label)) or _failed(label),
         _labels(views),
@@ -156,8 +163,10 @@ def follow_bystanders(
 ) -> Bystanders:
     """Return the bystanders of the next frame, from the pixels with each person's label.
 
-    A body that no longer explains the person's pixels is dropped and searched for again. A hidden person is kept for
-    ``MEMORY_S``, unless a camera sees past the body, so that the person is recognised when reappearing there.
+    If a body no longer explains the person's pixels, a new body is fitted. If this fails too, or if the person is
+    hidden, the last body stays where it is for ``MEMORY_S``, so that the person is recognised when reappearing there.
+    It is dropped earlier if a camera sees past it (reads something farther away). For a visible person without a body,
+    fitting is tried again after a pause.
     """
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
@@ -193,7 +202,7 @@ def label_by_bodies(
     bystanders: Bystanders,
     cameras: Sequence[Camera],
 ) -> tuple[View | None, ...]:
-    """Label the pixels of an initial frame again, by the bodies that were fitted with the first labels.
+    """Label the pixels of an initial frame a second time, now by the bodies that were fitted to each person's pixels.
 
     Where people touch, the first labels may assign an arm or leg to the wrong person; the bodies correct this.
     """
@@ -217,8 +226,9 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
-    """Return the nodes of one person, to which a body can be fitted. The outline is left out, since half of it is the
-    edge of an occluder. If fewer pixels show the person, the nodes are closer to each other.
+    """Return the evidence for one person: nodes to which a body can be fitted. The person's outline is not used, since
+    half of it is the edge of an object that hides the body, not the body's own edge. If few pixels show the person, a
+    larger share of these pixels becomes nodes.
     """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
@@ -229,8 +239,8 @@ def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], lab
 
 
 def _is_person(body: Body, pose: Pose, evidence: Evidence) -> bool:
-    """Return whether the pixels show a whole person: no camera sees past the body that was fitted to them. Otherwise
-    they may be a part of another person.
+    """Return whether a fitted body may be a real person: no camera reads something farther away at much of the body. If
+    a camera does, the pixels to which the body was fitted may show only a part of another person.
     """
     past = np.nan_to_num(seen_past(body.points, pose_points(body, pose), evidence.views, evidence.cameras))
     return bool(past[TRUNK] <= MOST_TRUNK_PAST and (np.delete(past, TRUNK) > MOST_LIMB_PAST).sum() <= 1)
@@ -246,9 +256,7 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
 
 
 def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander | None:
-    """Keep a hidden person at the last place of the body; return None if a camera sees past the body, or after
-    ``MEMORY_S``.
-    """
+    """Return a hidden bystander in the last pose; None after ``MEMORY_S`` or if a camera sees past the body."""
     hidden_s = one.hidden_s + abs(elapsed_s)
     if hidden_s > MEMORY_S or not _is_person(one.body, one.belief.pose, evidence):
         return None
@@ -273,7 +281,7 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
     body = ordinary_body(body_points(), round(person.stature_m / STATURE_STEP_M))
     pose = find_rough_pose(body, evidence, person, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
-    # the descriptor may have assigned skin to a wrong limb
+    # search for misplaced limbs, since the learnt descriptor may have assigned skin to a wrong limb
     if found.found and not _is_person(body, found.belief.pose, evidence):
         found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
     return RoughPerson(body, found) if found.found else None
@@ -281,7 +289,7 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
 
 @lru_cache(maxsize=16)
 def ordinary_body(points: SkinPoints, steps: int) -> Body:
-    """Build the average body of a height, of an adult or a child. steps: the height in units of ``STATURE_STEP_M``."""
+    """Build an adult's or a child's average body of one height; steps: the height in units of ``STATURE_STEP_M``."""
     height_m = steps * STATURE_STEP_M
     if height_m >= TALLEST_CHILD_M:
         return build_body(points, shape_of_height(points.asset, height_m))
@@ -289,7 +297,7 @@ def ordinary_body(points: SkinPoints, steps: int) -> Body:
 
 
 def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystander | None:
-    """Start following a person with a rough body; return None if the body does not explain the person."""
+    """Return a bystander with a newly fitted body; None if there is no body that explains the person's pixels."""
     if person is None:
         return None
     body, found = person

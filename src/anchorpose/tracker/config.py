@@ -1,4 +1,4 @@
-"""Hold the settings of tracking, one class per stage."""
+"""Define the settings of a tracking run. Each stage defines its own settings; this module joins them."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.track_tree.tree import TreeConfig
 
-# m, limits of a height; one outside them is beyond the shape model, and its unit is probably wrong
+# m, limits of the height that a user may give; others are beyond the body shape model and probably in a wrong unit
 HEIGHTS_M: Final = (1.2, 2.2)
 
 
 class Method(StrEnum):
-    """The method that turns a frame's matches into a pose."""
+    """The method by which the pose of a frame is found."""
 
     ARTICULATED = "articulated"  # all parts of the learnt body are registered together, linked by its joints
     PARTS = "parts"  # the paper's method: each body part is registered separately, from one frame to the next
@@ -39,26 +39,27 @@ class Method(StrEnum):
 class FollowConfig:
     """Settings of how the patient is followed over time."""
 
-    look_ahead: Count = 3  # N_Tr, depth of the track tree in frames (paper, Section V)
-    tree_nodes: Count = 800  # number of source nodes of the track tree, 40 per body part
-    history: Count = 12  # number of frames kept for the motion dynamics
-    samples: Count = 16  # number of frames read before tracking, to find the background and the people who stay
-    lost_sigma_m: Positive = 0.25  # m, a forearm; a joint with a larger sigma is reported as lost
-    lost_after_s: Positive = 1.0  # s; after this time without evidence, the whole patient is searched for again
-    # whether a body is fitted to each other person and followed; False = only their last skin is kept
+    look_ahead: Count = 3  # number of later frames that the track tree spans: N_Tr, its depth (paper, Section V)
+    tree_nodes: Count = 800  # number of nodes that the track tree follows, about 40 per body part
+    history: Count = 12  # number of past frames kept for predicting the next pose (motion dynamics)
+    samples: Count = 16  # number of frames read before tracking, to learn the empty room and to choose the patient
+    lost_sigma_m: Positive = 0.25  # m, a forearm; a joint with a larger sigma (standard deviation) is lost
+    lost_after_s: Positive = 1.0  # s; if no frame shows the patient for longer, the whole patient is searched for again
+    # whether each bystander is followed with a fitted body; False = only each bystander's last seen skin is kept
     bystanders: bool = True
 
 
 @settings
 class TrackConfig:
-    """The settings of a run, complete and as saved in run.json."""
+    """All settings of a run, as saved in run.json."""
 
     method: Method = Method.ARTICULATED
     start: int = 0  # first frame to track
-    stop: int | None = None  # frame before which tracking stops; None = the end
-    smooth: bool = False  # whether a backward pass is added and combined; it doubles the time and cannot be used live
+    stop: int | None = None  # frame before which tracking stops; None = the end of the recording
+    # whether to track backward, too, and combine both passes; takes twice the time, and is impossible live
+    smooth: bool = False
     height_m: float | None = None  # m, the patient's standing height; None = the height in recording.json, if any
-    patient_xz_m: tuple[float, float] | None = None  # m, x and z of the patient on the floor; None = found by tracking
+    patient_xz_m: tuple[float, float] | None = None  # m, patient's x and z on the floor; None = chosen automatically
     # number of the frame in which the patient is at patient_xz_m; None = the first frame with a person there
     patient_frame: int | None = None
     motions: str | None = None  # file of reference movements; None = the file that ships with the package

@@ -43,38 +43,38 @@ class Estimate:
     """The estimate of one frame."""
 
     frame_set: FrameSet
-    observation: Observation | None  # None if the patient was not found or not searched for
-    belief: PoseBelief | None  # None if the patient is lost
-    shape: FittedShape | None  # None if the patient was not found or not searched for
-    explained: float  # 0 to 1, share of the surface that the body explains
-    joints_m: np.ndarray  # (21, 3) world, NaN for lost joints
-    sigma_m: np.ndarray  # (21,), NaN for lost joints
+    observation: Observation | None  # results of earlier stages; None if the patient was not found, or not searched for
+    belief: PoseBelief | None  # pose and its uncertainty; None if the patient is lost
+    shape: FittedShape | None  # shape of the body; None if the patient was not found or not searched for
+    explained: float  # 0 to 1, share of the patient's visible surface that the body explains
+    joints_m: np.ndarray  # (21, 3) m, world; NaN for lost joints
+    sigma_m: np.ndarray  # (21,) m, standard deviation of the joints per axis, NaN for lost joints
     states: tuple[JointState, ...]
-    # share of the nodes that have a match in this frame; None without matching (first frame, or nothing seen)
+    # share of the track tree's nodes that have a match in this frame; None if the tree was not used
     matched_share: float | None = None
     explanation: Explanation | None = None  # how well the pose explains the depth images; None if the patient is lost
     why_lost: str = ""  # why all joints are lost; empty if they are not
-    poor: tuple[PoorDepth, ...] = ()  # why depth images are too poor for joints
+    poor: tuple[PoorDepth, ...] = ()  # the defects that make depth images of this frame too poor for joints
     moved: bool = False  # whether limbs were found in another place than earlier frames suggested
-    ends: frozenset[int] = frozenset()  # lost hands and feet, as in ``lost_ends``
+    ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
     rivals: tuple[Rival, ...] = ()  # other poses that explain the images almost as well
-    # joint states from the images alone; a joint that is lost only because of its large sigma is hidden here
+    # joint states as in ``states``, but without the rule that a joint with a large sigma is lost
     shown: tuple[JointState, ...] = ()
 
 
 class Earlier(NamedTuple):
-    """The state that earlier frames pass on to an estimate."""
+    """The values from earlier frames that an estimate needs."""
 
     rivals: Sequence[Rival] = ()  # other poses that explain the images almost as well
-    ends: frozenset[int] = frozenset()  # lost hands and feet
-    unseen_s: np.ndarray | None = None  # (PARTS, 2) s since each part of a limb was seen, as in ``vague_belief``
+    ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
+    unseen_s: np.ndarray | None = None  # (PARTS, 2) s, time since each half of each limb was last seen
 
 
 _NOTHING_OPEN: Final = Earlier()
 
 
 def nobody_found(frame_set: FrameSet, why: str, poor: tuple[PoorDepth, ...] = ()) -> Estimate:
-    """Return the estimate of a frame in which all joints are lost; ``why`` is a sentence without its full stop."""
+    """Return the estimate of a frame in which all joints are lost; ``why`` states the reason, without a full stop."""
     return Estimate(
         frame_set,
         None,
@@ -98,7 +98,7 @@ def estimate_of(
     corrected: CorrectedJoints | None = None,
     earlier: Earlier = _NOTHING_OPEN,
 ) -> Estimate:
-    """Estimate the joints by the rule J, their states from the depth images, and their sigma from the posterior.
+    """Estimate the registered body's joints (paper, rule J), their states from the depth images, and their sigma.
 
     corrected: joints that a reviewer placed. If the images contradict the reviewer's place, the joint counts as hidden,
     not as lost, and its sigma covers its distance from that place.
@@ -144,14 +144,14 @@ def _sigma(
     config: TrackConfig,
     earlier: Earlier,
 ) -> np.ndarray:
-    """Return sigma_m (21,): from the posterior, then increased by each error that the posterior does not include."""
+    """Return sigma_m (21,) of the pose's posterior, increased by each error that the posterior does not include."""
     evidence, uncertainty = observation.evidence, config.uncertainty
     noises = [None if pieces is None else pieces.sensor.noise for pieces in observation.pieces]
     noise = noise_covariance(body, belief, evidence, noises, config.registration)
     patch_m = finest_patch_m(evidence, noises)
     sigma = joint_sigma(body, posed, belief.covariance, uncertainty, noise, patch_m)
-    # the posterior relies on the pose of the frame before, but people move: with time, hidden parts become more
-    # uncertain
+    # the posterior trusts the pose of the frame before, but people move: the longer a part is hidden, the less certain
+    # it is
     sigma = frame_alone_sigma(
         body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
     )
@@ -164,8 +164,8 @@ def _sigma(
 def _as_placed(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, corrected: CorrectedJoints
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
-    """Return all states and sigma_m (21,). Joints that a reviewer placed are hidden instead of lost, and their sigma
-    covers their distance from the reviewer's place.
+    """Return the states and sigma_m (21,) of all joints. Joints that a reviewer placed get the state ``HIDDEN`` instead
+    of ``LOST``, and their sigma covers their distance from the reviewer's place.
     """
     placed, sigma_m = set(corrected.joint.tolist()), sigma_m.copy()
     away_m = np.linalg.norm(joints_m[corrected.joint] - corrected.position_m, axis=1)
@@ -178,8 +178,8 @@ def _as_placed(
 
 
 def displaced(estimate: Estimate, displaced_m: float) -> Estimate:
-    """Add the error of the camera poses to sigma. displaced_m: distance by which it displaces the patient, in any
-    direction.
+    """Return the estimate with sigma increased by the error of the camera poses. displaced_m: distance in metres by
+    which this error displaces the patient; its direction is unknown.
     """
     if not displaced_m:
         return estimate
@@ -215,7 +215,7 @@ def _states(
     poor: Sequence[PoorDepth | None],
     config: TrackConfig,
 ) -> tuple[JointState, ...]:
-    """Return the joint states. A joint that only cameras with too coarse depth see is hidden, not ``observed``."""
+    """Return the joint states: hidden, not observed, for a joint that is seen only by cameras with too coarse depth."""
 
     def by(views: Sequence[View | None]) -> tuple[JointState, ...]:
         return joint_states(body.points, posed, explanation.covering, views, evidence.cameras, config.visibility)

@@ -18,17 +18,17 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, find_start
 
-# number of frames between failed searches, doubled from the first value to the second, since a search takes as long as
-# thirty frames
+# number of frames from a failed search for the patient's body to the next search, doubled after each failure up to
+# LONGEST_PAUSE, since a search takes as long as tracking thirty frames
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15
 
 
 def follow_patient(run: Run, frames: Iterable[FrameSet], known: FittedShape | None) -> Iterator[Estimate]:
-    """Yield an estimate for every frame, in order. The patient counts as lost until found, and is searched for again
-    after a loss.
+    """Yield an estimate for every frame, in order. All joints are lost until the patient is found; after a loss, the
+    patient is searched for again.
 
     frames: all frames, forward or backward in time; the first should be the room's initial frame. known: the learnt
-    shape; None before learning.
+    shape of the patient's body; None before learning.
     """
     choice = run.room.initial_frame.choice if run.room.initial_frame else None
     for estimate, _ in follow_openly(run, frames, choice, known):
@@ -42,10 +42,11 @@ def follow_openly(
     known: FittedShape | None,
     begin: Start | None = None,
 ) -> Iterator[tuple[Estimate, PatientTracker | None]]:
-    """Follow the patient from any frame, and yield the tracker with each estimate, as ``follow_patient`` does.
+    """Follow the patient as ``follow_patient`` does, but from any frame. Yield each estimate together with the tracker,
+    which is None while no patient is followed.
 
     choice: place of the patient in the first frame, None if no patient is to be searched for; begin: the patient as
-    found in the first frame, None before the search.
+    found in the first frame, None if that frame must still be searched.
     """
     follower = Follower(run, choice, known, begin)
     for frame_set in frames:
@@ -54,7 +55,7 @@ def follow_openly(
 
 
 class Follower:
-    """The state of following one patient, one frame at a time; it can be stored between two frames
+    """The follower of one patient, which takes one frame at a time. It can be stored between two frames
     (``tracker.journal``). The arguments are those of ``follow_openly``.
     """
 
@@ -78,7 +79,7 @@ class Follower:
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
-        """Yield the estimates that are complete with this frame: of this frame, or of earlier frames."""
+        """Add a frame; yield all estimates that are now complete (a frame's estimate waits for its look-ahead)."""
         if self.tracker is not None:
             yield from self._follow(self.tracker, frame_set)
         else:
@@ -92,7 +93,7 @@ class Follower:
         return empty_memory() if self._search is None else self._search.memory
 
     def finish(self) -> Iterator[Estimate]:
-        """Yield the estimates of the last frames; their look-ahead ends with the recording."""
+        """Yield the estimates of the last frames; their look-ahead is shorter, since fewer later frames exist."""
         if self.tracker is not None:
             yield from self.tracker.finish()
 
@@ -105,7 +106,7 @@ class Follower:
                 yield from self.step(waiting)
 
     def _look(self, frame_set: FrameSet) -> Estimate:
-        """Search this frame for the patient; return the first estimate, or the estimate of a lost frame."""
+        """Search this frame for the patient; return the first estimate, or an estimate with all joints lost."""
         self._wait -= 1
         if self._search is not None:
             with self.run.stage("isolation"):
@@ -129,7 +130,7 @@ class Follower:
 
 
 def _poor_at(choice: PatientChoice | None, frame_set: FrameSet, run: Run) -> tuple[PoorDepth, ...]:
-    """Return why depth is too poor to find joints at the patient's place; empty if it is good or no place is known."""
+    """Return what makes depth at the patient's place too coarse to find joints; empty if no place is known."""
     if choice is None:
         return ()
     place = np.array([choice.ground_xz_m[0], 0.0, choice.ground_xz_m[1]])

@@ -1,4 +1,4 @@
-"""Make the stored record of a frame: joints, pose, anchors, person labels, nearness of other people and more."""
+"""Make the record of a frame for the results: joints, pose, anchors, person labels, nearness of people and more."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import PassResult
 
-LEAST_BONE_M: Final = 1e-6  # m; a shorter bone counts as missing
+LEAST_BONE_M: Final = 1e-6  # m, lower limit of a bone's length before dividing by it; only a missing bone is shorter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,11 +36,11 @@ class FrameRecord:
     body: BodyPose
     explained: ExplainedFrame  # how well the pose explains the depth images
     anchors: AnchorFrame
-    matched_share: float | None  # share of the nodes that have a match; None without matching
+    matched_share: float | None  # share of the track tree's nodes that have a match; None if no tree was used
     near: Nearness | None  # nearness of other people; None if the patient is lost
-    problems: tuple[str, ...]  # problems of the depth images
+    problems: tuple[str, ...]  # problems of the depth images and, if a reviewer marked the frame as unusable, why
     why_lost: str = ""  # why the patient is lost; empty if not
-    poor: tuple[PoorDepth, ...] = ()  # why depth is too poor for joints
+    poor: tuple[PoorDepth, ...] = ()  # the defects that make depth images too poor for joints
     gaps: EquipmentGaps | None = None  # gaps to the equipment; None if the patient is lost or there is no equipment
 
 
@@ -53,13 +53,15 @@ class TrackedFrame:
 
 
 Kept = TrackedFrame | PassResult | tuple[TrackedFrame, PassResult]
-"""The values that a pass stores for a frame. A single pass stores other values than each of two combined passes."""
+"""The values that a pass stores for a frame: a ``TrackedFrame`` if it is the only pass. If two passes are combined, the
+first stores a ``TrackedFrame`` and a ``PassResult``, the second only a ``PassResult``.
+"""
 
 
 def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
     """Return the record of an estimate. body: the learnt body, None if no body was learnt.
 
-    If a reviewer marked the frame as unusable, the record has no values; ``problems`` states why.
+    If a reviewer marked the frame as unusable, the record has no joints and no pose; ``problems`` states why.
     """
     frame_set = estimate.frame_set
     joints = JointFrame(
@@ -83,8 +85,8 @@ def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
 def smoothed_record(
     record: FrameRecord, answer: PassResult, body: Body, explanation: Explanation | None
 ) -> FrameRecord:
-    """Return the record with the combined result of both passes. explanation: how well the smoothed pose explains the
-    frame.
+    """Return the record of one pass with the joints and the pose replaced by ``answer``, the combined result of both
+    passes. explanation: how well the smoothed pose explains the frame.
     """
     lost = np.array([state is JointState.LOST for state in answer.states])
     position = np.where(lost[:, None], np.nan, answer.joints_m)
@@ -135,7 +137,7 @@ def _near(estimate: Estimate, body: Body | None, run: Run) -> Nearness | None:
 
 
 def _gaps(estimate: Estimate, body: Body | None, near: Nearness | None, run: Run) -> EquipmentGaps | None:
-    """Measure the gaps between body and equipment, with the joints' uncertainty; None if either is unknown."""
+    """Measure the gaps between the patient's body and the equipment; None if the body or the equipment is unknown."""
     equipment, belief, seen = run.room.recording.equipment, estimate.belief, estimate.observation
     if body is None or belief is None or seen is None or near is None or equipment is None:
         return None
@@ -148,7 +150,9 @@ def _gaps(estimate: Estimate, body: Body | None, near: Nearness | None, run: Run
 def body_pose(
     body: Body | None, frame: int, time_s: float, pose: Pose | None, axial_sigma_rad: np.ndarray | None
 ) -> BodyPose:
-    """Return the bones of a pose in the world; all are NaN without a pose. axial_sigma_rad (21,): None if unknown."""
+    """Return place and orientation of the bones of a pose in the world; all values are NaN without a pose.
+    axial_sigma_rad (21,): as from ``axial_sigma``; None if unknown.
+    """
     count = len(MOVING_BONES)
     head_m, quaternion, sigma = np.full((count, 3), np.nan), np.full((count, 4), np.nan), np.full(count, np.nan)
     if body is not None and pose is not None:
@@ -177,7 +181,7 @@ def axial_sigma(body: Body, pose: Pose, covariance: np.ndarray, inflation: float
 
 
 def anchor_frame(estimate: Estimate) -> AnchorFrame:
-    """Return the anchors of the surface; all are missed if no patient was searched for."""
+    """Return the anchors (head, hands and feet) found on the surface; all are missed if no patient was searched for."""
     anchors = no_anchors() if estimate.observation is None else estimate.observation.anchors
     return AnchorFrame(estimate.frame_set.frame, estimate.frame_set.time_s, anchors.position_m, anchors.sigma_m)
 

@@ -1,8 +1,8 @@
 """Check the camera poses that a recording gives, before tracking, by the floor, the equipment and the other cameras.
 
-If a contradiction is far larger than noise, the recording is refused. A smaller contradiction is noted and increases
-every sigma. A single camera can be checked only by the floor and the equipment. If it sees neither of them, a wrong
-pose remains unnoticed and displaces all joints equally.
+If a contradiction is far larger than the noise of the depth images, the recording is refused. A smaller contradiction
+is noted, and increases the sigma of every joint. A single camera can be checked only by the floor and the equipment. If
+it sees neither of them, a wrong pose remains unnoticed and displaces all joints equally.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
 
-# share of one camera's pose error by which the joints are displaced if other cameras see the patient, too
+# metres by which joints are displaced per metre of error in one camera's pose, if other cameras see them, too
 AMONG_OTHERS: Final = 0.5
 REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
@@ -38,13 +38,13 @@ class PosesAsked:
     """The results of checking all camera poses."""
 
     pairs: tuple[CameraPair, ...]  # the comparison of every two cameras; empty if no pose is given
-    doubts: tuple[PoseDoubt, ...]  # all contradictions of camera poses
+    doubts: tuple[PoseDoubt, ...]  # everything that contradicts a camera pose
 
 
 def agreeing_poses(
     recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> Calibration:
-    """Return the calibration with notes on minor contradictions; raises InputError if a given pose must be wrong."""
+    """Return the calibration with notes on minor contradictions; raises InputError if a given pose cannot be right."""
     asked = ask_poses(recording, calibration, clocks, scenes, samples)
     _refuse_contradicted(recording, asked, scenes)
     notes = (*calibration.notes, *(f"{doubt.sentence}; the given pose is used" for doubt in asked.doubts))
@@ -56,10 +56,10 @@ def agreeing_poses(
 def ask_poses(
     recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> PosesAsked:
-    """Return all doubts about the camera poses: those of the calibration, and contradictions between cameras.
+    """Return the results of checking all camera poses: doubts from the calibration, and contradictions between cameras.
 
-    scenes: one per camera, with the poses that are used; samples: frames of all cameras, on one clock. Poses that were
-    found instead of given are checked in ``calibration``.
+    scenes: one per camera, with the poses that tracking uses; samples: frames of all cameras, on one clock. Poses that
+    were found instead of given are checked in ``calibration``.
     """
     found = calibration.doubts
     if len(scenes) < 2 or not any(pose.source is PoseSource.GIVEN for pose in calibration.poses):
@@ -73,8 +73,9 @@ def ask_poses(
 
 
 def _excused(doubt: PoseDoubt) -> PoseDoubt:
-    """Return a doubt without its consequences if the equipment raised it. Call this only if all cameras agree with each
-    other: then the equipment was moved, not a camera.
+    """Return a doubt raised by the equipment as a mere note, which neither refuses the recording nor increases sigma;
+    return other doubts unchanged. Call this only if all cameras agree with each other: then the equipment was moved,
+    not a camera.
     """
     if doubt.source is not DoubtSource.EQUIPMENT:
         return doubt
@@ -107,8 +108,8 @@ def remedy_of(doubt: PoseDoubt) -> str:
 
 
 def exchanged_cameras(scenes: Sequence[Scene]) -> tuple[str, str] | None:
-    """Return the names of two cameras such that all rooms agree once the poses and lenses of both are exchanged; None
-    if there are no such cameras.
+    """Return the names of two cameras that were probably exchanged: if both get each other's pose and lens, all cameras
+    show the same room. None if there are no such cameras.
     """
     for a, b in combinations(range(len(scenes)), 2):
         first, second = scenes[a].camera, scenes[b].camera

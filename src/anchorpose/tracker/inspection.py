@@ -28,20 +28,20 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-# maximum number of frames from the initial to the inspected frame, about 30 s of computing; if there are more, tracking
-# starts nearer to the inspected frame
+# maximum number of frames from the recording's initial frame to the inspected frame (tracking so many takes about 30
+# s); if the initial frame is farther away, tracking starts at a nearer frame
 MOST_FOLLOWED = 60
-# number of frames before the inspected frame in which an initial frame is searched, and number of them that are tried
+# number of frames before the inspected frame in which tracking may start, and how many of these are examined
 NEARBY, NEARBY_SAMPLES = 45, 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Next:
-    """The frame after the inspected frame, and the matches with it."""
+    """The frame after the inspected frame, and the matches between the nodes of both frames."""
 
     observation: Observation
-    links: Hypotheses  # the links of every node to the next frame
-    hypothesis: GlobalHypothesis  # the best branches
+    links: Hypotheses  # possible matches of each node of the inspected frame in the next frame
+    hypothesis: GlobalHypothesis  # the best branches of the track tree, and the matches that follow from them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,10 +50,10 @@ class Inspection:
 
     room: Room
     frame_set: FrameSet
-    observation: Observation | None  # results of the stages up to geodesics; None if no patient could be searched for
+    observation: Observation | None  # results of the stages before registration; None if no patient was searched for
     estimate: Estimate | None  # None if the patient was not found
     next: Next | None  # None if the recording ends here or the patient was not found
-    height_m: float  # the patient's height, with which anchor distances scale
+    height_m: float  # m, the patient's height; the usual distances between anchors scale with it
     account: tuple[str, ...]  # sentences about the steps taken and the reasons for missing results
 
 
@@ -68,7 +68,7 @@ class InspectedCamera:
 
     @property
     def camera(self) -> Camera:
-        """Return the camera with the pose that was used."""
+        """Return the camera with the pose that tracking uses."""
         return self.inspection.room.cameras[self.number]
 
     @property
@@ -78,7 +78,7 @@ class InspectedCamera:
 
     @property
     def scene(self) -> Scene:
-        """Return the camera's scene, which isolation learnt before tracking."""
+        """Return the camera's scene: its empty room and the equipment, as learnt before tracking."""
         return self.inspection.room.scenes[self.number]
 
 
@@ -106,9 +106,9 @@ def inspect_frame(
 ) -> Inspection:
     """Return the results of all stages for the frame with this number.
 
-    as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does; this takes as long as
-    ``track``, and the joints are the same to the last digit. Otherwise tracking starts at a nearby frame with a first
-    guess of the body. config.patient_xz_m: where the patient stands; with as_tracked in the initial frame, otherwise in
+    as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does. This takes as long as
+    ``track``, and gives exactly the joints of ``track``. Otherwise, tracking starts at a nearby frame, with a first
+    guess of the body. config.patient_xz_m: where the patient stands, in the initial frame if as_tracked, otherwise in
     the inspected frame. tick is called for every frame that is read. Raises InputError if the recording has no frame
     with this number.
     """
@@ -164,8 +164,9 @@ def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None
 
 
 def _initial_frames_nearby(route: Route, position: int, room: Room, config: TrackConfig) -> list[InitialFrame]:
-    """Return the frames where tracking may start: the recording's initial frame if it is near, otherwise the best frame
-    before the inspected frame; last, the inspected frame itself.
+    """Return the frames where tracking may start, in the order in which they are tried: the recording's initial frame
+    if it is near, otherwise the best frame before the inspected frame; last, the inspected frame itself. If the user
+    gave the patient's place, only the inspected frame is returned.
     """
     here = _choose(route, [position], room, config)
     if config.patient_xz_m is not None or room.initial_frame is None:
@@ -189,7 +190,7 @@ def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedSha
     frames = route.frames(_course(initial.frame, position, route, run))
     for estimate, tracker in follow_openly(run, frames, initial.choice, shape):
         if tracker is None and shape is None:
-            return None  # without a known body the search is slow, so another initial frame is tried
+            return None  # searching every frame is slow without a learnt shape: try the next initial frame
         if estimate.frame_set.frame == _number(run.room, position):
             if tracker is None or estimate.belief is None:
                 return None
@@ -198,8 +199,8 @@ def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedSha
 
 
 def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
-    """Return the positions of the frames to track: from ``first`` to the inspected frame and its look-ahead, within the
-    tracked range.
+    """Return the positions of the frames to track: from ``first`` to the inspected frame and the frames of its
+    look-ahead, within the tracked range.
     """
     initial = run.room.initial_frame.frame if run.room.initial_frame else position
     direction = 1 if position >= initial else -1
@@ -209,7 +210,9 @@ def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
 
 
 def _what_comes_next(tracker: PatientTracker, frames: Iterator[FrameSet]) -> Next | None:
-    """Fill the tracker's window with the following frames and compute its hypotheses."""
+    """Return the frame after the inspected frame and its matches; None if there is no such frame, or the patient is not
+    in it. The tracker's window is filled with the following frames first.
+    """
     while len(tracker.window) <= tracker.config.follow.look_ahead:
         frame_set = next(frames, None)
         if frame_set is None:

@@ -6,15 +6,16 @@ Null, booleans, numbers and texts are stored as they are, a member of an enumera
 list. Anything else is a JSON object with one key:
 
 - ``{"Pose": {"root_m": ...}}`` is an object of the class Pose;
-- ``{"again": 3}`` is the fourth stored object once more;
-- ``{"shared": "run"}`` is an object that the reader already has;
-- ``{"array": 5}`` is an array; with the key ``number`` or ``bytes``, it stands for a numpy scalar or for bytes.
+- ``{"again": 3}`` is the fourth object (number 3) of this value once more;
+- ``{"shared": "run"}`` is an object that is not stored, since the reader already has it under the name ``run``;
+- ``{"array": 5}`` is the sixth array after the tree; the keys ``number`` and ``bytes`` mark a numpy scalar and bytes.
 
-An object or array that occurs twice in a value is a single object after reading, too. A container becomes two.
+An object or array that occurs twice in a value is still a single one after reading. A container that occurs twice
+becomes two containers.
 
-The digest of a file covers its name. Each pass stores its frames in blocks and, with each block, the state that the
-next frame needs. A run always continues from values that were stored and read back, so that a resumed run has the same
-numbers as an uninterrupted run.
+Each file has a digest (checksum) of its content and its name, so that a renamed file is refused. Each pass stores its
+frames in blocks and, with each block, the state that the next frame needs. A run always continues from values that were
+stored and read back, so that a resumed run has exactly the results of an uninterrupted run.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ def read_value(stream: BytesIO, kind: Any, shared: Mapping[str, object]) -> Any:
     try:
         tree, *arrays = _read_arrays(stream)
         return _Reader(arrays, shared).value(parse_json(tree.tobytes()), kind)
-    except Exception as error:  # raised by json, by numpy, or by a malformed tree
+    except Exception as error:  # json, numpy and malformed trees raise errors of many kinds
         raise ValueError(f"holds no value of the type {kind} ({error!r})") from error
 
 
@@ -100,7 +101,7 @@ class _Writer:
             return self._array("number", np.asarray(value))
         if id(value) not in self._known:
             return self._array("array", value) if isinstance(value, np.ndarray) else self._object(value)
-        return self._known[id(value)]  # stored before, or shared
+        return self._known[id(value)]  # the value was stored before, or is shared
 
     def _array(self, word: str, array: np.ndarray) -> dict[str, Any]:
         self._known[id(array)] = node = {word: len(self.arrays)}
@@ -176,7 +177,7 @@ class _Reader:
         return make(self._items(node, repeat(of[0])))
 
     def _items(self, node: list[Any], kinds: Iterable[Any]) -> list[Any]:
-        """Return the values of a list's nodes; kinds: one type per node, or a single type for all nodes."""
+        """Return the values of a list's nodes; kinds: their types, one per node, or one type repeated without end."""
         return [self.value(item, kind) for item, kind in zip(node, kinds, strict=not isinstance(kinds, repeat))]
 
 
@@ -218,7 +219,8 @@ class Journal:
         return Journal(folder, self.shared)
 
     def require_whole(self, other: Collection[str] = ()) -> None:
-        """Check all stored values, also in subfolders. other: names of files to skip, which ``write`` did not store.
+        """Check all stored values, also in subfolders. other: names of files in this folder that ``write`` did not
+        store, and that are skipped.
 
         Raises InputError if a file is damaged or was stored under another name.
         """
@@ -230,7 +232,7 @@ class Journal:
                 Journal(path.parent)._stored(path.name)
 
     def write(self, name: str, value: object) -> None:
-        """Store a value, with only one copy of it in memory at a time."""
+        """Store a value. The file's content is not copied in memory, since it may be large."""
         stored = io.BytesIO()
         stored.write(bytes(DIGEST_BYTES))
         write_value(stored, value, self.shared)
@@ -262,7 +264,7 @@ class Journal:
         return data
 
     def _digest(self, name: str, data: memoryview) -> bytes:
-        """Return the digest of a file's content and name, so that a block copied to another name is refused."""
+        """Return the digest of a file's content and name, so that a file copied to another name is refused."""
         digest = DIGEST(f"{self.folder.name}/{name}\n".encode())
         digest.update(data)
         return digest.digest()
@@ -272,12 +274,12 @@ class Journal:
         return f"remove {self.folder} and give the same command again"
 
     def damaged(self, name: str) -> InputError:
-        """Return the error for a damaged file: everything in its folder has to be computed again."""
+        """Return the error for a damaged file; its remedy is to compute everything in the file's folder again."""
         return InputError(self.folder / name, "is damaged", self._remedy)
 
     def once(self, name: str, kind: Any, make: Callable[[], Item]) -> Item:
-        """Return the value of this name and of the type ``kind``. If it is not stored yet, make it, store it and read
-        it back.
+        """Return the value of this name and of the type ``kind``. If no value of this name is stored yet, ``make``
+        computes it; it is stored and read back.
         """
         try:
             found: Item = self.read(name, kind)
@@ -288,14 +290,14 @@ class Journal:
 
 
 class Blocks(Generic[Item]):
-    """The frames of one pass in order, several per file; only the frames of one file are in memory."""
+    """The frames of one pass in order, several per file (a block); only one file's frames are in memory at a time."""
 
     def __init__(self, journal: Journal, kind: Any) -> None:
         """Use ``kind`` as the type of a stored frame."""
         self._journal, self._kind = journal, kind
 
     def has(self, number: int) -> bool:
-        """Return whether a block is stored."""
+        """Return whether the block with this number is stored."""
         return (self._journal.folder / _block_name(number)).is_file()
 
     def require(self, count: int) -> None:
@@ -309,7 +311,7 @@ class Blocks(Generic[Item]):
         self._journal.write(_block_name(number), items)
 
     def write_count(self, count: int) -> None:
-        """Store the number of blocks, so that a lost last block is noticed. Needed if it is not stored elsewhere."""
+        """Store the number of blocks, to notice a lost last block; needed if the number is stored nowhere else."""
         self._journal.write(COUNT, count)
 
     def _count(self) -> int:

@@ -31,13 +31,13 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
-# number of frames kept for each frame that a window uses; the kept frames with the most different poses are used
+# number of frames kept for each frame that learning uses; of the kept frames, it uses those whose poses differ most
 CANDIDATES: Final = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """The values of a frame that are kept to learn from; a whole estimate is three times as large."""
+    """The values of a frame that are kept to learn from; they take a third of the memory of a whole estimate."""
 
     time_s: float
     belief: PoseBelief
@@ -51,13 +51,13 @@ class _Seen:
 
     @property
     def body(self) -> Body:
-        """Return the body as known so far."""
+        """Return the body with the shape that was known when the frame was tracked."""
         return build_body(body_points(), self.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherFacing:
-    """The less likely facing of the patient in the first frame learnt from, with the body learnt for it."""
+    """The less likely of two opposite facings in the first frame that learning used, with the body learnt for it."""
 
     pose: Pose
     shape: FittedShape
@@ -66,23 +66,23 @@ class OtherFacing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearntPatient:
-    """The belief in the patient's shape, and the pose in the first frame learnt from."""
+    """The belief in the patient's shape, and the patient's pose in the first frame that learning used."""
 
-    belief: ShapeBelief  # at the end of learning
-    first: ShapeBelief  # after the first window
-    seconds: float  # s, total length of the stretches learnt from
-    pose: Pose  # the pose in frame ``frame``
-    frame: int  # number of the first frame learnt from
+    belief: ShapeBelief  # belief in the shape at the end of learning
+    first: ShapeBelief  # belief in the shape after the first window of frames
+    seconds: float  # s, duration of all parts of the recording that learning used
+    pose: Pose  # the pose in the first frame that learning used
+    frame: int  # number of the first frame that learning used
     contradiction: str = ""  # how the user's statements about the patient contradict the images; empty if they agree
-    turned: OtherFacing | None = None  # the opposite facing in that frame; None if the images exclude it
+    turned: OtherFacing | None = None  # the opposite facing in the first frame used; None if the images exclude it
 
     @property
     def shape(self) -> FittedShape:
-        """Return the body to track with."""
+        """Return the shape of the body to track with."""
         return self.belief.shape
 
     def facing(self) -> Facing:
-        """Return the patient's facing in the first frame learnt from."""
+        """Return the patient's facing in the first frame that learning used."""
         other = self.turned
         if other is None:
             return Facing(self.pose, None)
@@ -94,8 +94,8 @@ class Stretch(NamedTuple):
     """A part of the recording that the body is learnt from.
 
     choice: where the patient stands in its first frame; None if no patient is to be searched for. start: the patient as
-    found in the first frame; None if not searched for yet. frames: reads the frames, forward or backward in time; each
-    call begins with the first frame.
+    found in that frame; None if not searched for yet. frames: function that yields the frames of the stretch, forward
+    or backward in time; each call begins with the first frame.
     """
 
     choice: PatientChoice | None
@@ -106,9 +106,9 @@ class Stretch(NamedTuple):
 def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | None:
     """Learn the patient's shape; return None if the patient is never found.
 
-    Each stretch is followed for its share of ``learning.longest_s``, from the first frame in which the patient is
-    found. Meanwhile tracking uses the shape learnt so far, and each window of frames refines it. For each facing, only
-    the frames of the first and of the last window are kept.
+    Each stretch is followed for its share of ``learning.longest_s``; in the first stretch, this time begins when the
+    patient is found. Meanwhile, tracking uses the shape learnt so far, and each window of frames refines it. To save
+    memory, only the frames of the first and the latest window are kept for each of two opposite facings.
     """
     learnt: LearntPatient | None = None
     for stretch in stretches:
@@ -118,18 +118,18 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Window:
-    """A window of frames that the body is learnt from together."""
+    """A window: successive frames that are used together to learn the body."""
 
     kept: list[_Seen]
-    seconds: float  # s, time from the stretch's first frame with the patient to the end of this window
-    moved: float  # nats, cost of the moves in which the body turned round between two frames of this window
+    seconds: float  # s, time from the start of this stretch (see ``_windows``) to the end of this window
+    moved: float  # nats, cost of all movements in this window that turned the body round from one frame to the next
     tracker: PatientTracker | None  # the tracker after this window; None if tracking ended
-    turned: Start | None  # the start with the opposite facing in ``frame``; None if that frame excludes it
-    frame: int  # number of the stretch's first frame with the patient
+    turned: Start | None  # the opposite facing in the frame ``frame``; None if this frame excludes it
+    frame: int  # number of the first frame with the patient; 0 in later stretches
 
 
 def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, run: Run) -> LearntPatient | None:
-    """Learn from one more stretch. before: the result of earlier stretches, None for the first."""
+    """Learn from one more stretch. before: the result of earlier stretches; None for the first stretch."""
     windows = _windows(run, stretch, before, longest_s)
     first = next(windows, None)
     if first is None:
@@ -144,7 +144,7 @@ def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, 
 
 
 def _from_frame(stretch: Stretch, frame: int, start: Start) -> Stretch:
-    """Return the rest of a stretch from a frame on, with the patient as found there."""
+    """Return a stretch without the frames before ``frame``. start: the patient as found in this frame."""
 
     def frames() -> Iterator[FrameSet]:
         return dropwhile(lambda frame_set: frame_set.frame != frame, stretch.frames())
@@ -157,7 +157,7 @@ _Learning = Iterator[_Step]
 
 
 def _window_by_window(windows: Iterator[_Window], before: LearntPatient | None, run: Run) -> _Learning:
-    """Yield each window with the learnt state after it."""
+    """Yield, after each window, the patient as learnt so far and the window."""
     learnt, so_far_s = before, 0.0 if before is None else before.seconds
     for window in windows:
         learnt = _learn_more(learnt, window, so_far_s + window.seconds, run)
@@ -172,11 +172,11 @@ def _last(learning: _Learning) -> LearntPatient:
 
 
 def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
-    """Learn with both facings until one facing is clearly more probable, and return its patient. If the whole
-    stretch does not decide, the result also has the other facing.
+    """Learn with both facings of the patient until one is clearly more probable; return the patient learnt with this
+    facing. If the whole stretch does not decide, the result also contains the other facing.
 
-    A single frame may show too little to decide. But with the wrong facing, a single body of human shape hardly
-    explains all windows, or the person seems to turn round at some time.
+    A single frame may show too little to decide which way the patient faces. Over several windows, a wrong facing
+    becomes evident: no body of human shape explains all of them, or the person seems to turn round at some time.
     """
     lead, mine, theirs = _compared(one, other, run)
     if theirs is None:
@@ -189,10 +189,11 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
 
 
 def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step, _Step | None]:
-    """Return the lead of the first facing in nats, and for each facing the window in which the comparison ended. The
-    last value is None if nobody with the second facing can be followed.
+    """Compare two facings window by window until one is clearly more probable or a facing has no more windows. Return
+    by how many nats the first facing is more probable and, for each facing, the learnt patient and the last compared
+    window. The last value is None if nobody with the second facing can be followed.
 
-    Errors of shape are common to all windows, so the mean over the windows counts, not the sum.
+    Errors of the shape affect all windows alike, so the mean over the windows counts, not the sum.
     """
     nats, moved, mine, theirs = list[float](), 0.0, next(one), next(other, None)
     while theirs is not None:
@@ -208,9 +209,9 @@ def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step,
 
 
 def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the mean log probability, in nats, of a window's frames, given the body learnt from them.
+    """Return the mean log probability, in nats, of the frames of a window, given the body learnt from them.
 
-    It is the mean, not the sum, since errors of shape are common to all frames.
+    It is the mean, not the sum, since errors of the shape affect all frames alike.
     """
     body, config = build_body(body_points(), learnt.shape), run.config.registration
     frames = most_different(body_points(), [seen.pose for seen in window.kept], run.config.learning.frame_count)
@@ -222,7 +223,7 @@ def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
 
 
 def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the log probability, in nats, of the body's shape and of its facing in this window."""
+    """Return the prior log probability, in nats, of the learnt shape and of the body's facing in this window."""
     body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
     facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))
     return facing - 0.5 * shape_cost(learnt.shape, run.room.recording.subject, run.config)
@@ -233,17 +234,18 @@ def _windows(
 ) -> Iterator[_Window]:
     """Yield the frames of a stretch in windows. Tracking continues only when the next window is requested.
 
-    one_facing: whether to end where the body turns round, since another pass covers that facing.
+    one_facing: whether to end where the tracked body turns round. From there on, the body faces the other way, and
+    another pass tracks these frames with that facing.
     """
     learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
     known = None if before is None else before.shape
-    begin = stretch.start if before is None else None  # begin with the first pose's body, not the learnt body
+    begin = stretch.start if before is None else None  # in later stretches, the learnt body is searched for
     kept, began_s, frame, turned = list[_Seen](), None, 0, None
     moved, last = 0.0, None
     for estimate, tracker in follow_openly(run, stretch.frames(), stretch.choice, known, begin):
         time_s = estimate.frame_set.time_s
-        # time before the patient is found does not count
+        # time counts from the stretch's first frame; in the first stretch, from when the patient is found
         began_s = time_s if began_s is None and before is not None else began_s
         if began_s is not None and abs(time_s - began_s) > longest_s:
             break
@@ -270,13 +272,13 @@ def _windows(
 
 
 def _moved(before: _Seen, after: _Seen) -> float:
-    """Return the cost, in nats, of the body's move since the frame before."""
+    """Return the cost, in nats, of the body's movement from one frame to the next."""
     expected = expected_joints(before.body, before.belief.later(before.pose, _apart_s(before, after)))
     return expected.moved(after.body.joints(after.pose))
 
 
 def _seen(estimate: Estimate, run: Run) -> _Seen | None:
-    """Return the kept values of a frame; None if no body explains it or a reviewer marked it as unusable."""
+    """Return the values of a frame to learn from; None if no body explains it or a reviewer marked it as unusable."""
     if estimate.belief is None or estimate.shape is None or estimate.observation is None:
         return None
     if estimate.explained < LEAST_EXPLAINED or run.room.review.why_unusable(estimate.frame_set.frame) is not None:
@@ -298,7 +300,7 @@ def _apart_s(one: _Seen, other: _Seen) -> float:
 
 
 def _learn_more(learnt: LearntPatient | None, window: _Window, seconds: float, run: Run) -> LearntPatient:
-    """Learn from one more window. seconds: time for which the patient was followed, in all stretches so far."""
+    """Learn from one more window. seconds: time for which the patient was followed in all stretches so far."""
     with run.stage("body shape"):
         if learnt is None:
             return _learn_first(seconds, window, run)
@@ -307,7 +309,7 @@ def _learn_more(learnt: LearntPatient | None, window: _Window, seconds: float, r
 
 
 def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
-    """Learn from the first window. Statements about the patient that contradict the images are ignored."""
+    """Learn from the first window. Statements about the patient are ignored if the images contradict them."""
     subject, config, kept = run.room.recording.subject, run.config, window.kept
     shape = kept[0].shape
 
@@ -326,7 +328,7 @@ def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
 
 
 def _learn(known: ShapeBelief, kept: Sequence[_Seen], count: int, reaches_m: Sequence[float], run: Run) -> ShapeBelief:
-    """Learn from the ``count`` most different frames of a window."""
+    """Return the belief ``known`` after learning from those ``count`` frames of a window whose poses differ most."""
     chosen = most_different(body_points(), [seen.pose for seen in kept], count)
     return learn_body(
         body_points(),

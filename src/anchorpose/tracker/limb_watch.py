@@ -18,22 +18,25 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.tracker.observation import Observation, is_described
 from anchorpose.tracker.room import Run
 
-SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between vain searches; one takes as long as three frames
-# nats; a limb with less is confused with another limb; correctly tracked people have more (``measure_named_places``)
+# frames between two searches, doubled up to 16 while nothing is found; a search takes as long as tracking three frames
+SEARCH_PAUSE, LONGEST_PAUSE = 4, 16
+# nats; if a limb's log likelihood ratios (``named_nats``) sum to less, the descriptor assigns its skin to another limb;
+# in correctly tracked people, every sum is larger (``tools/measure_named_places.py``)
 MISNAMED: Final = -1.0
-MORE: Final = 1.5  # if the uncovered area exceeds that of the last search by this factor, a new search starts at once
-# m, maximum distance from an anchor to the limb's end; a bar may hide the hand, so the anchor may be at wrist or elbow
+MORE: Final = 1.5  # if the area not covered by the body grows by this factor after a vain search, the pause ends
+# m, tolerated distance of an anchor from the pose's hand or foot; if a bar hides the hand, the anchor is at wrist or
+# elbow
 ELSEWHERE_M: Final = 0.25
-LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet
+LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet; the first anchor is the head
 
 
 class LimbWatch:
-    """The state that decides when to search for limbs, and when a search would only cost time."""
+    """The watch that decides in each frame whether misplaced limbs are searched for; it pauses after vain searches."""
 
     run: Run
     search_wait: int  # frames until the next search for limbs
-    search_pause: int  # frames to wait after the next search if it finds nothing
-    left_uncovered_m2: float  # uncovered area after the last search without a result
+    search_pause: int  # number of frames to wait after the next search if it finds nothing
+    left_uncovered_m2: float  # m2, area of visible skin that the body did not cover at the last vain search
 
     def __init__(self, run: Run) -> None:
         self.run = run
@@ -43,8 +46,8 @@ class LimbWatch:
     def look(
         self, body: Body, found: Registration, explanation: Explanation, predicted: PoseBelief, seen: Observation
     ) -> Search | None:
-        """Search for limbs if the pose leaves seen skin uncovered, or if the descriptor assigns skin to another limb;
-        else return None.
+        """Search for misplaced limbs if the frame contradicts the pose (``is_doubtful``, ``_misnamed``); return None if
+        it does not, or during a pause.
 
         explanation: how well the registered pose explains the frame.
         """
@@ -58,8 +61,8 @@ class LimbWatch:
         return self._search(body, found, predicted, explanation, seen)
 
     def look_for_whole(self, body: Body, lost: Registration, predicted: PoseBelief, seen: Observation) -> Search | None:
-        """Search for another pose when the registered body explains nothing: it may face the opposite way, or its limbs
-        may be in other places. Return None if no search is due or it finds nothing.
+        """Search for another pose if the registered body explains nothing: the body may face the opposite way, or its
+        limbs may be in other places. Return None if no search is due or it finds nothing.
         """
         self.search_wait -= 1
         config = self.run.config.registration
@@ -75,7 +78,7 @@ class LimbWatch:
     def _search(
         self, body: Body, found: Registration, predicted: PoseBelief, explanation: Explanation, seen: Observation
     ) -> Search:
-        """Run a search; after a search without a result, the next one waits longer."""
+        """Search for limbs; after a search without a result, the next search waits longer."""
         config = self.run.config.registration
         search = search_limbs(body, found, predicted, seen.evidence, config, seen.seen_anchors)
         if search.taken:
@@ -108,7 +111,7 @@ def explained_by(body: Body, found: Registration, seen: Observation) -> Explanat
 def is_doubtful(
     body: Body, found: Registration, explanation: Explanation, seen: Observation, sources: Sequence[Source]
 ) -> bool:
-    """Return whether a limb may be misplaced: seen skin is uncovered, or an anchor is far from the limb's end."""
+    """Return whether a limb may be misplaced: much seen skin is uncovered, or a hand or foot is far from its anchor."""
     if Source.SURFACE in sources and needs_search(explanation, bool(hidden_limbs(body, explanation))):
         return True
     away = contradicted_by(body, found.belief.pose, seen.anchors, ELSEWHERE_M)[LIMB_ENDS]

@@ -25,9 +25,11 @@ from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-# m, maximum distance of a twin from the reflected image; front and back of a person differ by this
+# m, maximum distance of a twin (the real person) from the reflection of the mirror image; the camera may see the front
+# of one and the back of the other, which are this far apart
 TWIN_M: Final = 0.35
-# minimum number of frames with a twin; people who pass each other may look like twins in one or two frames
+# minimum number of frames in which a mirror image has a twin (the real person); people who pass each other may look
+# like twins in one or two frames
 LEAST_TWINS: Final = 3
 
 
@@ -38,16 +40,16 @@ class Mirror:
     scene: int
     wall: Wall
     gap: np.ndarray  # (height, width) bool, the gap's pixels
-    twins: int  # number of frames in which the image's twin is seen as well
-    shown: int  # number of frames with a person beyond the gap
+    twins: int  # number of frames in which the twin of the mirror image is seen, too
+    shown: int  # number of frames that show both a person beyond the gap and the twin's possible place
 
     def is_in(self, other: Mirror) -> bool:
-        """Return whether both mirrors are the same gap, found in two planes of one wall."""
+        """Return whether both mirrors are one gap, which is found twice if its wall was recognised as two planes."""
         return self.scene == other.scene and bool((self.gap & other.gap).any())
 
     @property
     def sentence(self) -> str:
-        """Return the sentence for the run's notes."""
+        """Return a sentence about the mirror for the run's notes."""
         away_m = self.wall.offset_m - self.wall.normal @ self.wall.camera.position_m
         return (
             f"a mirror was found {away_m:.1f} m from camera {self.wall.camera.name}: in {self.twins} of {self.shown} "
@@ -72,7 +74,7 @@ def find_mirrors(
 
 
 def with_mirrors(scenes: Sequence[Scene], mirrors: Sequence[Mirror]) -> tuple[Scene, ...]:
-    """Return the scenes with walls in place of mirrors."""
+    """Return the scenes with walls in place of mirrors, so that nobody is found in a mirror."""
     changed = list(scenes)
     for mirror in mirrors:
         changed[mirror.scene] = with_wall(changed[mirror.scene], mirror.wall, mirror.gap)
@@ -103,7 +105,7 @@ def _gap_before(one: SeenPerson, wall: Wall) -> np.ndarray | None:
 
 
 def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> list[Mirror]:
-    """Return the gaps of a wall in which people have a twin in most of the frames that could show the twin."""
+    """Return the gaps of a wall in which people have a twin in most of the frames that show the place of the twin."""
     gaps, twins, shown = list[np.ndarray](), list[int](), list[int]()
     for sighting in sightings:
         for one in sighting.people:
@@ -124,7 +126,7 @@ def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras:
 
 
 def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequence[Camera]) -> bool | None:
-    """Return whether a person stands where a mirror image would come from; None if that place is not visible."""
+    """Return whether a twin stands where a mirror image would come from; None if that place is not visible."""
     x, z = image.place_xz_m
     middle = wall.reflected(np.array([x, _middle(image)[1], z]))
     others = [one.place_xz_m for one in sighting.people if one is not image]
@@ -136,13 +138,13 @@ def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequen
 
 
 def _middle(one: SeenPerson) -> np.ndarray:
-    """Return the middle (3,) of a person's seen surface, on its vertical axis."""
+    """Return the point (3,) above a person's place on the ground, at half the height of the seen surface."""
     person = one.person
     return np.array([person.ground_xz_m[0], (person.bottom_m + person.top_m) / 2.0, person.ground_xz_m[1]])
 
 
 def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
-    """Return whether a camera with most of the points (n, 3) in view has readings behind most of them."""
+    """Return whether a camera that has most of the points (n, 3) in view reads something behind most of them."""
     return any(np.mean(read > own + BEFORE_M) > 0.5 for own, read in looks_at_most(points_m, depths_m, cameras))
 
 

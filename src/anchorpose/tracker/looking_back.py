@@ -1,8 +1,8 @@
 """Track back from a frame in which a limb or the patient was found again, against the direction of the pass.
 
-A limb or patient that was lost and found again was often in view in between, but not at the predicted place. So the
-patient is tracked back from the frame in which it was found again, until both directions agree or nothing is seen. Each
-frame is then taken from the direction in which more of the body is seen at its place.
+If a limb or patient is found again, it was often in view in earlier frames already, but not at the predicted place. So
+the patient is tracked back from that frame, until both directions agree or nothing is seen. Each frame is then taken
+from the direction that has more joints at places where cameras see the body.
 """
 
 from __future__ import annotations
@@ -23,27 +23,29 @@ from anchorpose.tracker.smoothing import APART_M, PassResult, cheapest_course, c
 from anchorpose.tracker.start import turn_round
 
 AGREEING: Final = 3  # tracking back stops after this many successive frames in which both directions agree
-IN_VAIN: Final = 10  # tracking back stops after this many successive frames without seeing more of the body
-ELSEWHERE_M: Final = 0.15  # m; if a joint jumps by more between two frames, its limb was found again
-FIRST_PAUSE, LONGEST_PAUSE = 4, 64  # frames until the next look back, doubled after each vain look
+# tracking back stops after so many successive frames in which it shows no more of the body than the pass did
+IN_VAIN: Final = 10
+ELSEWHERE_M: Final = 0.15  # m; if a joint jumps farther than this between two frames, its limb was found again
+# frames between two attempts to track back; doubled after an attempt that changed no frame, up to LONGEST_PAUSE
+FIRST_PAUSE, LONGEST_PAUSE = 4, 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passed:
     """A frame of a pass."""
 
-    position: int  # in the recording
+    position: int  # position of the frame in the recording
     result: PassResult | None  # the result of the pass; None if no body is learnt
-    kept: Kept  # the values to store
+    kept: Kept  # the values to store for this frame
 
 
 @dataclass(slots=True)
 class Waiting:
-    """The frames of a pass that are not stored yet, in order."""
+    """The frames of a pass that are not stored yet, in order, since tracking back may still replace them."""
 
     frames: list[Passed] = field(default_factory=list)
-    wait: int = 0  # number of frames until the next look back
-    pause: int = FIRST_PAUSE  # number of frames from that look back to the next one
+    wait: int = 0  # number of frames until tracking back is allowed again
+    pause: int = FIRST_PAUSE  # number of frames to wait after the next attempt to track back
 
     def add(
         self,
@@ -53,7 +55,7 @@ class Waiting:
         run: Run,
         keep: Callable[[Estimate], Kept],
     ) -> None:
-        """Add the next frame; if a limb or the patient is found again in it, look back from it (see ``look_back``)."""
+        """Add the next frame; if a limb or the patient is found again in it, track back from it (``look_back``)."""
         self.wait -= 1
         if self.wait < 0 and self.frames and _is_found_again(estimate, passed.result, self.frames[-1].result):
             seen = look_back(estimate, self.frames, frame, run, keep)
@@ -63,7 +65,7 @@ class Waiting:
         self.frames.append(passed)
 
     def take_but(self, left: int) -> list[Kept]:
-        """Return the stored values of all frames but the last ``left``, which remain waiting."""
+        """Remove all frames but the last ``left``, and return their values to store."""
         count = max(0, len(self.frames) - left)
         taken, self.frames = self.frames[:count], self.frames[count:]
         return [one.kept for one in taken]
@@ -85,10 +87,10 @@ def look_back(
     run: Run,
     keep: Callable[[Estimate], Kept],
 ) -> list[Passed]:
-    """Return the frames ``before`` the frame in which the patient or a limb was ``found`` again, in order; some of them
+    """Return the frames ``before`` the frame in which the patient or a limb was ``found`` again, in order. Some of them
     are replaced by frames that were tracked back.
 
-    frame: function that reads the frame at a position.
+    frame: function that reads the frame at a position; keep: function that returns the values to store for an estimate.
     """
     start = turn_round(found, run.config)
     again = [] if start is None else _seen_again(PatientTracker(run, start), before, frame, run, keep)
@@ -110,8 +112,8 @@ def _seen_again(
     run: Run,
     keep: Callable[[Estimate], Kept],
 ) -> list[Passed]:
-    """Track back through the last frames of ``before`` as long as more of the body is seen this way; return these
-    frames in order of the pass.
+    """Track back through the last frames of ``before`` until both directions agree, or until tracking back shows no
+    more of the body than the pass did. Return the tracked frames in the order of the pass.
     """
     again, agreeing, in_vain = list[Passed](), 0, 0
     estimates = _tracked_back(tracker, (frame(one.position) for one in reversed(before)))

@@ -22,16 +22,16 @@ from anchorpose.surface.surface import ExpectedSkin, Surface
 from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
-# minimum number of anchors; a node with fewer undisturbed distances keeps all its distances. Three distances identify a
-# node (paper, Section IV-D); four give two subsets of three anchors
+# a node's distances to anchors are left out if a hole in the surface lengthens them, but only if at least this many
+# others remain; three identify a node (paper, Section IV-D), and four give four subsets of three anchors
 LEAST_TRUSTED = 4
-# number of frames from one check by the learnt descriptor to the next; a check takes a third of the time of a frame
+# number of frames between two checks by the learnt descriptor; a check takes a third of the time to track a frame
 DESCRIBED_EVERY: Final = 8
 
 
 def is_described(frame: int) -> bool:
-    """Return whether the descriptor checks, in this frame, the names of the patient's limbs and the number of people
-    with the patient's label. This does not depend on predictions.
+    """Return whether the learnt descriptor checks this frame: whether it assigns skin to the same limbs as the pose,
+    and whether it finds several people in the patient's pixels. The choice of frames does not depend on predictions.
     """
     return frame % DESCRIBED_EVERY == 0
 
@@ -41,9 +41,9 @@ class Expectation:
     """The place and pose in which the patient is expected in a frame."""
 
     skin: ExpectedSkin
-    sigma_m: np.ndarray  # (p,) uncertainty of each skin point
-    anchors_m: np.ndarray  # (5, 3) expected anchors
-    facing: np.ndarray  # (3,) heading, a level unit vector
+    sigma_m: np.ndarray  # (p,) m, standard deviation of each skin point
+    anchors_m: np.ndarray  # (5, 3) expected places of the anchors: head, hands and feet
+    facing: np.ndarray  # (3,) direction in which the trunk faces, a level unit vector
     frames_without_fit: int  # number of frames since the body was last fitted
 
     def apart_m(self, other: Expectation) -> float:
@@ -60,24 +60,24 @@ class Expectation:
 class Isolated:
     """The people of one frame."""
 
-    pieces: tuple[Pieces | None, ...]  # the people's pixels, per camera; None without a depth image
-    views: tuple[View | None, ...]  # all labels, per camera; None without a depth image
-    memory: BystanderMemory  # the last seen skin of all people
-    bystanders: Bystanders  # the bystanders' bodies
+    pieces: tuple[Pieces | None, ...]  # the pixels of all people, per camera; None without a depth image
+    views: tuple[View | None, ...]  # depth frame with the label of each pixel, per camera; None without one
+    memory: BystanderMemory  # the skin of all people, the patient included, as last seen
+    bystanders: Bystanders  # the bodies that were fitted to the bystanders
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenSurface:
     """The patient's surface in one frame."""
 
-    whole: Surface  # the seen surface and hidden skin, which is inferred
-    seen: Surface  # only the seen surface
-    border: np.ndarray  # (n,) uint8 of ``Border``, per node of ``whole``: why the surface ends there
+    whole: Surface  # the seen surface, and hidden skin that is inferred
+    seen: Surface  # only the seen part of the surface
+    border: np.ndarray  # (n,) uint8 of ``Border``, per node of ``whole``: whether the surface ends near it, and at what
     evidence: Evidence  # the data to which the body is registered, including the seen surface
 
 
 class AnchorDistances:
-    """The distances from the seen nodes to the anchors. They are computed on first use; most frames never use them."""
+    """The geodesic distances from the seen nodes to the anchors, computed on first use: most frames never need them."""
 
     _surface: SeenSurface
     _anchors: Anchors
@@ -109,7 +109,7 @@ class AnchorDistances:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """One frame after the stages up to geodesics."""
+    """One frame with the results of all stages before registration."""
 
     frame_set: FrameSet
     expected: Expectation | None  # where the patient was expected; None in an initial frame
@@ -118,7 +118,7 @@ class Observation:
     whole: Surface  # seen skin and inferred hidden skin
     anchors: Anchors
     distances: AnchorDistances
-    border: np.ndarray  # (n,) uint8 of ``Border``, per seen node: why the surface ends there
+    border: np.ndarray  # (n,) uint8 of ``Border``, per seen node: whether the surface ends near it, and at what
     pieces: tuple[Pieces | None, ...]
     memory: BystanderMemory
     bystanders: Bystanders
@@ -128,13 +128,14 @@ class Observation:
         """Return (n, 5) metres: the geodesic distance from each seen node to each anchor; inf if no path leads to the
         anchor, NaN if the anchor is missed.
 
-        A distance that a hole in the surface lengthens is also NaN, if the node has enough other distances.
+        A distance that a hole in the surface lengthens is also NaN, if the node has at least ``LEAST_TRUSTED``
+        distances that no hole lengthens.
         """
         return self.distances.of_seen_nodes()
 
     @property
     def seen_anchors(self) -> SeenAnchors:
-        """Return surface and anchors together, for proposals of limbs."""
+        """Return the surface and its anchors together, for the limb search."""
         return SeenAnchors(self.whole, self.anchors)
 
 
@@ -145,6 +146,6 @@ class Start:
     observation: Observation
     shape: FittedShape
     belief: PoseBelief
-    explained: float  # 0 to 1, share of the surface that the body explains
+    explained: float  # 0 to 1, share of the patient's visible surface that the body explains
     rivals: tuple[Rival, ...] = ()  # other poses that explain the frame almost as well
-    turned: Rival | None = None  # the opposite facing, however well it explains the frame; None once a body is learnt
+    turned: Rival | None = None  # the opposite facing, even if it explains the frame badly; None once a body is learnt

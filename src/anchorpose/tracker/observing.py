@@ -50,14 +50,14 @@ from anchorpose.tracker.room import FACING, UP, Run
 from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
-LOOSEST_SKIN_M = 0.05  # m, half of a limb's width; skin with a larger sigma is left out of the likelihood
-UNFITTED_M = 0.04  # m, growth of the skin's sigma per frame without a fit: 1.2 m/s at 30 Hz, a fast leg
+LOOSEST_SKIN_M = 0.05  # m, half a limb's width; skin with a larger sigma does not decide which pixels show the patient
+UNFITTED_M = 0.04  # m, growth of the skin's sigma per frame without a fit; a fast leg moves this far at 30 Hz (1.2 m/s)
 
 
 def observe_first(
     frame_set: FrameSet, choice: PatientChoice, height_m: float, run: Run, crowd: Crowd | None = None
 ) -> Observation:
-    """Observe a frame in which only the patient's place is known. crowd: the people there, None if not found yet."""
+    """Observe a frame in which only the patient's place is known. crowd: the frame's people, None if not found yet."""
     isolated = isolate_first(frame_set, choice, run, crowd)
     return observe(frame_set, isolated, None, height_m, run)
 
@@ -81,8 +81,7 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run, crowd: C
 def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> tuple[Isolated, np.ndarray]:
     """Label the people of a frame from the patient's expected place and the bystanders of the frame before.
 
-    Also return the step (3,) over the ground from the patient's expected place to the place in this frame; zero if both
-    agree.
+    Also return the step (3,) over the ground from the patient's expected place to the seen place; zero if both agree.
     """
     with run.stage("isolation"):
         pieces = find_all_pieces(frame_set, run.room.scenes)
@@ -98,8 +97,8 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
 
 
 def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
-    """Return the bystanders without those who overlap the patient at a place (3,): their bodies were fitted to the
-    patient's surface by mistake.
+    """Return the bystanders without those whose body overlaps the patient's expected place (3,): such a body was fitted
+    to the patient's surface by mistake.
     """
     apart = [
         np.linalg.norm((one.belief.pose.root_m - place_m)[[0, 2]]) > IN_EACH_OTHER_M for one in bystanders.followed
@@ -108,13 +107,13 @@ def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
 
 
 def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
-    """Return the bystander memory of a frame, moved to where the next frame's pixels (``pieces``) show each person."""
+    """Return the bystander memory, each person's skin moved to where the next frame's pixels (``pieces``) show them."""
     memory = before.memory
     return memory.moved(find_steps(memory.seen_last, pieces, run.room.cameras))
 
 
 def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> np.ndarray:
-    """Return the step (3,) from the patient's expected place to the seen place; zero if both agree."""
+    """Return the step (3,) from the patient's expected place to that in ``memory``; zero if both agree."""
     seen_m = memory.seen_last.get(PixelLabel.PATIENT)
     if seen_m is None:
         return np.zeros(3)
@@ -124,11 +123,12 @@ def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pie
 
 
 def patient_likelihood(expected: Expectation, config: IsolationConfig) -> tuple[OwnershipLikelihood, HiddenSkin]:
-    """Return the likelihood that a place belongs to the patient, by the predicted skin, and the hidden skin.
+    """Return the likelihood that a place belongs to the patient, from the predicted skin; and, as a separate value, the
+    predicted skin of limbs that have been hidden for long.
 
-    A limb that has been hidden for long is not in the likelihood, since any surface near its predicted place would be
-    taken for the limb. When the limb reappears, its connection to the patient's surface shows that it is the patient's,
-    or the place of a whole piece does (``label_hidden_limbs``).
+    Such a limb is left out of the likelihood, since otherwise any surface near its predicted place would be taken for
+    it. When it reappears, its connection to the patient's surface shows that it is the patient's. If it appears as a
+    separate piece, the place of the whole piece decides (``label_hidden_limbs``).
     """
     spread = config.skin_sigma_m + UNFITTED_M * expected.frames_without_fit
     sure, sigma = expected.sigma_m < LOOSEST_SKIN_M, np.hypot(spread, expected.sigma_m)
@@ -157,6 +157,7 @@ def _separated(
 
 
 def see_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:
+    """Return the bystanders of the next frame, or ``before`` if bystanders get no bodies by the settings."""
     if not run.config.follow.bystanders:
         return before
     with run.stage("bystanders"):
@@ -179,8 +180,8 @@ def _isolated(
 def observe(
     frame_set: FrameSet, isolated: Isolated, expected: Expectation | None, height_m: float, run: Run
 ) -> Observation:
-    """Compute surface and anchors of a frame with labelled people. height_m: the patient's height; anchor distances
-    scale with it.
+    """Compute surface and anchors of a frame whose people are labelled. height_m: the patient's height, with which the
+    distances between anchors scale.
     """
     surface = see_surface(isolated, expected, run)
     anchors = see_anchors(surface, expected, height_m, run)
@@ -188,7 +189,7 @@ def observe(
 
 
 def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> SeenSurface:
-    """Mesh the patient's pixels; the expected skin determines where the mesh is cut and closed."""
+    """Mesh the patient's pixels; cut the mesh where body parts are expected to touch, and close it over hidden skin."""
     cameras = run.room.cameras
     shown = [blank_view(camera) if view is None else view for view, camera in zip(isolated.views, cameras, strict=True)]
     with run.stage("surface"):
@@ -201,7 +202,7 @@ def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> S
 
 
 def see_anchors(surface: SeenSurface, expected: Expectation | None, height_m: float, run: Run) -> Anchors:
-    """Find head, hands and feet as the images show them."""
+    """Find the anchors (head, hands and feet) on the patient's surface. height_m: as in ``observe``."""
     with run.stage("geodesics"):
         facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
         cut = surface.border == Border.CUT
@@ -238,11 +239,11 @@ Associate = Callable[[Observation, Observation, TrackConfig], Matcher]
 
 
 class Window:
-    """The last registered frame and the frames of the look-ahead. They are matched only when the track tree is used."""
+    """The last registered frame and the frames of the look-ahead. Nodes are matched only if the track tree is used."""
 
     run: Run
     frames: deque[FrameSet]  # all frames of the window
-    seen: deque[Observation]  # observations of its first frames; later frames are not observed yet
+    seen: deque[Observation]  # observations of the first of these frames; the last ones may not be observed yet
     _matchers: deque[Matcher | None]
 
     def __init__(self, first: Observation, run: Run) -> None:
@@ -252,7 +253,7 @@ class Window:
         self._matchers = deque()
 
     def __getstate__(self) -> dict[str, object]:
-        """Return the state without matches, which are computed again when needed."""
+        """Return the state to store, without the matches, which are computed again when needed."""
         return {**self.__dict__, "_matchers": deque([None] * len(self._matchers))}
 
     def __len__(self) -> int:
@@ -271,19 +272,19 @@ class Window:
         self.seen.append(seen)
 
     def replace_next(self, seen: Observation) -> None:
-        """Replace the observation of the frame after the last registered one."""
+        """Replace the observation of the frame after the last registered frame."""
         self.seen[1] = seen
         for number in range(min(2, len(self._matchers))):
             self._matchers[number] = None
 
     def move_on(self) -> None:
-        """Drop the first frame, since the frame after it is registered now."""
+        """Drop the first frame, since the second frame is registered now."""
         for held in (self.frames, self.seen, self._matchers):
             held.popleft()
 
     def matchers(self) -> list[Matcher]:
-        """Return one matcher per pair of successive observed frames: it gives, per subset of anchors, the node of the
-        later frame that each node matches.
+        """Return one matcher for each pair of successive observed frames. It gives, for each node of the earlier frame
+        and each subset of anchors, the matching node of the later frame.
         """
         associate = self.run.associate or (lambda now, later, config: link(now, later, config.hypotheses, config.gate))
         found = [
@@ -294,9 +295,7 @@ class Window:
         return found
 
     def global_hypothesis(self, body: Body, pose: Pose, predicted: Sequence[Pose]) -> GlobalHypothesis:
-        """Search the track tree over all observed frames. pose: pose in the first frame; predicted: poses in the later
-        frames.
-        """
+        """Search the track tree over all observed frames. pose: in the first frame; predicted: in the later frames."""
         config = self.run.config
         return global_hypothesis(
             body, pose, predicted, list(self.seen), self.matchers(), config.follow.tree_nodes, config.tree

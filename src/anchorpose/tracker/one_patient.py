@@ -1,4 +1,4 @@
-"""Separate other people who have the patient's label: the learnt descriptor counts the people in these pixels."""
+"""Separate other people whose pixels have the patient's label; the learnt descriptor counts the people there."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.tracker.sighting import see_people_apart
 
-# m; pixels farther from the expected skin are off it; an arm moves at most this far between two frames
+# m; a pixel farther than this from the predicted skin lies off it; an arm moves at most this far between two frames
 OFF_SKIN_M: Final = 0.2
-OWN_SHARE: Final = 0.5  # minimum share of pixels on the expected skin at which a small person is a part of the patient
+# a person of small surface with at least this share of its pixels on the patient's predicted skin is only a part of the
+# patient, which the descriptor took for a person
+OWN_SHARE: Final = 0.5
 
 
 def one_patient(
@@ -32,15 +34,15 @@ def one_patient(
     free: int,
     due: bool,
 ) -> tuple[View | None, ...]:
-    """Return the views after separating other people who have the patient's label.
+    """Return the views after separating other people whose pixels have the patient's label.
 
-    They are searched for if many of the patient's pixels lie off the expected skin, and whenever a check is ``due``,
-    since the expected skin of a body that was fitted to another person does not reveal this error. If the descriptor
-    finds one person as two, the rough bodies join them (``see_people_apart``). The patient is the person with most
-    surface near the expected place. Another person gets a new label if enough surface for a person is seen or, if many
-    pixels lie off the expected skin, if most of this person's pixels do. skin_m (s, 3): the patient's skin where its
-    expected place is certain; place_xz_m (2,): the expected place over the ground; free: the least label
-    that is unused in earlier frames.
+    These people are searched for if many of the patient's pixels lie off the patient's predicted skin. They are also
+    searched for whenever a check is ``due``, since the predicted skin does not help if the body was fitted to another
+    person by mistake. If the descriptor takes one person for two, fitted rough bodies show the error
+    (``see_people_apart``). The patient is the person with most surface near the predicted place. Every other person who
+    shows enough surface gets a new label. A person of smaller surface gets one only if many of the patient's pixels,
+    and most of this person's, lie off the predicted skin. skin_m (s, 3): the certain part of the patient's predicted
+    skin; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest label that is still unused.
     """
     theirs = [_patient_pixels(pixels, view) for pixels, view in zip(pieces, views, strict=True)]
     skin = cKDTree(skin_m) if len(skin_m) else None
@@ -72,8 +74,9 @@ def _patient_pixels(pixels: Pieces | None, view: View | None) -> Pieces | None:
 
 
 def _may_be_others(theirs: Sequence[Pieces | None], people: People, skin: cKDTree | None, moved: bool) -> np.ndarray:
-    """Return (k,) bool: people who show enough surface for a person and, if many pixels lie off the expected skin
-    (``moved``), people who lie mostly off it. All are False if only one person shows enough surface and none lies off.
+    """Return (k,) bool: people who are possibly somebody else than the patient. These are all people with enough
+    surface for a whole person, if there are at least two. If many pixels lie off the patient's predicted skin
+    (``moved``), people who lie mostly off it are included, too.
     """
     large = np.array([person.area_m2 >= PERSON_AREA_M2 for person in people.people])
     large &= large.sum() > 1
@@ -92,8 +95,8 @@ def _nearest(people: People, place_xz_m: np.ndarray) -> int:
 
 
 def _off_skin_m2(theirs: Sequence[Pieces | None], skin: cKDTree | None) -> float:
-    """Return the area of the patient's pixels farther than ``OFF_SKIN_M`` from the expected skin; without expected
-    skin, of all these pixels.
+    """Return the area of the patient's pixels that lie farther than ``OFF_SKIN_M`` from the predicted skin; the area of
+    all these pixels if ``skin`` is None.
     """
     area_m2 = 0.0
     for pixels in theirs:
@@ -107,7 +110,7 @@ def _off_skin_m2(theirs: Sequence[Pieces | None], skin: cKDTree | None) -> float
 
 
 def _share_on_skin(theirs: Sequence[Pieces | None], people: People, skin: cKDTree | None) -> np.ndarray:
-    """Return the share (k,) of each person's pixels that lies on the patient's expected skin."""
+    """Return the share (k,) of each person's pixels that lies on the patient's predicted skin."""
     own, every = np.zeros(len(people.people) + 1), np.zeros(len(people.people) + 1)
     for pixels, of in zip(theirs, people.of, strict=True):
         if pixels is None or of is None or not len(of):
@@ -119,15 +122,15 @@ def _share_on_skin(theirs: Sequence[Pieces | None], people: People, skin: cKDTre
 
 
 def _near(skin: cKDTree | None, points_m: np.ndarray, reach_m: float) -> np.ndarray:
-    """Return (n,) bool: points within reach of the skin; none without skin."""
+    """Return (n,) bool: points at most ``reach_m`` from the skin; all False if there is no skin."""
     if skin is None:
         return np.zeros(len(points_m), dtype=bool)
     return np.asarray(np.isfinite(skin.query(points_m, distance_upper_bound=reach_m)[0]))
 
 
 def _split(pixels: Pieces, view: View, seeds: np.ndarray) -> View:
-    """Return the view after region growing divided the patient's pixels. seeds: labels of the pixels where it starts;
-    ``NOBODY`` at all other pixels.
+    """Return the view after region growing divided the patient's pixels among people. seeds: at pixels where growing
+    starts, the label; ``NOBODY`` at all other pixels.
     """
     grown = grow_regions(pixels, seeds.astype(np.uint8))
     labels = view.labels.copy()

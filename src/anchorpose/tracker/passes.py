@@ -36,16 +36,17 @@ from anchorpose.tracker.smoothing import (
 from anchorpose.tracker.start import find_start, turn_round
 
 BLOCK: Final = 48
-"""Frames per stored block, which take two to six seconds. The tracker's state stored with a block has 10 to 50 MB."""
+"""Number of frames per stored block, tracked in two to six seconds. The state stored with a block has 10 to 50 MB."""
 
-STRETCHES: Final = 3  # maximum number of stretches that the body is learnt from; each costs a search for a first pose
-# s, minimum time between stretches; patients keep sitting or standing for about a minute
+STRETCHES: Final = 3  # maximum number of parts of the recording to learn from; each costs a search for a first pose
+# s, minimum time between the initial frames of two stretches; patients often just keep sitting or standing for a
+# minute, so a nearer frame shows little new
 STRETCHES_APART_S: Final = 60.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """Positions of the frames to track; both directions begin with the initial frame."""
+    """The positions of the frames to track in both directions; both begin with the initial frame."""
 
     room: Room
     forward: Sequence[int]
@@ -59,13 +60,13 @@ class Route:
             self.tick()
 
     def frame(self, position: int) -> FrameSet:
-        """Return one frame, without depth images that do not show this room."""
+        """Return one frame, without depth images that show a place other than the learnt room of their camera."""
         return without_other_places(read_frame(self.room.recording, position), self.room.scenes)
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """Return the stretches of the recording to learn the body from: one begins at the initial frame, up to two more
-        at the frames that show the patient best among frames a minute away. A body part hidden in one stretch may be in
-        view in another.
+        """Return the stretches of the recording to learn the body from. One begins at the initial frame. Up to two more
+        begin at the frames that show the patient best among all frames that are over a minute away. A body part that is
+        hidden in one stretch may be in view in another.
         """
         chosen = list(self.room.initial_frames[:1])
         for other in self.room.initial_frames[1:]:
@@ -88,7 +89,7 @@ class Route:
         return float(self.room.recording.streams[0].time_s[position])
 
     def skip(self, count: int) -> None:
-        """Report the frames that were tracked before the interruption of the run as read."""
+        """Call ``tick`` for frames that were tracked before the run was interrupted."""
         for _ in range(count):
             self.tick()
 
@@ -112,7 +113,7 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
 
 
 def track_on(route: Route, run: Run, learnt: LearntPatient | None, journal: Journal) -> Iterator[TrackedFrame]:
-    """Track all frames when the first is requested, then yield them in the order of time.
+    """Track all frames as soon as the first is requested, then yield them in the order of time.
 
     Every block is stored in the journal; if the journal has frames already, tracking continues after them. If it cannot
     continue, InputError is raised before the first frame is requested.
@@ -129,15 +130,15 @@ class _PassState:
     frames: int  # number of frames read
     blocks: int  # number of blocks stored
     stored: int  # number of frames stored
-    waiting: Waiting  # frames that are not stored yet, since later frames may show a limb that is lost in them
+    waiting: Waiting  # frames that are not stored yet, since tracking back from later frames may replace them
     follower: Follower | None  # the tracker to continue with; None after the pass has ended
-    turned: Start | None  # the start of a pass in the other direction, once this pass has ended
+    turned: Start | None  # the start of the pass back through the same frames, once this pass has ended
     seconds: dict[str, float]  # time spent in each stage so far
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Passes:
-    """The state that the passes over both sides of the initial frame share; each pass has its own folder."""
+    """The passes over both sides of the initial frame (frames before it and after it); each pass has its own folder."""
 
     route: Route
     run: Run
@@ -158,12 +159,12 @@ class _Passes:
         if both:
             self.side("backward", self.route.backward)
         self.side("forward", self.route.forward)
-        if both:  # without the initial frame, since the forward side has it, too
+        if both:  # the initial frame is left out here, since the forward side has it
             yield from islice(self.stored("backward", backward=True), len(self.route.backward) - 1)
         yield from self.stored("forward")
 
     def side(self, name: str, positions: Sequence[int]) -> None:
-        """Track all frames from the initial frame to one end."""
+        """Track all frames of one side, from the initial frame to one end. name: the journal's folder for this side."""
         if self.run.config.smooth and self.body is not None:
             self._both_ways(name, positions, self.body)
         else:
@@ -239,10 +240,10 @@ class _Passes:
         keep: Callable[[Estimate], Kept],
         wait: int = 0,
     ) -> Start | None:
-        """Run one pass to its end, after the frames already in the journal; return the start of a pass in the other
-        direction.
+        """Run one pass to its end, after the frames that the journal has already; return the start of the pass back.
 
-        wait: number of last frames kept back because they may still change when a lost limb is found again.
+        begin: finds the start of this pass; keep: returns the values to store for an estimate; wait: number of last
+        frames that are not stored yet, because they may still change when a lost limb is found again.
         """
         journal, blocks = self.journal.inside(name), self._blocks(name)
         initial = self.run.room.initial_frame

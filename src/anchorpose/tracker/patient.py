@@ -39,10 +39,10 @@ from anchorpose.tracker.observing import Window, gather, isolate, see_anchors, s
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
-# minimum share of the joints inside an image for the patient to count as in view; hips are the last to leave it
+# a patient is in view if at least this share of the joints is inside a camera's image; the hips leave it last
 IN_VIEW: Final = 0.25
-# m, half a forearm's width; a frame is observed again if the patient's skin is now expected farther than this from
-# the place expected at the first observation
+# m, half a forearm's width; a frame is observed again if the patient is now predicted farther than this from the place
+# that was predicted when the frame was first observed
 SEE_AGAIN_M: Final = 0.03
 
 
@@ -67,8 +67,8 @@ class PatientTracker:
     turned: Rival | None  # the opposite facing in the first frame, as in ``Start``
     moved: bool  # whether limbs were found in another place than earlier frames suggested
     feet: StandingFeet
-    ends: frozenset[int]  # hands and feet that were lost and have not been seen since
-    limb_seen_s: np.ndarray  # (PARTS, 2) s, when the upper and the lower half of each limb was last seen; NaN = never
+    ends: frozenset[int]  # joint numbers of hands and feet that were lost and have not been seen since
+    limb_seen_s: np.ndarray  # (PARTS, 2) s, time at which each half of each limb was last seen; NaN = never
     skin_sigma_m: np.ndarray
     first: Estimate
 
@@ -92,11 +92,10 @@ class PatientTracker:
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
     def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:
-        """Track one frame by the method (paper, Section IV).
+        """Add a frame to the look-ahead, and track the next frame whose look-ahead is complete (paper, Section IV).
 
-        frame_set: the next frame, None after the last frame; only_look: add it to the look-ahead without tracking.
-        Frames are estimated in order. Returns the next frame's estimate once its whole look-ahead is in the window,
-        else None.
+        frame_set: the frame to add, None after the last frame; only_look: do not track. Frames are estimated in order.
+        Returns the estimate of the tracked frame, None if no frame was tracked.
         """
         if not self._look(frame_set) or only_look:
             return None
@@ -126,12 +125,12 @@ class PatientTracker:
             yield estimate
 
     def search(self) -> Search:
-        """Start a search where the patient was lost."""
+        """Return a search for the patient, who was lost in the last frames."""
         return Search(self.window.seen[-1], self.last, left=self.has_left or not self._in_view)
 
     @property
     def has_left(self) -> bool:
-        """Return whether the patient is leaving or has left the image. The next person to enter may be somebody new."""
+        """Return whether the patient leaves or has left the images, so that a newcomer may be somebody else."""
         views = self.window[0].evidence.views
         gone = not self._in_view and not any(view.patient.any() for view in views if view is not None)
         return gone or seen_as_strip(views, self.run.room.cameras)
@@ -147,7 +146,7 @@ class PatientTracker:
         return float(np.ptp(self.body.mesh.vertices[:, 1]))
 
     def use_shape(self, shape: FittedShape) -> None:
-        """Continue with another shape of the body, and update everything that depends on it."""
+        """Continue with another shape of the body, and update everything that is computed from it."""
         self.shape = shape
         self.body = build_body(self.points, shape)
         self.map = map_body(self.body)
@@ -156,8 +155,8 @@ class PatientTracker:
         return abs(self.window[1].frame_set.time_s - self.window[0].frame_set.time_s)
 
     def next_hypothesis(self) -> GlobalHypothesis | None:
-        """Return the tree's best branch from this frame to the next; None if the next frame does not show the
-        patient.
+        """Return the best branches of the track tree from this frame, with its matches in the next frame; None if the
+        next frame does not show the patient.
         """
         if len(self.window) < 2:
             return None
@@ -165,7 +164,9 @@ class PatientTracker:
         return self._search_tree() if len(self.window[1].surface) else None
 
     def _estimate(self, registration: Registration, seen: Observation, hypothesis: GlobalHypothesis | None) -> Estimate:
-        """Estimate a frame, and store the values besides the pose that later frames need."""
+        """Estimate a frame. Also keep the values that later frames need besides the pose: the skin's sigma, where feet
+        stand, and which hands and feet are lost.
+        """
         share = None if hypothesis is None else hypothesis.matched_share
         corrected = self._corrections(seen)
         with self.run.stage("states and sigma"):
@@ -185,7 +186,7 @@ class PatientTracker:
         return estimate
 
     def _unseen_s(self, registration: Registration, seen: Observation) -> np.ndarray:
-        """Return (PARTS, 2) seconds since each part was last seen, inf if never, and store what this frame shows."""
+        """Return (PARTS, 2) s since each half of each limb was last seen, inf if never; store the halves seen now."""
         time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
         shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
         if corrected is not None:
@@ -194,11 +195,13 @@ class PatientTracker:
         return np.asarray(np.where(np.isnan(self.limb_seen_s), np.inf, np.abs(time_s - self.limb_seen_s)))
 
     def _corrections(self, seen: Observation) -> CorrectedJoints | None:
-        """Return the joints of this frame that a reviewer corrected."""
+        """Return the joints of this frame that a reviewer corrected; None if there are none."""
         return self.run.room.review.corrected(seen.frame_set.frame)
 
     def predict(self, steps: int) -> list[Pose]:
-        """Predict the next poses by scaled motion dynamics; each is fitted to its predicted joints when it is used."""
+        """Predict the poses of the next ``steps`` frames by scaled motion dynamics. All joints of the look-ahead are
+        predicted at once; a pose is fitted to them when it is first needed.
+        """
         with self.run.stage("prediction"):
             if not self.ahead:
                 config = self.config
@@ -210,7 +213,7 @@ class PatientTracker:
         return self.ahead[:steps]
 
     def _observe_until(self, last: int) -> list[Pose]:
-        """Return the predicted poses of the window's frames 1 to ``last``, and observe these frames.
+        """Observe the window's frames 1 to ``last``, and return their predicted poses.
 
         Frame 1 may have been observed already, in the look-ahead of the frame before. It is observed again if the
         patient is now expected in another place.
@@ -243,7 +246,7 @@ class PatientTracker:
         return gather(frame_set, expected, isolated, surface, anchors, self.run)
 
     def expect(self, pose: Pose) -> Expectation:
-        """Return where the patient is expected in a frame, given this pose."""
+        """Return where the patient is expected in a frame, given the predicted pose."""
         posed = pose_points(self.body, pose)
         trunk = posed.transforms[self.points.asset.bone("Spine1"), :3, 0]
         level = np.array([trunk[0], 0.0, trunk[2]])
@@ -268,8 +271,9 @@ class PatientTracker:
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
         """Return the belief with a reviewer's corrections of this frame's joints, if there are any.
 
-        Where corrections contradict the belief, the evidence was attributed to the wrong limb. The corrections then get
-        more weight, and the past movement is not used for prediction. A place that the body cannot reach is ignored.
+        If the corrections contradict the belief, the tracker assigned the depth readings to a wrong limb. The
+        corrections then get more weight, and the past movement is not used to predict the next poses. Corrections that
+        the body cannot reach are ignored.
         """
         given = self._corrections(seen)
         if given is None:
@@ -284,14 +288,14 @@ class PatientTracker:
         return corrected
 
     def _search_tree(self) -> GlobalHypothesis:
-        """Search the best branch: the chain of matches over the look-ahead that agrees best with the prediction."""
+        """Find each node's best branch: the chain of matches over the look-ahead that is nearest to the prediction."""
         poses = self._observe_until(len(self.window) - 1)
         with self.run.stage("association"):
             return self.window.global_hypothesis(self.body, self.belief.pose, poses)
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
-        """Register the second frame of the window, or keep the predicted pose if nothing is seen; also return the track
-        tree's best branch if it was searched.
+        """Register the second frame of the window, or keep the predicted pose if the patient is not seen. Also return
+        the track tree's best branches, None if they were not searched.
         """
         predicted, self.moved = self.belief.later(poses[0], elapsed_s, self.pace), False
         if not len(self.window[1].surface):
@@ -305,8 +309,8 @@ class PatientTracker:
     def _register_body(
         self, poses: list[Pose], predicted: PoseBelief, elapsed_s: float
     ) -> tuple[Registration, GlobalHypothesis | None]:
-        """Register all parts of the learnt body together; with ``hypotheses.always``, the tree's matches constrain
-        them.
+        """Register all parts of the learnt body together, and search for limbs if the frame contradicts the result.
+        With ``hypotheses.always``, the track tree's matches constrain the registration.
         """
         hypothesis = self._search_tree() if self.config.hypotheses.always else None
         found = self._fit(predicted, no_constraints() if hypothesis is None else self._held(hypothesis, poses[0]))
@@ -316,7 +320,8 @@ class PatientTracker:
                 self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration
             )
             explanation = explained_by(self.body, best, seen)
-            expected = predicted if best is found else best.belief  # a rival's expected pose is its own earlier pose
+            # if a rival replaced the pose, the prediction does not apply; the rival's own pose is then expected
+            expected = predicted if best is found else best.belief
             search = self.watch.look(self.body, best, explanation, expected, seen)
         else:
             search = self.watch.look_for_whole(self.body, found, predicted, seen)
@@ -325,20 +330,20 @@ class PatientTracker:
             best, self.moved = search.registration, self.moved or search.taken
             self.rivals = rivals_of(self.body, best.belief, [*search.rivals, *self.rivals])
         if self.moved:
-            self.history.clear()  # the past movement belongs to another pose of the limbs
+            self.history.clear()  # the past poses had limbs in wrong places, so their movement is not continued
         return best, hypothesis
 
     def _fit(self, predicted: PoseBelief, held: Constraints) -> Registration:
-        """Register the body to the next frame; the ``held`` constraints apply only at first."""
+        """Register the body to the next frame; the ``held`` constraints apply only in the first registration steps."""
         seen, config = self.window[1], self.config.registration
         return register(self.body, predicted, seen.evidence, held, config, self.feet.rows(seen.frame_set.time_s))
 
     def _held(self, hypothesis: GlobalHypothesis, pose: Pose) -> Constraints:
-        """Return the constraints that follow from the tree's matches and the anchors."""
+        """Return the constraints that follow from the track tree's matches and the anchors."""
         return held_by(self.body, self.belief.pose, pose, hypothesis, self.window.seen)
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
-        """Register every part separately from frame to frame, the paper's original method."""
+        """Register every body part separately from frame to frame: the paper's original method."""
         joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, self.window.seen)
         pose = pose_from_joints(self.body, pose, joints)
         return posterior(self.body, pose, predicted, self.window[1].evidence, self.config.registration)

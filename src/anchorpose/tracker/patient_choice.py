@@ -1,8 +1,8 @@
 """Choose the patient among the people in the sampled frames.
 
 The patient stands in the equipment, is present all the time, is near the cameras' optical axes, and does not turn the
-back to all cameras. Helpers stand around the patient and face the patient. None of these signs is certain, so each
-of them contributes votes.
+back to all cameras. Helpers stand around the patient and face the patient. None of these signs is certain, so each of
+them adds to a person's votes, and the person with most votes is the patient.
 """
 
 from __future__ import annotations
@@ -21,26 +21,30 @@ from anchorpose.rotations import unit
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
-# m, maximum distance from a person's usual place, as after a step or after standing up from a seat
+# m; a person this close to a known person's usual place is the same person, who may have stepped or stood up
 STAYS_M: Final = 0.40
-# m; people whose usual places are closer together are the same person; half of the least distance between two pelvises
+# m; people whose usual places are closer together are the same person; half of the minimum distance between the
+# pelvises of two people
 SAME_M: Final = 0.15
-# minimum share of nodes that a body must explain in a person; people have at least 0.68, objects up to 0.70
+# minimum share of a person's nodes that a rough body must explain; people have at least 0.68, objects up to 0.70
+# (``MOST_PAST`` rejects these)
 HUMAN: Final = 0.65
-# maximum share of the trunk that cameras see past; it was 0.25 for the rough body of a lunge, 0.37 and more for a chair
+# maximum share of a trunk that cameras may see past (read something farther away); it is 0.25 for a person in a lunge,
+# and 0.37 and more for a chair that was taken for a person
 MOST_PAST: Final = 0.3
 HELP_M: Final = 1.2  # m, maximum distance between the pelvises of helper and patient; an outstretched arm plus a step
 FACES: Final = 0.7  # minimum cosine between a helper's heading and the direction to the patient: 45 degrees
-ASIDE_M: Final = 0.4  # m, distance from the cameras' axes that costs 0.7 votes; cameras are aimed by eye
-OUTSIDE_M: Final = 0.2  # m outside the equipment's outline that cost 0.7 votes; a patient may lean out of it
+ASIDE_M: Final = 0.4  # m; a person this far from the cameras' axes loses 0.7 votes; cameras are aimed only by eye
+OUTSIDE_M: Final = 0.2  # m; a person this far outside the equipment loses 0.7 votes; a patient may lean out of it
 SURE: Final = 1.0  # minimum lead in votes for a sure choice: odds of three to one if votes are log likelihoods
-# frames added to the frames without the person, since a person seen once may be a body fitted to an arm
+# number added to the number of frames without the person; so a person seen only once gets few votes, since the body may
+# have been fitted to an arm
 CHANCE: Final = 2
-# m below the top of the head: heights of the trunk of a standing or sitting person
+# m below the top of the head; the trunk of a standing or sitting person is at all these seven heights
 CHEST_M: Final = np.linspace(0.35, 0.75, 7)
-BEFORE_M: Final = 0.3  # m; a reading this far in front of the middle of a trunk belongs to something else
-STEP_M: Final = 0.4  # m, maximum movement from frame to frame: 2 m/s at 5 frames per second
-# m, maximum distance of the patient from the given place; a person farther away is another person
+BEFORE_M: Final = 0.3  # m; a reading this far in front of the middle of a trunk belongs to another object
+STEP_M: Final = 0.4  # m, maximum movement of a person from frame to frame: 2 m/s at 5 frames per second
+# m, maximum distance of the patient from the place that the user gave; a person farther away is another person
 GIVEN_M: Final = 0.5
 
 
@@ -50,7 +54,7 @@ class Candidate:
 
     seen: tuple[SeenPerson | None, ...]  # the person in each sighting; None if not seen
     votes: float  # sum of the votes; the candidate with the largest sum is most likely the patient
-    within: bool  # whether the usual place is within the equipment
+    within: bool  # whether the person's usual place lies inside the outline of the equipment
     faced: float  # mean number of people nearby who face this person
 
     @property
@@ -92,7 +96,8 @@ def choose_patient(
 
 
 def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndarray) -> Patient | None:
-    """Follow the person who stands at a place in sighting number ``first`` from frame to frame; None if nobody is near.
+    """Follow, from frame to frame, the person who stands at a place in sighting number ``first``; None if nobody is
+    near.
 
     sightings: sightings of successive frames. In each frame, the person nearest to the previous place is taken.
     """
@@ -114,16 +119,14 @@ def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndar
 def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
-    """Return all people who were seen, with their votes. Without any person whom a human body explains, all detections
-    are returned.
-    """
+    """Return all seen people with their votes; if a human body explains some of them, only these."""
     members = _joined(_followed(sightings))
     human = [seen for seen in members if _is_human(seen)]
     return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]
 
 
 def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
-    """Return each person in all sightings; a person near the usual place of an earlier person is the same person."""
+    """Return, per person, how each sighting shows them (None: unseen); people near one usual place are one person."""
     members = list[list[SeenPerson | None]]()
     for number, sighting in enumerate(sightings):
         people = sighting.people
@@ -146,7 +149,7 @@ def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
 
 
 def _joined(members: Sequence[list[SeenPerson | None]]) -> list[list[SeenPerson | None]]:
-    """Join people with the same usual place: they are one person. A squatting person is sometimes seen as two."""
+    """Join people with the same usual place into one person: a squatting person is sometimes taken for two."""
     joined = list[list[SeenPerson | None]]()
     for seen in sorted(members, key=lambda one: -sum(person is not None for person in one)):
         place = _usual_place(seen)
@@ -163,10 +166,10 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Return whether a body explains most of the person, and cameras do not see past its trunk.
+    """Return whether a rough body explains most of the person, and cameras do not see past the body's trunk.
 
-    The upper quartile of the explained shares decides: little of a patient behind a pad and a therapist is seen until
-    the patient stands up.
+    The upper quartile of the explained shares decides, since a patient behind a pad and a therapist is hardly seen
+    before standing up.
     """
     bodies = _bodies(seen)
     if not bodies:
@@ -175,7 +178,7 @@ def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
 
 
 def _seen_past(seen: Sequence[SeenPerson | None]) -> float:
-    """Return the median share of the trunk that cameras see past; 0 without a body."""
+    """Return the median share of the trunk that cameras see past (read something farther away); 0 without a body."""
     return float(np.median([body.past for body in _bodies(seen)] or [0.0]))
 
 
@@ -229,7 +232,9 @@ def _is_hidden(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], came
 def looks_at_most(
     points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield ``Camera.look`` at the points in view, for each camera that has most of the points (n, 3) in view."""
+    """Yield, for each camera that has most of the points (n, 3) in view, the depths of these points in the camera, and
+    the readings at their pixels (``Camera.look``).
+    """
     for depth_m, camera in zip(depths_m, cameras, strict=True):
         if depth_m is not None:
             own, read, inside = camera.look(points_m, depth_m)
@@ -238,7 +243,7 @@ def looks_at_most(
 
 
 def _faced_by(one: SeenPerson, sighting: Sighting) -> int:
-    """Count the people nearby who face a person."""
+    """Count the people within ``HELP_M`` who face a person."""
     count = 0
     for other in sighting.people:
         if other is one or other.body is None:
@@ -274,8 +279,8 @@ def outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
 
 
 def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candidate:
-    """Return the person nearest to a place in the first sighting with a person there. If nobody is ever there, return
-    the person who comes nearest.
+    """Return the person nearest to a place in the first sighting that shows a person there. If no sighting does, return
+    the person who comes nearest to the place.
     """
 
     def away_m(candidate: Candidate, number: int) -> float:
@@ -288,8 +293,8 @@ def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candid
 
 
 def distance_m(one: SeenPerson, place_xz_m: np.ndarray) -> float:
-    """Return the distance from a place to the person's pelvis or surface axis, whichever is nearer: users may give
-    either place.
+    """Return the distance of a place from a person's fitted pelvis or from the person's place on the ground, whichever
+    is nearer: users may give either.
     """
     return float(min(np.linalg.norm(one.place_xz_m - place_xz_m), np.linalg.norm(one.person.ground_xz_m - place_xz_m)))
 

@@ -1,9 +1,9 @@
 """Check whether two cameras show the same room and the same people: neither camera may see past a surface that the
 other shows.
 
-A surface may be hidden by objects in front of it, but only a wrong pose lets a camera see through it. The room reveals
-a pose that is too near to it, too far from it, too high or tilted. People also reveal a pose that is shifted along the
-common surfaces, since beside their outlines there is free space.
+A surface may be hidden by objects in front of it, but only a wrong pose lets a camera read something behind it. The
+room's surfaces reveal a camera pose that is too near to them, too far from them, too high or tilted. People also reveal
+a pose that is shifted along these surfaces, since the cameras see free space beside people.
 """
 
 from __future__ import annotations
@@ -24,33 +24,36 @@ from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet, depths_of
 
-# limits of the share of the common room surface that one camera sees past by more than AWAY_M: above the first limit, a
-# note is written; above the second, the recording is refused
+# limits of the share of the common room surface at which one camera reads something farther away by more than AWAY_M:
+# above the first, a note is written; above the second, the recording is refused
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
-SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
-# the share of the room above which the recording is refused if cameras blur depth edges, since outlines of people then
-# cannot confirm the contradiction
+SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40  # limits (note, refusal) of the same share for the surface of people
+# limit of the share of the room above which the recording is refused if the share of people is unknown, for example
+# because a camera blurs depth edges; higher, since people cannot confirm the contradiction
 ROOM_ALONE: Final = 0.6
-AWAY_M: Final = 0.10  # m; smaller distances are tolerated; poses wrong by 3 cm and 1 degree displace people by 0.12 m
+# m, tolerated distance of a reading behind a surface; poses wrong by 3 cm and 1 degree displace people by 0.12 m
+AWAY_M: Final = 0.10
 LEAST_SHARED: Final = 500  # minimum number of points that both cameras see; with fewer, shares are unknown
 POINTS: Final = 20000  # number of compared points of the room
 POINTS_OF_PEOPLE: Final = 3000  # number of compared points of the people in a frame
-FRAMES: Final = 8
-OFF_M: Final = 0.015  # m; if the common surfaces are farther apart, poses are doubted; correct poses have at most 0.009
-# m; if the common surfaces are farther apart, poses are refused; both cameras are then 10 cm wrong
+FRAMES: Final = 8  # maximum number of frames in which people are compared
+# m; poses are doubted if the surfaces seen by both cameras are farther apart; with correct poses: at most 0.009
+OFF_M: Final = 0.015
+# m; if the surfaces seen by both cameras are farther apart, the recording is refused; then each pose is 10 cm wrong
 REFUTED_M: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class SeenPast:
-    """The share of one camera's surface that another camera sees past, in the direction with the larger share.
+    """The shares of one camera's surfaces that another camera sees past (it reads something farther away).
 
-    NaN if both cameras see too little of the same surface.
+    Of the two directions, the larger share counts. A share is NaN if both cameras see too little of the same surface.
     """
 
     cameras: tuple[str, str]
-    of_room: float  # share of the room, 0 to 1
-    of_people: float  # share of the people, 0 to 1; NaN also if a camera blurs depth edges, so that outlines are wrong
+    of_room: float  # 0 to 1, share of one camera's room that the other camera sees past
+    # 0 to 1, the same for the surface of people; NaN also if a camera blurs depth edges, and so people's outlines
+    of_people: float
 
     @property
     def measured(self) -> str:
@@ -62,7 +65,7 @@ class SeenPast:
 
 @dataclass(frozen=True, slots=True)
 class CameraPair:
-    """The comparison of two cameras."""
+    """The results of comparing two cameras."""
 
     past: SeenPast
     by: Displacement | None  # displacement between the surfaces that both cameras see; None if it is undetermined
@@ -104,8 +107,8 @@ def _surfaces(
 
 
 def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> list[SeenPast]:
-    """Return the shares seen past for all pairs of cameras. moments: per moment, each camera's pixels of people; None
-    without a frame.
+    """Return, for each pair of cameras, the shares of surfaces that one of them sees past (reads something farther
+    away). moments: for each moment, the pixels of people in each camera; None for a camera without a frame.
     """
     return [_of_pair(one, other, scenes, moments) for one, other in combinations(range(len(scenes)), 2)]
 
@@ -113,8 +116,9 @@ def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]
 def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
     """Return the doubt that the comparison of two cameras raises about their poses; None if there is no doubt.
 
-    If the common surfaces determine a displacement, it decides; otherwise the shares seen past decide. Without known
-    clocks only the room can refute a pose, since the cameras may show people at different times.
+    If the common surfaces determine a displacement, it decides; otherwise the shares of surface seen past
+    (``SeenPast``) decide. Then, with unknown clocks, only the share of the room can refute a pose: the cameras may show
+    people at different times.
     """
     past, names = pair.past, " and ".join(pair.past.cameras)
     if pair.by is not None:
@@ -127,7 +131,7 @@ def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
         return None
     much_of_room = MUCH_OF_ROOM if np.isfinite(past.of_people) else ROOM_ALONE
     refuted = past.of_room > much_of_room or (clocks_known and past.of_people > MUCH_OF_PEOPLE)
-    sentence = f"cameras {names} {past.measured}"  # a share does not measure a distance, so sigma stays unchanged
+    sentence = f"cameras {names} {past.measured}"  # a share is no distance: off_m is NaN, and no sigma is increased
     return PoseDoubt(DoubtSource.CAMERAS, past.cameras, sentence, float("nan"), refuted)
 
 
@@ -147,7 +151,7 @@ def _largest(shares: Sequence[float]) -> float:
 
 
 def _share(counts: Sequence[tuple[int, int]]) -> float:
-    """Return the share of points seen past among points in view that nothing hides; NaN if there are too few points."""
+    """Return the share of points seen past; counts: results of ``_past``. NaN if too few points can be decided."""
     past, known = np.sum(counts, axis=0) if counts else (0, 0)
     return float(past / known) if known >= LEAST_SHARED else float("nan")
 
@@ -165,11 +169,11 @@ def _people_past(here: Pieces, there: Pieces, one: Scene, other: Scene) -> tuple
 
 
 def _past(world_m: np.ndarray, other: Scene, depth_m: np.ndarray) -> tuple[int, int]:
-    """Return how many of the points (n, 3) another camera sees past by its depth image (height, width), metres; and for
-    how many this is known.
+    """Return how many of the points (n, 3) another camera sees past (reads something farther away), and at how many
+    points it can be decided. depth_m (height, width): that camera's depth image.
 
-    It is known for a point in view if the camera has a reading there and nothing hides the point. Of the readings
-    within ``AWAY_M`` sideways, the nearest is used.
+    It can be decided at a point in view if the camera has a reading there and nothing hides the point. A point is
+    compared with the reading nearest to the camera among the pixels at most ``AWAY_M`` beside it.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
     column, row, inside = other.camera.pixel_of(seen)

@@ -1,6 +1,6 @@
 """Find clocks, calibration and room from frames spread over the recording.
 
-If the equipment looks the same from two sides, the direction in which the patient faces decides which is the front.
+If the equipment looks the same from two sides, the side that the patient faces is its front.
 """
 
 from __future__ import annotations
@@ -34,16 +34,20 @@ from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import rough_body_of, sight_people
 from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
-# factor on the number of samples if the empty room has to be combined from moments in which its parts are free
+# factor on the number of samples if there is no image of the empty room: the room is then put together from samples in
+# which different parts of it are free
 BLIND_SAMPLES = 3
-# number of frames examined before and after the frame in which the user named the patient: half a walking step each
+# number of frames examined before, and again after, the frame in which the user gave the patient's place; within this
+# time, a person walks half a step
 AROUND: Final = 6
-LOOKS: Final = 3  # number of frames from which the heading is found
+LOOKS: Final = 3  # maximum number of frames from which the direction that the patient faces is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """A recording with one clock and one world, and the sampled frames (positions ``chosen``) that they come from."""
+    """A recording with one clock and one world frame for all cameras, and the sampled frames from which they were
+    found. chosen: positions of these frames in the recording.
+    """
 
     recording: Recording
     clocks: Clocks
@@ -65,8 +69,8 @@ def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_
 
 
 def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
-    """Find the clocks and poses of all cameras. Known poses make the clocks more precise; known clocks make the poses
-    that are found from people more precise.
+    """Find the clocks and poses of all cameras. Known poses make the clocks more precise, and known clocks make poses
+    that are found from people more precise, so both are found in turn.
 
     Clocks and floor of reviewed results are used unchanged. Raises InputError if a pose cannot be found.
     """
@@ -89,7 +93,7 @@ def _settled(
     review: Review = NO_REVIEW,
     rough_clocks: bool = False,
 ) -> Settled:
-    """Find the clocks with the known camera poses, then find the other poses."""
+    """Find the clocks with the known camera poses, then find the poses that are not known."""
     if config.clocks.estimate and all(camera.name in review.clocks for camera in cameras):
         clocks = clocks_of_results(cameras, review.clocks)
         timed = align_clocks(recording, clocks.clocks)
@@ -105,9 +109,11 @@ def _settled(
 def calibrate(
     recording: Recording, samples: Sequence[FrameSet], config: TrackConfig, rough_clocks: bool = False
 ) -> Calibration:
-    """Find the poses of all cameras that are not given; the body model resolves the facing of symmetric equipment.
+    """Find all camera poses that are not given. If the equipment looks the same from two sides, its front is the side
+    that the patient faces; a body is fitted to the patient to find this side.
 
-    The user's patient place is not used here: it refers to the world of an earlier run, and must not change that world.
+    The place that the user gave for the patient is not used here: it refers to the world frame of an earlier run, and
+    must not change it.
     """
     anybody = replace(config, patient_xz_m=None, patient_frame=None)
 
@@ -115,7 +121,7 @@ def calibrate(
         records = tuple(PoseRecord(camera.name, PoseSource.EQUIPMENT) for camera in cameras)
         posed = replace(recording, cameras=cameras)
         provisional = Calibration(cameras, floor_m, (), (), records)
-        timeless = Clocks((), None, 0)  # frames are paired already
+        timeless = Clocks((), None, 0)  # clocks are not needed, since each sample already has the frames of all cameras
         settled = Settled(posed, timeless, provisional, tuple(range(len(samples))), tuple(samples))
         return heading_of_patient(furnish_room(settled, anybody, NO_REVIEW), samples, headings, config)
 
@@ -133,10 +139,10 @@ def sample_recording(recording: Recording, config: TrackConfig) -> tuple[list[in
 def furnish_room(
     settled: Settled, config: TrackConfig, review: Review, scenes: tuple[Scene, ...] | None = None
 ) -> Room:
-    """Find the background of every camera and the patient, from the settled recording's sampled frames.
+    """Find the background of every camera, and the patient, from the sampled frames.
 
     scenes: one per camera, None to find them here. Tracking does not begin in a frame that a reviewer marked as
-    unusable, unless all frames are.
+    unusable, unless all frames are marked.
     """
     recording, calibration = settled.recording, settled.calibration
     scenes = scenes_of(settled) if scenes is None else scenes
@@ -161,7 +167,7 @@ def look_for_patient(
     samples = settled.samples
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
-    # the empty room needed more samples than are needed here
+    # finding the patient needs fewer samples than learning the empty room
     usable = [usable[k] for k in thin(len(usable), config.follow.samples)]
     positions = [settled.chosen[k] for k in usable]
     frames = [without_other_places(samples[k], scenes) for k in usable]
@@ -171,8 +177,8 @@ def look_for_patient(
 def _frames_of_named(
     recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int, review: Review
 ) -> tuple[InitialFrame, ...]:
-    """Return the possible initial frames for a patient given by a place in a frame: this frame and frames just before
-    and after it.
+    """Return the possible initial frames for a patient whose place in one frame is given: this frame, and frames just
+    before and after it.
 
     The result is empty if nobody stands there in this frame. Raises InputError if the recording has no such frame.
     """
@@ -195,7 +201,7 @@ def _position(recording: Recording, frame: int) -> int:
 
 
 def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int) -> InputError:
-    """Return the error for a given place where nobody is; it states where people are in this frame."""
+    """Return the error for a given place at which nobody is; it states where people are in this frame."""
     people = sight_people(read_frame(recording, _position(recording, frame)), scenes).people
     seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in people)]
     where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"
@@ -205,7 +211,7 @@ def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackCo
 
 
 def scenes_of(settled: Settled) -> tuple[Scene, ...]:
-    """Learn every camera's empty room."""
+    """Learn every camera's empty room; return one scene per camera."""
 
     def scene_of(number: int, camera: Camera) -> Scene:
         empty = set_scene(camera, _background(settled, number), settled.recording.equipment)
@@ -228,7 +234,8 @@ def _background(settled: Settled, number: int) -> BackgroundModel:
 def heading_of_patient(
     room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
 ) -> int | None:
-    """Return the index of the heading (a level unit vector, (3,)) that the patient faces; None unless all frames agree.
+    """Return the index of the heading (a level unit vector, (3,)) that is nearest to the patient's facing; None unless
+    all examined frames agree.
 
     room: its initial frames are indices into ``samples``. Several frames are used, because in a single frame another
     person may be mistaken for a part of the patient.

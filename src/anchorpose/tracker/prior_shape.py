@@ -1,4 +1,4 @@
-"""Collect prior knowledge of the patient's shape: stature by age and sex, the user's statements, first bodies."""
+"""Collect what is known of the patient's shape: stature by age and sex, the user's statements, bodies to try first."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from anchorpose.tracker.config import TrackConfig
 
 Sex = Literal["female", "male"]
 
-GROWN_YEARS: Final = 19.0
-YOUNGEST_YEARS: Final = 3.0
+GROWN_YEARS: Final = 19.0  # years, age from which a person counts as an adult
+YOUNGEST_YEARS: Final = 3.0  # years, first age of the table below; younger children count as this old
 _GROWTH_M: Final[dict[Sex, tuple[float, ...]]] = {
     "female": (
         0.951,
@@ -60,12 +60,13 @@ _GROWTH_M: Final[dict[Sex, tuple[float, ...]]] = {
         1.765,
     ),
 }
-"""Medians at 3, 4, ... 19 years: WHO growth standards (to 5 years) and WHO reference 2007 (de Onis et al. 2007,
-doi:10.2471/BLT.07.043497)."""
+"""Median statures in metres at 3, 4, ... 19 years: WHO growth standards (to 5 years) and WHO reference 2007 (de Onis et
+al. 2007, doi:10.2471/BLT.07.043497).
+"""
 
-_SPREAD: Final = 0.045  # share of the median; WHO's standard deviations are 4 to 5 % of it at every age
+_SPREAD: Final = 0.045  # standard deviation of statures as a share of their median; the WHO has 4 to 5 % at every age
 _ADULT_M: Final[dict[Sex, tuple[float, float]]] = {"female": (1.629, 0.064), "male": (1.756, 0.069)}
-"""Mean and standard deviation: ANSUR II (Gordon et al. 2014, NATICK/TR-15/007), 1,986 women and 4,082 men."""
+"""Mean and standard deviation (m) of 1,986 women and 4,082 men: ANSUR II (Gordon et al. 2014, NATICK/TR-15/007)."""
 
 
 def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
@@ -83,20 +84,20 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
     return mean, float(np.hypot(spread, apart if age_years is None or age_years > 12.0 else 0.0))
 
 
-# factors by which the stature from matches is multiplied to get the tried statures, since real people are often 5 to
-# 10 % shorter
+# factors on the stature that follows from the descriptor's matches; both statures are tried, since real people are
+# often 5 to 10 % shorter than these matches suggest
 TALLER = (1.0, 0.92)
-ADULT_HEIGHTS_M = (1.45, 2.0)
-CHILD_HEIGHTS_M = (0.95, 1.55)
+ADULT_HEIGHTS_M = (1.45, 2.0)  # m, limits of the height of a tried adult's body
+CHILD_HEIGHTS_M = (0.95, 1.55)  # m, limits of the height of a tried child's body
 ORDINARY_HEIGHT_M = 1.70  # m, assumed height of an adult whose height is not given
-CONTRADICTS = 3.0  # standard deviations; if a stated height differs by more from the images, it contradicts them
+CONTRADICTS = 3.0  # standard deviations; a stated height that differs by more from the images contradicts them
 # m, systematic error of a height from images, due to shoes, hair and bodies that differ from the model
 SYSTEMATIC_M = 0.02
-TRIED_SIGMA_M = 0.01  # m, standard deviation of a tried height, which sets its weight in the fitted shape
+TRIED_SIGMA_M = 0.01  # m, assumed error of a tried height; small, so that the fitted body gets this height
 
 
 def ordinary_height_m(recording: Recording) -> float:
-    """Return the patient's height if given, else the mean height for the given age and sex."""
+    """Return the patient's height if it is given, else the mean height for the given age and sex."""
     subject = recording.subject
     if subject.height_m is not None:
         return subject.height_m
@@ -104,10 +105,10 @@ def ordinary_height_m(recording: Recording) -> float:
 
 
 def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, ...]:
-    """Return the prior beliefs in the patient's shape: an adult's first and, unless the patient is grown, a child's.
+    """Return the prior beliefs in the patient's shape: an adult's first and, unless the patient is known to be grown, a
+    child's.
 
-    A measured height is one more observation. Without a measured height, the height follows from age and sex if they
-    are stated.
+    A measured height is included as an observation. Without it, the height follows from age and sex if they are stated.
     """
     asset = body_points().asset
     groups = (adult_belief,) if subject.grown else (adult_belief, child_belief)
@@ -120,22 +121,22 @@ def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, .
 
 
 def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief:
-    """Return the belief (adult or child) to which a shape most likely belongs, by its statistical components."""
+    """Return the belief (adult or child) that fits a shape best, by its whole-body coefficients and clothes."""
     asset = body_points().asset
     return min(beliefs, key=lambda belief: belief.common(asset).cost(shape))
 
 
 def shape_cost(shape: FittedShape, subject: Subject, config: TrackConfig) -> float:
-    """Return the sum of a shape's squared deviations from its likeliest group (adults or children): twice its cost in
-    nats.
+    """Return the sum of a shape's squared deviations from its likeliest group (adults or children), in standard
+    deviations. The cost in nats is half of it.
     """
     likely = likeliest(known_beliefs(subject, config), shape)
     return float(likely.common(body_points().asset).cost(shape))
 
 
 def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> FirstShape:
-    """Return the bodies to try first: they have the stated or visible stature and agree with the statements about the
-    patient.
+    """Return the bodies to try first. They have the stated or else the visible stature, and agree with the other
+    statements about the patient.
 
     A child's body is included only if a child may be this tall, or if the stated age is a child's.
     """
@@ -153,7 +154,7 @@ def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> Fi
 
 
 def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> str:
-    """Return how statements about the patient contradict a body that was learnt without them; empty if they agree."""
+    """Return how the user's statements contradict a body that was learnt without them; empty if they agree."""
     if subject == subject.unmeasured or (
         subject.height_m is None and subject.age_years is None and subject.sex is None
     ):
@@ -174,6 +175,6 @@ def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> s
 
 
 def is_human(shape: FittedShape) -> bool:
-    """Return whether a person may have this height; if not, the body was probably fitted to half a person."""
+    """Return whether a person may be as tall as this shape; if not, the body was probably fitted to half a person."""
     shortest, tallest = STATURES_M
     return shortest < standing_height(body_points().asset, shape)[0] < tallest

@@ -25,12 +25,15 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet
 
 LEAST_S: Final = 1.0  # s, minimum time at rest; a person who turns round to walk back stands still for half a second
-LEAST_SAMPLES: Final = 6  # minimum number of samples that show the object at rest; its sway is measured in them
-SETTLING: Final = 2  # number of unused samples after an object comes to rest, since it may still move within the noise
-# minimum share of the connected foreground that is at rest, and of the piece that came to rest during the samples
+LEAST_SAMPLES: Final = 6  # minimum number of sampled frames of an object at rest, to measure the spread of its readings
+SETTLING: Final = 2  # number of sampled frames left out after an object came to rest, since it may still move
+# two minimum shares: of the connected foreground that contains an object, the share at rest; of the object's pixels,
+# the share that came to rest only after the first samples
 WHOLE: Final = 0.8
-SHOWN: Final = 33  # minimum percentage of the object's pixels that a sample shows; people may hide the others
-OFTEN: Final = 67  # percentile over the samples, since in at least a third of them nobody touches the object
+SHOWN: Final = 33  # minimum percentage of an object's pixels that a usable sample shows; people may hide the others
+# percentile of the share at rest over the sampled frames (``_whole_share``): it is enough if nobody touches the object
+# in a third of the frames
+OFTEN: Final = 67
 RIM_PX: Final = 2  # width in pixels of the rim around an object in which its edge flickers
 
 
@@ -39,29 +42,29 @@ class Recorded(NamedTuple):
 
     frames_m: np.ndarray  # (n, height, width) float32
     time_s: np.ndarray  # (n,)
-    nearer: np.ndarray  # (n, height, width) bool, the foreground
+    nearer: np.ndarray  # (n, height, width) bool, the pixels of the foreground
 
     def reversed(self) -> Recorded:
-        """Return the samples in reverse order, with increasing times."""
+        """Return the samples in reverse order, with negated times, so that time increases again."""
         return Recorded(self.frames_m[::-1], -self.time_s[::-1], self.nearer[::-1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestingObject:
-    """An object that keeps its place in some samples."""
+    """An object that keeps its place in some of the sampled frames."""
 
     piece: np.ndarray  # (height, width) bool, the object's pixels
     layer: RestingLayer
-    samples: np.ndarray  # (k,) int, numbers of the samples that show it at rest
+    samples: np.ndarray  # (k,) int, numbers of the sampled frames that show the object at rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Still:
-    """The surface that is at rest until the last of n samples, per pixel."""
+    """The surface at each pixel that is at rest until the last of n sampled frames."""
 
-    depth_m: np.ndarray  # (height, width) float32, 0 where there is no such surface
-    since: np.ndarray  # (height, width) int, first sample that reads the surface; no later reading lies behind it
-    agrees: np.ndarray  # (n, height, width) bool, whether a sample reads the surface, from ``since`` on
+    depth_m: np.ndarray  # (height, width) float32 m, depth of the surface at rest; 0 where there is none
+    since: np.ndarray  # (height, width) int, first sample that reads this surface; no later sample reads farther
+    agrees: np.ndarray  # (n, height, width) bool, whether a sample from ``since`` on reads the surface
 
 
 def resting_objects(
@@ -135,8 +138,8 @@ def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndar
 def _whole_share(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> float:
-    """Return which share of the connected foreground around a piece is at rest: the ``OFTEN`` percentile over the
-    samples.
+    """Return how much of the connected foreground that contains a piece is at rest, 0 to 1: the percentile ``OFTEN``
+    over the sampled frames.
     """
     shares = []
     for k in samples:
@@ -150,8 +153,8 @@ def _whole_share(
 def _layer(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> RestingLayer:
-    """Make the scene layer of a piece and its rim, from its first sample on. The layer's standard deviation is measured
-    and grows with the square of the depth.
+    """Make the ``RestingLayer`` of an object (``piece``) and its rim; it begins at the first of ``samples``. The
+    standard deviation of its readings is measured; it is assumed to grow with the square of the depth.
     """
     readings = np.where(still.agrees[samples][:, piece], seen.frames_m[samples][:, piece], np.nan)
     read = np.isfinite(readings).any(axis=0)
@@ -167,7 +170,7 @@ MOST_PERSON: Final = 0.2  # maximum share of an object's pixels that may look li
 
 
 def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet]) -> Scene:
-    """Add to a camera's scene the moved objects of the room, each for the time that it rests.
+    """Add moved objects to the room of one camera's scene, each for the time that it rests.
 
     Objects are added only if the room was learnt from the recording. If the recording has an image of the empty room,
     every object that is not in this image stays foreground.
@@ -182,7 +185,7 @@ def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet])
 
 
 def _person_share(one: RestingObject, frames_m: Sequence[np.ndarray], camera: Camera) -> float:
-    """Return the share of an object's pixels that look like a person to the descriptor: the median of some samples."""
+    """Return the share of an object's pixels that look like a person (descriptor): median of ``CHECKED`` frames."""
     chosen = [int(one.samples[k]) for k in thin(len(one.samples), CHECKED)]
     row, column, _ = nearest_rays(camera)
     return float(

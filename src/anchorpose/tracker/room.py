@@ -1,4 +1,4 @@
-"""Hold the knowledge of a run before its first frame: room, cameras, initial frames, corrections, settings."""
+"""Hold all data that are known before the first frame: room, cameras, initial frames, corrections, settings."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ FACING = np.array([1.0, 0.0, 0.0])  # world convention: the patient faces along 
 class InitialFrame:
     """A frame that shows the patient, where tracking may begin."""
 
-    frame: int  # position in the recording
-    choice: PatientChoice  # where the patient stands
+    frame: int  # position of the frame in the recording
+    choice: PatientChoice  # where the patient stands in this frame, and why this person was chosen
     score: float  # 0 to 1; it is high if much of the patient is seen and other people are far from the patient
-    whole: float  # 0 to 1, the patient's visible surface relative to the usual area
-    alone: bool  # whether no other person is seen
+    whole: float  # 0 to 1, the patient's visible area relative to the median of all frames with the patient
+    alone: bool  # whether the frame shows no other person than the patient
     crowd: Crowd | None = field(default=None, repr=False)  # the people seen; None once they are no longer needed
     start: Start | None = field(default=None, repr=False)  # the patient as found here; None before a body is fitted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """The prepared room."""
+    """The room and all other data that are prepared before tracking."""
 
-    recording: Recording  # on one clock
+    recording: Recording  # the recording, with the times of all cameras on one clock
     clocks: Clocks
     calibration: Calibration
     scenes: tuple[Scene, ...]  # one per camera, in the order of the recording
@@ -58,7 +58,7 @@ class Room:
     initial_frames: tuple[InitialFrame, ...]
     review: Review  # a reviewer's corrections of earlier results
     why_nobody: str = NOBODY_SEEN  # why all joints are lost if there is no initial frame
-    notes: tuple[str, ...] = ()  # sentences for the user about mirrors and gaps in walls
+    notes: tuple[str, ...] = ()  # sentences for the user about mirrors and about gaps in walls
 
     @property
     def initial_frame(self) -> InitialFrame | None:
@@ -75,12 +75,12 @@ class Room:
 class Review:
     """A reviewer's corrections of earlier results."""
 
-    joints: dict[int, CorrectedJoints] = field(default_factory=dict)  # by frame number
-    # first and last frame of each interval, and the reason, as a sentence
+    joints: dict[int, CorrectedJoints] = field(default_factory=dict)  # corrected joints by frame number
+    # first and last frame number of each unusable interval, and the reason as a sentence
     unusable: tuple[tuple[int, int, str], ...] = ()
-    # by camera, from the earlier results; empty = to be estimated
+    # each camera's clock in the earlier results; empty = to be estimated
     clocks: dict[str, Clock] = field(default_factory=dict)
-    floor_height_m: float | None = None  # m, from the earlier results; None = to be estimated
+    floor_height_m: float | None = None  # m, height of the floor in the earlier results; None = to be estimated
 
     def why_unusable(self, frame: int) -> str | None:
         """Return the reason given for the first unusable interval that contains the frame; None if the frame is
@@ -97,9 +97,7 @@ NO_REVIEW: Final = Review()
 
 
 def held_joints(review: Review, frames: Sequence[int]) -> np.ndarray:
-    """Return (t, 21) bool: in the frames with these numbers, the joints that a reviewer corrected and all joints of the
-    same limbs.
-    """
+    """Return (t, 21) bool: in each frame, the joints that a reviewer corrected and the other joints of their limbs."""
     held = np.zeros((len(frames), JOINT_COUNT), bool)
     for row, frame in enumerate(frames):
         corrected = review.corrected(frame)
@@ -122,8 +120,8 @@ def review_of(corrections: Corrections) -> Review:
 
 
 def require_frames(path: Path, corrections: Corrections, recording: Recording) -> None:
-    """Raise InputError if an entry has a frame that the recording lacks, a frame with another time, or if it names the
-    patient in an unusable frame.
+    """Raise InputError if an entry names a frame that the recording lacks or has at another time, or if it names the
+    patient in a frame marked as unusable.
     """
     clock = corrections.recording.clocks.get(recording.cameras[0].name, Clock())
     time_s = clock.reference_s(recording.streams[0].time_s)
@@ -143,7 +141,7 @@ def require_frames(path: Path, corrections: Corrections, recording: Recording) -
 
 
 def _moments(corrections: Corrections) -> Iterator[tuple[int, float, str]]:
-    """Yield every frame with an entry, the time stated for it, and words that describe the entry."""
+    """Yield the frame of each entry, the time stated for the frame, and words that describe the entry."""
     for joint in corrections.joints:
         yield joint.frame, joint.time_s, "corrects joints of"
     if corrections.patient is not None:
@@ -169,10 +167,10 @@ class Run:
     config: TrackConfig
     motions: MotionDatabase | None = None  # reference movements; None if the prediction needs none
     stopwatch: Stopwatch = field(default_factory=Stopwatch)
-    associate: Callable[..., Matcher] | None = None  # matches nodes (``observing.Associate``); None = ``link``
+    associate: Callable[..., Matcher] | None = None  # matches the nodes of two frames (``Associate``); None = ``link``
 
     def without_patient(self, why: str) -> Run:
-        """Return the run without a patient, if a person was found who is not to be tracked for the given reason."""
+        """Return the run without a patient, because the person who was found is not to be tracked. why: the reason."""
         return replace(self, room=replace(self.room, initial_frames=(), why_nobody=why))
 
     def stage(self, name: str) -> AbstractContextManager[None]:

@@ -22,28 +22,29 @@ from anchorpose.tracker.patient_choice import outside_m
 from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.start import NoStart
 
-# m; a person within this distance is at the patient's last place, since the visible part may lie off the axis
+# m; a person this close to the patient's last place counts as there, since places of partly seen people have errors
 NEAR_M: Final = 0.5
 WALK_M_S: Final = 1.5  # m/s, people's walking speed
 RETURN_S: Final = 1.0  # s, minimum time in which a person can walk out of the image, turn round and come back
-STRIP_M: Final = 0.15  # m, width of a strip at the image border: half a trunk in profile, or a head
-BORDER: Final = 0.1  # share of the image's width or height at the border in which stereo cameras may have no readings
-CUT: Final = 0.5  # minimum share of a person's rows or columns that reach the border, if the border cuts the person off
+# m; if less than this width of the patient is left at the image border, the patient is leaving: half a trunk, or a head
+STRIP_M: Final = 0.15
+BORDER: Final = 0.1  # share of the image's width or height; stereo cameras may read nothing in a border this wide
+CUT: Final = 0.5  # a border cuts a person off if it touches at least this share of the person's pixel rows (or columns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LastSeen:
-    """The last sight of the patient, and the other people there."""
+    """The frame that showed the patient last, and the other people seen with the patient."""
 
     seen: Observation  # the last frame that shows the patient
     belief: PoseBelief  # the patient's pose in that frame
     met: frozenset[int] = frozenset()  # labels of all people who were followed together with the patient
-    places: dict[int, np.ndarray] = field(default_factory=dict)  # by label, (2,) where the pelvis was last seen
-    gone_s: float = 0.0  # time since ``seen``
-    gone_frames: int = 0  # number of frames since ``seen``
+    places: dict[int, np.ndarray] = field(default_factory=dict)  # by label, (2,) m, each person's last seen pelvis
+    gone_s: float = 0.0  # s, time since the frame ``seen``
+    gone_frames: int = 0  # number of frames since the frame ``seen``
 
     def after(self, following: Observation, belief: PoseBelief | None, elapsed_s: float) -> LastSeen:
-        """Return the record after one more frame. belief: None if the frame does not show the patient."""
+        """Return this record after one more frame. belief: the pose in it; None if it does not show the patient."""
         others = [one for one in following.bystanders.followed if one.hidden_s == 0.0]
         met = self.met | {one.label for one in others}
         places = self.places | {one.label: one.belief.pose.root_m[[0, 2]] for one in others}
@@ -56,10 +57,11 @@ class LastSeen:
 class Search:
     """The search for a lost patient. Bystanders are still followed, so that none of them is taken for the patient.
 
-    now: the frame in which the patient was lost; left: whether the patient has walked out of the image.
+    now: the frame in which the patient was lost; last: the frame that showed the patient last; left: whether the
+    patient has walked out of the image.
     """
 
-    memory: BystanderMemory  # after the last frame searched
+    memory: BystanderMemory  # the bystander memory after the last frame searched
     _belief: PoseBelief
     _time_s: float
     _place_xz_m: np.ndarray
@@ -77,10 +79,10 @@ class Search:
         self._met, self._places, self._left = last.met, last.places, left
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | NoStart:
-        """Return who may be the patient in this frame, or why nobody may; call it for all frames in order.
+        """Return who may be the patient in this frame, or why nobody may be. Call it for all frames in order.
 
-        A new person who enters after the patient has left the image, or appears in another place, may be a bystander
-        who was there before. The person counts as the patient only in the equipment, or while all bystanders are in
+        A new person may be a bystander who was there before, if the patient has left the image or if the person appears
+        in another place. Such a person counts as the patient only in the equipment, or while all bystanders are in
         view. A person who enters too soon after the patient has left is not the patient.
         """
         pieces, cameras = find_all_pieces(frame_set, run.room.scenes), run.room.cameras
@@ -106,20 +108,21 @@ class Search:
         )
 
     def _away_m(self, axis_xz_m: np.ndarray) -> float:
-        """Return how far a place (2,) is from where the patient was last seen."""
+        """Return how far a place (2,) is from the place where the patient was last seen."""
         return float(np.linalg.norm(axis_xz_m - self._place_xz_m))
 
     def _is_someone_hidden(self, axis_xz_m: np.ndarray, views: Sequence[View | None]) -> bool:
         """Return whether a person at a place (2,) may be a bystander who is out of view: the bystander's last place is
-        nearer than the patient's. Such a bystander may reappear before the patient, under a new label.
+        nearer to it than the patient's. Such a bystander may reappear before the patient, under a new label.
         """
         shown = _people_in(views)
         hidden = [place for label, place in self._places.items() if label not in shown]
         return any(np.linalg.norm(axis_xz_m - place) < self._away_m(axis_xz_m) for place in hidden)
 
     def expected(self, time_s: float) -> PoseBelief | None:
-        """Return the expected pose of a lost patient: the last pose, less certain with time, since nobody turns round
-        within a second behind a therapist. None if the patient has walked out of the image.
+        """Return the pose in which a lost patient is expected: the last pose, which becomes less certain with time. It
+        helps to recognise the patient, since nobody turns round within a second behind a therapist. None if the patient
+        has walked out of the image.
         """
         return None if self._left else self._belief.later(self._belief.pose, abs(time_s - self._lost_s))
 
@@ -130,8 +133,8 @@ class Search:
     def _strangers(self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> list[Person]:
         """Return the people who are not bystanders seen before.
 
-        Each bystander is identified with at most one person: the person with most pixels of the bystander's label.
-        Labels spread between people who touch, but the descriptor separates these people.
+        Each bystander is at most one of the people: the one with most pixels of the bystander's label. Labels spread
+        between people who touch, but the descriptor separates these people.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)
@@ -145,7 +148,7 @@ class Search:
 
 
 def _people_in(views: Sequence[View | None]) -> frozenset[int]:
-    """Return the labels of the people other than the patient in any view."""
+    """Return the labels of all people but the patient in any view."""
     seen = np.zeros(256, dtype=bool)
     for view in views:
         if view is not None:
@@ -178,8 +181,8 @@ def _is_strip(view: View, camera: Camera) -> bool:
 
 
 def _reach_m(patient: np.ndarray, depth_m: np.ndarray, focal_px: float) -> float:
-    """Return how far the patient's pixels extend from column 0, in metres; infinite if the patient is not cut off at
-    column 0.
+    """Return how far the patient's pixels extend from column 0 (a border of the image), in metres; infinite if this
+    border does not cut the patient off.
     """
     if not patient[:, : int(np.ceil(BORDER * patient.shape[1]))].any():
         return float("inf")

@@ -22,9 +22,9 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
 from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
-# m; a rough body covers points within this distance of its skin, since clothes and the body's error add up to it
+# m; a rough body covers all points this close to its skin; the distance allows for clothes and the body's error
 COVERED_M: Final = 0.10
-# m; two bodies with pelvises closer together are the same person; a trunk's depth plus an error
+# m, the depth of a trunk (front to back) plus an error; two bodies whose pelvises are closer are the same person
 IN_EACH_OTHER_M: Final = 0.25
 _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 
@@ -34,18 +34,18 @@ class Crowd:
     """The people at one moment."""
 
     pieces: tuple[Pieces | None, ...]  # foreground of each camera; None if the camera has no frame
-    people: People  # the people in the foreground
+    people: People  # the people found in the foreground by the learnt descriptor
     bodies: tuple[RoughPerson | None, ...]  # one per person; None if too little of the person is seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoughBody:
-    """A rough body's place, heading and fit."""
+    """The place, heading and fit of a rough body."""
 
     place_xz_m: np.ndarray  # (2,) the pelvis on the floor
     facing_xz: np.ndarray  # (2,) unit vector from the back to the front
     explained: float  # 0 to 1, share of the person's nodes that the body explains
-    past: float  # 0 to 1, share of the trunk's skin that cameras see past, so that it cannot be there
+    past: float  # 0 to 1, share of the trunk's skin that cameras see past: they read something farther away there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +65,7 @@ class SeenPerson:
 class Sighting:
     """The people seen in one frame."""
 
-    frame: int
+    frame: int  # number of the frame
     people: tuple[SeenPerson, ...]
     depths_m: tuple[np.ndarray | None, ...]  # each camera's depth image; None if the camera has no frame
     crowd: Crowd | None = None  # the same people with their pixels, in the order of ``people``
@@ -85,10 +85,10 @@ def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
 
 
 def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> Crowd:
-    """Return the people at one moment with their rough bodies. A person covered by another person's body is merged into
-    that person.
+    """Return the people at one moment with their rough bodies. A person whose points are covered by another person's
+    body is merged into that person.
 
-    Votes for a hidden pelvis may be half a metre wrong, so one person seen by two cameras may first count as two.
+    The descriptor's votes for a hidden pelvis may be half a metre off, so two cameras may see one person as two.
     """
     people = see_people(pieces, cameras)
     bodies = _bodies(pieces, people, cameras, np.arange(len(people.people)))
@@ -96,7 +96,7 @@ def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera])
     kept = np.flatnonzero(owner == np.arange(len(owner)))
     if len(kept) < len(owner):
         people = people.joined(owner)
-        grown = np.flatnonzero(np.bincount(owner)[kept] > 1)  # the bodies of all other people stay the same
+        grown = np.flatnonzero(np.bincount(owner)[kept] > 1)  # only bodies of merged people are fitted again
         fitted = dict(zip(grown.tolist(), _bodies(pieces, people, cameras, grown), strict=True))
         bodies = tuple(fitted.get(number, bodies[k]) for number, k in enumerate(kept.tolist()))
     return Crowd(tuple(pieces), people, bodies)

@@ -1,8 +1,8 @@
 """Combine the forward and the backward pass limb by limb, and smooth the joints over time.
 
 A limb that one pass loses behind a person is often tracked by the other pass. If both passes agree on a limb, they are
-averaged. If they disagree, the limb is taken from the pass in which more of it is seen at its place. Joints are
-then smoothed by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
+averaged. If they disagree, the limb is taken from the pass in which cameras see more of the limb at its estimated
+place. Joints are then smoothed by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
 """
 
 from __future__ import annotations
@@ -31,23 +31,25 @@ from anchorpose.tracker.room import Room, Run
 
 SPINE_BASE: Final = JOINT_INDEX["SpineBase"]  # a joint of the trunk, not of a limb
 FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
-# m, the width of a wrist; if the places of a limb's joint in both passes are closer together, they are averaged
+# m, the width of a wrist; a limb is averaged over both passes if they place each of its joints within this distance
 APART_M: Final = 0.06
-# m, half a shoulder breadth; if the passes place the trunk farther apart than this, all limbs are taken from one pass
+# m, half a shoulder breadth; if the passes place the trunk farther apart, all limbs are taken from the same pass as the
+# trunk
 TRUNK_APART_M: Final = 0.15
-HIDDEN_COST: Final = 0.5  # cost per frame of a joint that is not seen; a seen joint costs 0
-LOST_COST: Final = 2.0  # cost per frame of a joint that is lost: cameras see past its place
-SWITCH_COST: Final = 0.2  # cost of switching from one pass to the other, less than a hidden joint in one frame
+HIDDEN_COST: Final = 0.5  # cost of taking a pass in a frame, per joint that is hidden in it; a seen joint costs 0
+LOST_COST: Final = 2.0  # cost of taking a pass in a frame, per lost joint: cameras read something farther away there
+SWITCH_COST: Final = 0.2  # cost of switching from one pass to the other, less than that of a hidden joint in one frame
 # additional cost of switching per metre by which the limb jumps; a jump of 0.2 m costs as much as one lost joint
 SWITCH_COST_PER_M: Final = 10.0
 AT_ONCE: Final = 3  # number of joints smoothed together; all joints of an hour would fill the memory
-ACCELERATION: Final = 2.0  # m/s per square root of a second: 1 m/s in 0.25 s, as at the start of a reach
+# m/s per square root of a second; when a reach starts, velocity changes by 1 m/s in 0.25 s: 1 / sqrt(0.25) = 2
+ACCELERATION: Final = 2.0
 
 
 def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float) -> np.ndarray:
     """Return the most likely positions over time (t, j, 3) of joints observed at joints_m (t, j, 3) with sigma_m (t,
-    j). The velocity of a joint is modelled as a random walk: its standard deviation grows with the square root of time,
-    by ``acceleration`` m/s in one second.
+    j). The velocity of a joint is modelled as a random walk: the standard deviation of its change grows with the square
+    root of time, by ``acceleration`` m/s in one second.
 
     Every axis of every joint is smoothed separately. time_s (t,): strictly rising or falling.
     """
@@ -91,7 +93,7 @@ def _motion(step_s: float) -> np.ndarray:
 
 
 def _random_walk(step_s: float) -> np.ndarray:
-    """Return the covariance (2, 2) that position and velocity gain in a time step, for ``acceleration`` 1."""
+    """Return the covariance (2, 2) that position and velocity gain in a time step if ``acceleration`` is 1."""
     return np.array([[step_s**3 / 3.0, step_s**2 / 2.0], [step_s**2 / 2.0, step_s]])
 
 
@@ -103,19 +105,17 @@ _JOINT_COST: Final = np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassResult:
-    """The result of one pass, or of both combined, in one frame: a few kilobytes."""
+    """The result of one pass, or of both passes combined, in one frame. It takes a few kilobytes."""
 
     pose: Pose | None  # None if the patient is lost
-    joints_m: np.ndarray  # (21, 3) joints of the pose, also lost joints
-    sigma_m: np.ndarray  # (21,), NaN for lost joints
+    joints_m: np.ndarray  # (21, 3) m, joints of the pose, not NaN for lost joints; NaN only if the patient is lost
+    sigma_m: np.ndarray  # (21,) m, standard deviation of the joints; NaN for lost joints
     states: tuple[JointState, ...]
     labels: tuple[LabelImage, ...] = ()  # person labels, one image per camera with a depth image; empty if lost
 
 
 def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], usable: bool) -> PassResult:
-    """Return the part of an estimate to keep until the other pass reaches its frame; for an unusable frame, a result
-    without a pose.
-    """
+    """Return the part of an estimate to keep until the other pass reaches its frame; without a pose if not usable."""
     if estimate.belief is None or not usable:
         blank = np.full((JOINT_COUNT, 3), np.nan)
         return PassResult(None, blank, blank[:, 0].copy(), (JointState.LOST,) * JOINT_COUNT)
@@ -128,13 +128,13 @@ class PassCourse:
     """All frames of one pass, or of both combined, without poses and labels."""
 
     joints_m: np.ndarray  # (t, 21, 3)
-    sigma_m: np.ndarray  # (t, 21), NaN for lost joints
+    sigma_m: np.ndarray  # (t, 21) m, standard deviation of the joints; NaN for lost joints
     state_code: np.ndarray  # (t, 21) int8
     found: np.ndarray  # (t,) bool, whether the frame has a pose
 
 
 def course_of(frames: Iterable[PassResult], count: int) -> PassCourse:
-    """Collect the course of ``count`` frames, read one at a time."""
+    """Collect the results of ``count`` frames of a pass in arrays; the frames are read one at a time."""
     joints, sigma = np.full((count, JOINT_COUNT, 3), np.nan), np.full((count, JOINT_COUNT), np.nan)
     code, found = np.full((count, JOINT_COUNT), LOST, np.int8), np.zeros(count, bool)
     for row, frame in enumerate(frames):
@@ -145,14 +145,15 @@ def course_of(frames: Iterable[PassResult], count: int) -> PassCourse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothing:
-    """The combination of both passes."""
+    """The weights with which both passes are combined, and the combined frames."""
 
-    weight: np.ndarray  # (t, PARTS), share of the second pass in trunk and limbs, 0 to 1
-    course: PassCourse  # all frames with smoothed joints, to which the body is then posed
+    weight: np.ndarray  # (t, PARTS) weight of the second pass for trunk and limbs, 0 to 1; the first pass has the rest
+    course: PassCourse  # all frames with combined and smoothed joints, to which the body is fitted later
 
 
 def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.ndarray, lost_sigma_m: float) -> Smoothing:
-    """Combine and smooth the frames (t,) of two passes, both in the order of the first.
+    """Combine and smooth the frames (t,) of two passes. there: the first pass; back: the second pass, in the order of
+    the first.
 
     held (t, 21) bool: joints that a reviewer placed, and all joints of the same limbs; they stay in place and do not
     affect other frames. Frames in which both passes lost the patient stay lost; joints are smoothed over each stretch
@@ -199,8 +200,8 @@ def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray,
 
 
 def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -> np.ndarray:
-    """Return (t, PARTS) the share of the second pass in trunk and limbs: by inverse variance where both passes agree,
-    else 0 or 1.
+    """Return (t, PARTS) the weight of the second pass for trunk and limbs: by inverse variance where both agree, else 0
+    or 1.
     """
     apart_m = np.nan_to_num(np.linalg.norm(there.joints_m - back.joints_m, axis=2))
     costs = np.array([_JOINT_COST[way.state_code] for way in (there, back)])
@@ -216,7 +217,8 @@ def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -
         weight[:, part] = np.where(agree, spread[0] / spread.sum(axis=0), chosen)
         if part == 0:
             split = ~agree
-        weight[split, part] = weight[split, 0]  # if the passes disagree on the trunk, limbs come from the trunk's pass
+        # if the passes disagree on the trunk, limbs come from the same pass as the trunk
+        weight[split, part] = weight[split, 0]
     return weight
 
 
@@ -225,7 +227,7 @@ def _known_sigma(course: PassCourse, lost_sigma_m: float) -> np.ndarray:
 
 
 def seen_less(answer: PassResult) -> float:
-    """Return the total cost of the joints that are not seen at their place in a frame; 0 if all joints are seen."""
+    """Return the total cost of the joints that no camera sees at their estimated place; 0 if all joints are seen."""
     return float(_JOINT_COST[[STATE_CODE[state] for state in answer.states]].sum())
 
 
@@ -248,7 +250,7 @@ def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
 
 
 def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCourse:
-    """Mix joints, sigma and states of both passes; weight (t, 21): share of the second where both found the patient."""
+    """Mix joints, sigma and states of both passes; weight (t, 21): of the second pass where both found the patient."""
     share = np.where((there.found & back.found)[:, None], weight, back.found[:, None].astype(np.float64))
     code = np.where(share > 0.5, back.state_code, there.state_code)
     joints = there.joints_m + share[..., None] * (back.joints_m - there.joints_m)
@@ -269,7 +271,9 @@ def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.
 
 
 def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weight: np.ndarray) -> Pose | None:
-    """Take the bones of each body part from the pose with more weight there; None if both poses are missing."""
+    """Return a pose in which each body part is taken from the pose with more weight for this part; the only pose if one
+    is missing, None if both are. weight (PARTS,): weight of ``other``.
+    """
     if one is None or other is None:
         return one or other
     rotations = one.rotations.copy()
@@ -281,7 +285,7 @@ def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weigh
 def explain_smoothed(frame_set: FrameSet, answer: PassResult, body: Body, run: Run) -> Explanation | None:
     """Compute how well the combined pose explains a frame; None without a pose.
 
-    frame_set: the frame, read again, since all depth images would fill the memory; ``answer`` has the person labels.
+    frame_set: the frame, read again, since all frames' depth images would fill the memory; ``answer`` has the labels.
     """
     if answer.pose is None:
         return None

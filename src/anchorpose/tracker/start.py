@@ -1,7 +1,7 @@
 """Find where tracking begins: the frame that shows the patient best, and the body that explains it.
 
-A therapist who holds the patient may be mistaken for a part of the patient. A fitted body explains the whole patient
-only in frames without such a mistake.
+In some frames, a therapist who holds the patient is mistaken for a part of the patient. There, no body explains all
+pixels with the patient's label, so another frame is preferred.
 """
 
 from __future__ import annotations
@@ -51,19 +51,22 @@ from anchorpose.tracker.prior_shape import (
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import Crowd, SeenPerson, Sighting
 
-SEEN = 0.3  # share of the skin of a forearm or shank with which it counts as fully seen; a camera sees half at most
-# usual rarity of a pose (sum of the squared joint deviations); correct first poses have 15 to 60, wrong poses over 100
+# share of a forearm's or shank's skin; a limb with this share seen counts as fully seen; a camera sees at most half
+SEEN = 0.3
+# maximum rarity (sum of squared joint deviations) of a usual pose; correct first poses: 15 to 60, wrong poses: over 100
 USUAL = 60.0
-# minimum quality of a start without equipment; correct starts have 0.35, a wrong start in a crowd had less than 0.25
+# minimum quality of a start in a recording without equipment; correct: 0.35; a wrong one in a crowd: below 0.25
 LEAST_QUALITY = 0.25
-# minimum seen share of the skin of trunk and head: a face, or a part of a chest between other people
+# minimum seen share of the skin of trunk and head: as much as a face, or as a part of a chest between other people
 LEAST_TRUNK = 0.05
-TURN_GATE = 21.1  # maximum squared Mahalanobis distance (3 angles) of an unseen turn; 1 patient in 10,000 turns farther
-# maximum deviation, in sigmas, of each of 16 shape components; one adult in a thousand exceeds it
+# maximum squared Mahalanobis distance (3 angles) by which the pelvis of a lost patient may have turned; 1 patient in
+# 10,000 turns farther
+TURN_GATE = 21.1
+# maximum deviation, in standard deviations, of any of 16 shape components; one adult in a thousand exceeds it
 MOST_DEVIATIONS = 4.0
 LEAST_EXPLAINED = 0.55  # minimum share of the surface that a first pose must explain
-HANGS_M = 0.35  # m, maximum height of the feet above the floor; feet on a high bed or a treadmill are lower
-UPRIGHT = 0.7  # minimum cosine between trunk and vertical for the HANGS_M check; a lying person's feet may be high
+HANGS_M = 0.35  # m, maximum height of the feet above the floor; even on a high bed or a treadmill, feet are lower
+UPRIGHT = 0.7  # minimum cosine between trunk and vertical for testing HANGS_M; the feet of people who lie may be high
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
 
 
@@ -84,7 +87,7 @@ class Facing(NamedTuple):
     """The patient's facing in a frame, decided by a longer stretch of the recording."""
 
     pose: Pose  # a pose with this facing
-    other: Rival | None  # the opposite facing, with the body learnt for it; None if the stretch excludes it
+    other: Rival | None  # the opposite facing, with the body learnt for it; None if the longer stretch excludes it
 
 
 def find_start(
@@ -99,8 +102,8 @@ def find_start(
     """Find the patient in a frame, or return why the patient is not found.
 
     known: the learnt shape, None before learning; crowd: the people in this frame, None if not found yet; expected: the
-    pose before the patient was lost. It is used for the limb search after the first pose, and to reject a person who
-    faces the other way. facing: the known facing, which this frame alone need not decide; None if unknown.
+    pose expected after a loss. It is used for the limb search after the first pose, and to reject a person who faces
+    the other way. facing: as decided by a longer stretch of the recording; None if this frame must decide it.
     """
     room, config = run.room, run.config
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
@@ -121,8 +124,8 @@ def find_start(
 def _start_with(
     first: FirstPose, seen: Observation, expected: PoseBelief | None, facing: Facing | None, config: TrackConfig
 ) -> Start | None:
-    """Return the start with a first pose, after a search for its limbs; None if the pose does not fit. ``expected`` and
-    ``facing`` are described in ``find_start``.
+    """Return the start with a first pose, after a search for misplaced limbs; None if the pose does not fit.
+    ``expected`` and ``facing`` are described in ``find_start``.
     """
     body, turned = build_body(body_points(), first.shape), _turned(first)
     if facing is not None:
@@ -131,7 +134,7 @@ def _start_with(
     if not found.found:
         return None
     before = expected or vague_belief(found.belief.pose)
-    # corrects exchanged sides, and limbs without matches
+    # the search corrects left and right limbs that were exchanged, and limbs at which the descriptor has no matches
     search = search_limbs(body, found, before, seen.evidence, config.registration)
     found = search.registration
     others = [*search.rivals, turned] if facing is None else _facing_as(facing, search.rivals)
@@ -140,10 +143,10 @@ def _start_with(
 
 
 def _turned_round(before: PoseBelief, now: Pose) -> bool:
-    """Return whether the pelvis has turned farther than is likely since the pose before.
+    """Return whether the pelvis has turned farther than is likely since the pose ``before``.
 
     Then the person may not be the patient: a helper who was hidden together with the patient often faces the patient,
-    and so shows the back where the patient showed the front.
+    and so shows a camera the back if the patient showed it the front.
     """
     turn = before.pose.change_to(now, body_points().moving)[:3]
     return float(turn @ np.linalg.solve(before.covariance[:3, :3], turn)) > TURN_GATE
@@ -157,7 +160,7 @@ def _turned(first: FirstPose) -> Rival:
 
 
 def _facing_as(facing: Facing, rivals: Sequence[Rival]) -> list[Rival]:
-    """Return the rivals that have the known facing, and the opposite facing if it is still possible."""
+    """Return the rivals with the known facing; also the opposite facing if the longer stretch does not exclude it."""
     alike = [one for one in rivals if not facing.pose.faces_away(one.belief.pose)]
     return alike if facing.other is None else [*alike, facing.other]
 
@@ -171,7 +174,7 @@ def start_turned(seen: Observation | None, turned: Rival | None, config: TrackCo
 
 
 def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: FittedShape | None) -> FirstPose:
-    """Find the first pose with the learnt body, or, before learning, with a body that may still change.
+    """Find the first pose with the learnt body, or, before learning, with a body whose shape may be fitted, too.
 
     If no likely body fits the user's statements about the patient, the images alone decide.
     """
@@ -213,9 +216,8 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
 
 
 def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
-    """Return whether an upright body ends far above the floor, which happens if only a part of the person is seen.
-
-    joints_m (21, 3).
+    """Return whether the lowest skin of an upright body is far above the floor, which happens if only a part of the
+    person is seen. joints_m (21, 3).
     """
     trunk = unit(joints_m[JOINT_INDEX["SpineShoulder"]] - joints_m[JOINT_INDEX["SpineBase"]])
     return bool(trunk[1] > UPRIGHT and posed.points_m[:, 1].min() > floor_m + HANGS_M)
@@ -238,9 +240,10 @@ def quality(start: Start) -> float:
 
 
 def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
-    """Return the start of a pass in the other direction, from the last frame of a pass; None if the patient was lost.
+    """Return the start of a pass in the other direction, from the last frame of a pass; None if the patient is lost in
+    it.
 
-    The belief uses only this frame's evidence, so that both passes are independent.
+    The start uses only the evidence of this frame, so that both passes are independent.
     """
     seen, belief, shape = estimate.observation, estimate.belief, estimate.shape
     if seen is None or belief is None or shape is None:
@@ -251,13 +254,15 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     return Start(seen, shape, found.belief, found.explained, estimate.rivals)
 
 
-CROWDED_M: Final = 1.0  # m; if two people's axes are closer together, the score falls; an arm plus half a trunk
-MERGED: Final = 0.5  # factor on the score of a frame with fewer people than usual, since two people may be seen as one
-# quality at which a frame is used at once; a patient alone has 0.95 to 1, with a therapist's arm 0.7
+CROWDED_M: Final = 1.0  # m, arm plus half a trunk; a frame scores less if another person is closer to the patient
+MERGED: Final = 0.5  # factor on the score of a frame with fewer people than usual: two people may be taken for one
+# a frame with a start of this quality is used at once; 0.95 to 1 for a patient alone, 0.7 with a therapist's arm
 WELL: Final = 0.92
-WHOLE: Final = 0.8  # minimum share of the patient's usual visible surface; any pose would explain a narrow strip
-TRIES: Final = 8  # maximum number of frames to fit; each takes one or two seconds
-APART: Final = 0.25  # share of the time span between tried frames, since neighbouring frames fail for the same reason
+WHOLE: Final = 0.8  # minimum share of the patient's usual visible surface; a narrow strip is explained by any pose
+TRIES: Final = 8  # maximum number of frames in which a body is fitted; each takes one or two seconds
+# share of the candidates' time span; a frame nearer than this to a tried frame scores less, since it would probably
+# fail for the same reason
+APART: Final = 0.25
 
 
 def rank_initial_frames(
@@ -270,7 +275,7 @@ def rank_initial_frames(
     """Return the frames that show the patient; frames that show the patient well and nobody nearby come first.
 
     frames: positions in the recording; sightings: the people in each frame. If the user gave the patient's place, only
-    the first unbroken series of frames with the patient there is used, since the place refers to the start.
+    the first unbroken series of frames with the patient there is used, since the given place is that at the start.
     """
     patient = choose_patient(sightings, equipment, patient_xz_m, cameras)
     if patient is None:
@@ -292,9 +297,9 @@ def ranked_by_view(
 
 
 class _Shown(NamedTuple):
-    """A frame in which the patient is seen."""
+    """A frame that shows the patient."""
 
-    frame: int
+    frame: int  # position of the frame in the recording
     sighting: Sighting
     patient: SeenPerson
 
@@ -309,8 +314,8 @@ def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
 
 
 def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: float) -> InitialFrame:
-    """Score a frame. Surface beyond the usual area does not raise the score: it may belong to a person who touches the
-    patient.
+    """Score a frame in which tracking may begin. Surface beyond the usual area does not raise the score: it may belong
+    to a person who touches the patient.
     """
     one, sighting = shown.patient, shown.sighting
     people = sighting.people
@@ -324,8 +329,8 @@ def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: f
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
-    """Return the room with its best initial frame first. If the patient is always alone, nobody can be confused with
-    the patient, so no body is fitted.
+    """Return the room with its best initial frame first. If every initial frame shows the patient alone, nobody can be
+    confused with the patient, so the order stays the same and no body is fitted.
     """
     candidates = room.initial_frames
     if all(one.alone for one in candidates):
@@ -358,12 +363,13 @@ def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> flo
 def best_of(
     candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], tuple[float, float]]
 ) -> InitialFrame:
-    """Return the first frame that shows the whole patient and is explained well, or the most probable of ``TRIES``.
+    """Return the first frame that shows the whole patient and is explained well, else the most probable of all tried.
 
     explained: returns, for a frame, how well a body explains the patient, 0 to 1, and the body's log probability in
-    nats, minus a penalty for unexplained surface. A body with the wrong facing explains as much surface, but its
-    readings are less probable, or its shape is rare. If a person behind the patient has the patient's label, no body
-    explains all of the surface. The frame with the best score is tried first, then frames far from all tried frames.
+    nats, minus a penalty for unexplained surface. A body with the wrong facing explains as much surface, but it makes
+    the depth readings less probable, or its shape is rare. If a person behind the patient has the patient's label, no
+    body explains all of the surface. The frame with the best score is tried first, then frames far from all tried
+    frames.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:
@@ -377,7 +383,7 @@ def best_of(
 
 
 def _worth(candidate: InitialFrame, tried: Sequence[InitialFrame], candidates: Sequence[InitialFrame]) -> float:
-    """Return the score of a frame, reduced if it is near a frame that was tried."""
+    """Return the score of a frame, reduced if it is near a frame that was tried before."""
     if not tried:
         return candidate.score
     span = APART * max(1, np.ptp([one.frame for one in candidates]))

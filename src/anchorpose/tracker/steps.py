@@ -20,20 +20,20 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Pieces
 
 REACH_M: Final = 0.60  # m, maximum length of a step from frame to frame: 3 m/s at 5 frames per second
-GRID_M: Final = 0.05  # m, distance between tried steps: half a limb's width
-SAME_M: Final = 0.06  # m, maximum gap between a moved point and the reading: half the grid step, clothes and noise
+GRID_M: Final = 0.05  # m, spacing of the steps (movements over the ground) that are tried: half a limb's width
+SAME_M: Final = 0.06  # m, maximum gap between a moved point and its reading: half the grid step, clothes and noise
 PAST_M: Final = 0.15  # m; if a reading is this far behind a point, the point is not there
-POINTS: Final = 250  # maximum number of points used per person; the share found then has an error of 0.03
-STAYED: Final = 0.6  # minimum share of points found again in place for a person who has not walked
-PLACED: Final = 0.4  # share of expected skin found, from which no step is needed; the person's limbs hide the rest
-BETTER: Final = 0.2  # minimum share of the points that a step must find in addition to the share found without a step
+POINTS: Final = 250  # maximum number of points used per person; the share of them that is found has an error of 0.03
+STAYED: Final = 0.6  # if this share of a person's points is found again without a step, the person has not walked
+PLACED: Final = 0.4  # no step is needed if this share of the predicted skin is found; the limbs hide the rest
+BETTER: Final = 0.2  # a step is taken only if the share of points found with it is larger by this than without it
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
-# share of points subtracted per metre of a step, so that the shorter of two good steps is preferred
+# per metre of a step, this is subtracted from its share of points, so that the shorter of two good steps is preferred
 FAR_COST: Final = 0.2
 MOST_WALKERS: Final = 5  # maximum number of people whose steps are compared jointly; more do not fit into an image
 MOST_STEPS: Final = 4  # maximum number of steps considered for each person
-APART_M: Final = 0.25  # m, minimum distance between the axes of two people, and between two considered steps
-LEAST_POINTS: Final = 60  # minimum number of points, about those of a hand; a share of fewer points is not reliable
+APART_M: Final = 0.25  # m, minimum distance between two people's axes, and between two considered steps of a person
+LEAST_POINTS: Final = 60  # minimum number of a person's points (a hand has as many); fewer give no reliable share
 
 
 def find_steps(
@@ -43,8 +43,8 @@ def find_steps(
     no entry.
 
     skin_m: (n, 3) world points per label: the person's skin seen in the last frame. A moved point counts as found if a
-    pixel of a person lies at its depth, as refuted if a camera sees past it, and as unknown if it is hidden. The
-    combination of steps that explains most points is chosen.
+    pixel of a person lies at its depth, as refuted if a camera sees past it (reads something farther away), and as
+    unknown if it is hidden. The combination of steps that explains most points is chosen.
     """
     shown = [(pixels, projection_of(camera)) for pixels, camera in zip(pieces, cameras, strict=True) if pixels]
     free = [pixels.index >= 0 for pixels, _ in shown]
@@ -66,13 +66,13 @@ class _Option(NamedTuple):
 
     step: np.ndarray  # (3,) m
     place_xz_m: np.ndarray  # (2,) the person's place on the ground after the step
-    worth: float  # share of the points explained, minus the cost of the distance
+    worth: float  # share of the points found minus the share refuted, minus the cost of the distance
 
 
 def _options(
     points_m: np.ndarray, staying: float, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> list[_Option]:
-    """Return the options of a person: staying, and up to MOST_STEPS good steps that lead to different places."""
+    """Return the options of a person: staying, and up to ``MOST_STEPS`` good steps that lead to different places."""
     steps, center = _grid(), points_m.mean(axis=0)[[0, 2]]
     worth = _worth(_thinned(points_m), steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     found = [_Option(np.zeros(3), center, max(staying, 0.0))]
@@ -85,7 +85,7 @@ def _options(
 
 
 def _together(chosen: Sequence[_Option]) -> float:
-    """Return the total worth of several people's steps; -inf if two people would end in the same place."""
+    """Return the total worth of one option per person; -inf if two people would stand in the same place."""
     for one, other in combinations(chosen, 2):
         if (one.step.any() or other.step.any()) and np.linalg.norm(one.place_xz_m - other.place_xz_m) < APART_M:
             return -np.inf
@@ -116,7 +116,7 @@ def step_onto(
 
 
 def facing_points(points_m: np.ndarray, normals: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
-    """Return those of the points (n, 3) with normals (n, 3) that face at least one camera."""
+    """Return the points, out of (n, 3) with normals (n, 3), that face at least one camera."""
     facing = np.zeros(len(points_m), dtype=bool)
     for camera in cameras:
         facing |= ((camera.position_m - points_m) * normals).sum(axis=1) > 0
@@ -141,7 +141,7 @@ def _grid() -> np.ndarray:
 def _best_step(
     points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, float]:
-    """Return the step (3,) of greatest worth, and its worth minus the cost of the distance."""
+    """Return the best step (3,) and its worth, from which the cost of the distance is already subtracted."""
     steps = _grid()
     worth = _worth(points_m, steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     best = int(worth.argmax())
@@ -151,9 +151,7 @@ def _best_step(
 def _worth(
     points_m: np.ndarray, steps: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Return (k,) the share of points found after each step minus the share refuted. A point is found if any camera
-    finds it.
-    """
+    """Return (k,) the share of points that a camera finds after each step minus the share refuted (``find_steps``)."""
     found = np.zeros((len(steps), len(points_m)), np.int8)
     for (pixels, projection), open_ in zip(shown, free, strict=True):
         _look(points_m, steps, projection, pixels.depth_m, open_, found)
@@ -169,7 +167,9 @@ def _look(
     free: np.ndarray,
     found: np.ndarray,
 ) -> None:
-    """Set found to 1 for a moved point with a free pixel at its depth, and to -1 if the camera sees past the point."""
+    """Set found to 1 where a moved point has a free pixel (no other person's) at its depth, -1 if the camera sees past
+    it.
+    """
     height, width = depth.shape
     for k in range(len(steps)):
         column, row, far = pixels_of(points + steps[k], projection, height, width)

@@ -12,7 +12,7 @@ class Stopwatch:
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
         self.seconds: dict[str, float] = {}
-        self._clock, self._inside = clock, 0.0  # seconds of the stages inside the current one
+        self._clock, self._inside = clock, 0.0  # seconds of the finished stages inside the current stage
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

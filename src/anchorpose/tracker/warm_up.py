@@ -1,4 +1,4 @@
-"""Compile the kernels of prediction and registration before they are needed, in a second process."""
+"""Compile the numba kernels of prediction and registration before they are needed, in a second process."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ CAMERA: Final = Camera(
 
 
 def start_warm_up() -> subprocess.Popen[bytes]:
-    """Start the second process. It ends without being stopped; its result is the cache of compiled kernels.
+    """Start the second process. It ends by itself; its result is the cache of compiled kernels.
 
     If it fails, only time is lost, since the first process then compiles the kernels itself.
     """
@@ -50,7 +50,7 @@ def start_warm_up() -> subprocess.Popen[bytes]:
 
 
 def warm_up() -> Registration:
-    """Predict a body that stands still, and fit it to its own skin as seen by a camera in front of it."""
+    """Run the kernels to compile them: predict a body that stands still, and fit it to its skin as a camera sees it."""
     points = body_points()
     body = build_body(points, shape_of_height(points.asset, 1.70))
     pose = Pose(np.tile(np.eye(3), (len(points.asset.bone_names), 1, 1)), np.zeros(3))

@@ -21,7 +21,7 @@ class Guard:
     """The rule that decides which requests are served.
 
     The token must be the first part of every path. If the server listens on loopback, the Host header must also be a
-    loopback name: a request from another site whose name points to this machine (DNS rebinding) has the name of that
+    loopback name: a request from another site whose name points to this machine (DNS rebinding) states the name of that
     site. A request that changes something must come from the page.
     """
 
@@ -35,14 +35,15 @@ class Guard:
         return rest if hmac.compare_digest(first.encode(), self.token.encode()) else None
 
     def host_is_ours(self, headers: Mapping[str, str]) -> bool:
-        """Return whether the request was made to a name of this machine. Any port is allowed, since a tunnel may begin
-        at another port.
+        """Return whether the request was made to a name of this machine. Any port is allowed, since with a tunnel (port
+        forwarding) the browser may use another port than the server.
         """
         return not self.loopback or is_loopback(_name_in(headers.get("Host", "")))
 
     def comes_from_the_page(self, headers: Mapping[str, str]) -> bool:
         """Return whether a request that changes something was made by the page of this server: browsers state the
-        origin, and other pages cannot send JSON without a preflight request.
+        origin of a request, and send JSON from another site's page only if the server permits it, which this one never
+        does.
         """
         origin, host = headers.get("Origin"), headers.get("Host", "")
         return headers.get("Content-Type", "") == "application/json" and origin == f"http://{host}"
@@ -72,8 +73,8 @@ def is_loopback(host: str) -> bool:
 
 
 MOST: Final = 48  # maximum number of open connections; some systems allow only 256 open files
-MOST_PER_CLIENT: Final = 24  # the same for one address: four windows, each with a browser's six connections
-CLOSING_S: Final = 1.0  # s allowed for a connection to close after shutdown
+MOST_PER_CLIENT: Final = 24  # most open connections per client address: four windows with six connections each
+CLOSING_S: Final = 1.0  # s, maximum time that a connection may take to close after it was shut down
 
 
 @dataclass(slots=True, eq=False)
@@ -106,7 +107,7 @@ class Connections:
         return True
 
     def trust(self, request: socket.socket) -> None:
-        """Note that a connection has sent the token, so that it is not closed for a new one."""
+        """Note that a connection has sent the token, so that it is not closed in favour of a new connection."""
         with self._changed:
             for one in self._open:
                 one.known |= one.request is request
@@ -118,8 +119,8 @@ class Connections:
             self._changed.notify_all()
 
     def _in_the_way(self, client: str) -> list[_Connection]:
-        """Return the connections, one of which must be closed before ``client`` may open another; none if there is
-        space.
+        """Return an empty list if there is space for a new connection from ``client``; else the open connections of
+        which one must be closed first.
         """
         if len(self._open) >= MOST:
             return self._open
@@ -127,7 +128,7 @@ class Connections:
         return own if len(own) >= MOST_PER_CLIENT else []
 
     def _close(self, stranger: _Connection) -> bool:
-        """Return whether the thread that serves the connection will close it soon."""
+        """Shut a connection down, and return whether its thread has closed it within ``CLOSING_S``."""
         stranger.leaving = True
         with suppress(OSError):  # the client has closed it already
             stranger.request.shutdown(socket.SHUT_RDWR)

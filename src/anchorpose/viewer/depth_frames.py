@@ -1,6 +1,6 @@
 """Provide the depth images behind the results: labelled points of all cameras, and the patient's surface.
 
-The cameras' clocks are taken from the run, so images that were tracked together are shown together.
+The cameras' clocks are taken from run.json, so images that were tracked together are shown together.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from anchorpose.surface.mesh import build_surface, faces
 
 
 def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> tuple[Clock, ...]:
-    """Return the clock of each camera, in the order of the names, from the run.json at ``path``; raises InputError
-    where it has none.
+    """Return the clock of each camera, in the order of the names, from the run.json at ``path``; raises InputError if
+    it lacks one.
     """
     clocks = {camera["name"]: camera.get("clock") for camera in run["cameras"]}
     if not all(clocks.get(camera) for camera in cameras):
@@ -32,7 +32,8 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
     return tuple(Clock(**clocks[camera]) for camera in cameras)
 
 
-# number of pixels to either side over which slopes are computed (5 cm at 2 m); over fewer, noise would be visible
+# number of pixels to each side over which the slope at a pixel is computed (about 5 cm at 2 m); over fewer pixels,
+# noise would be visible
 REACH_PX: Final = 4
 JUMP_M: Final = 0.15  # m, maximum step in depth within a surface; a larger step is the edge of another surface
 
@@ -79,10 +80,10 @@ the room.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthFrames:
-    """A recording on the clocks and in the world of a run.
+    """A recording with the clocks and camera poses of a tracking run.
 
-    pairs (n, cameras): for each frame of the results, the index of each camera's depth image in its stream, -1 = none.
-    people: None if the results have no person labels.
+    frame (n,): numbers of the results' frames. pairs (n, cameras): for each of these frames, the index of each camera's
+    depth image in its stream, -1 = none. people: None if the results have no person labels.
     """
 
     recording: Recording
@@ -92,7 +93,7 @@ class DepthFrames:
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """Return the cameras in the order of the lists of ``points``."""
+        """Return the cameras, in the order in which ``points`` lists them."""
         return self.recording.cameras
 
     def points(self, position: int, room: bool) -> tuple[list[np.ndarray], list[str]]:
@@ -114,10 +115,11 @@ class DepthFrames:
         return found, problems
 
     def surface(self, position: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the patient's seen skin of all cameras: vertices (v, 3), world, metres, faces (f, 3) int32; empty
+        """Return the patient's surface as the cameras see it: vertices (v, 3), world, metres, faces (f, 3) int32; empty
         without labels.
 
-        It consists of the meshes of the single cameras, by ``surface.mesh``, not cut at contacts and not joined.
+        It consists of one mesh per camera, as ``surface.mesh`` makes it. Unlike in tracking, the meshes are neither cut
+        where parts of the body touch nor joined to one surface.
         """
         vertices, triangles, count = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.int32)], 0
         for number, camera in enumerate(self.cameras):
@@ -161,7 +163,7 @@ class DepthFrames:
         return place_m, ""
 
     def depth(self, position: int, camera: int) -> tuple[np.ndarray | None, str]:
-        """Return the depth image in metres, or None and the reason."""
+        """Return the depth image in metres and an empty text, or None and the reason why there is none."""
         index = self.pairs[position, camera]
         if index < 0:
             return None, "there is no picture of this time"
@@ -207,8 +209,8 @@ _REMEDY: Final = "give the recording that these results were made of"
 
 
 def _refuse_another(recording: Recording, run: dict[str, Any], poses: dict[str, Any]) -> None:
-    """Raise InputError for another recording. Only cameras, timestamps, and the first and last images are compared,
-    since hashing all images would take minutes.
+    """Raise InputError if the results were made from another recording. Only cameras, timestamps, and the first and
+    last images are compared, since hashing all images would take minutes.
     """
     names = [camera.name for camera in recording.cameras]
     if set(names) != set(poses):
@@ -236,14 +238,14 @@ def _pixels(depth_m: np.ndarray, labels: np.ndarray | None, camera: Camera, room
     coarse_first = np.argsort(_fineness(row, column), kind="stable")
     row, column = row[coarse_first], column[coarse_first]
     grey = np.rint(depth_m[row, column] / np.float32(camera.depth_scale))
-    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)  # shading takes most of the time
+    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)  # shading takes long, so only this part
     lit = shade(depth_m[top : row.max() + REACH_PX + 1, left : column.max() + REACH_PX + 1], camera)
     look = 256 * lit[row - top, column - left].astype(np.uint16) + labels[row, column]
     return np.column_stack([column, row, grey, look]).astype(np.uint16)
 
 
 def _fineness(row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Return 0 for pixels on every eighth row and column, 1 on every fourth, 2 on every second, 3 for the rest."""
+    """Return 0 for pixels on every eighth row and column, 1 on every fourth, 2 on every second, 3 for all others."""
     both = row | column
     ranks = np.where(both % 2, 3, np.where(both % 4, 2, np.where(both % 8, 1, 0)))
     return ranks.astype(np.uint8)  # numpy sorts single bytes fastest, by counting

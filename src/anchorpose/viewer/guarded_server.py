@@ -28,7 +28,7 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.document import parse_json
 from anchorpose.viewer.access import Connections, Guard, is_loopback, new_token
 
-MOST_BYTES: Final = 64 * 1024  # bytes, maximum body of a request; a correction has some hundred bytes
+MOST_BYTES: Final = 64 * 1024  # bytes, maximum content of a request; a correction has some hundred bytes
 IDLE_S: Final = 20.0  # s; a connection without a request for this time is closed; the browser then opens another
 PATIENCE_S: Final = 120.0  # s; a browser that reads nothing of an answer for this time is treated as disconnected
 
@@ -74,7 +74,8 @@ class GuardedServer(ThreadingHTTPServer):
     """A server that listens as soon as it is made, and answers in ``serve_forever``.
 
     address: the address to open; page: the name of the page that the address shows; program: name of the command that
-    printed the address, for refusals. Raises AnchorposeError if it cannot listen on ``host`` and ``port``.
+    printed the address, for the message to clients without the token. Raises AnchorposeError if it cannot listen on
+    ``host`` and ``port``.
     """
 
     daemon_threads = True
@@ -104,7 +105,7 @@ class GuardedServer(ThreadingHTTPServer):
         return f"http://{f'[{name}]' if ':' in name else name}:{self.guard.port}/{self.guard.token}/"
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
-        """Return whether there is room for one more connection; without room, the connection is closed."""
+        """Return whether one more connection is allowed; if not, the connection is closed."""
         return self.connections.add(request, client_address[0])
 
     def close_request(self, request: Any) -> None:
@@ -113,7 +114,7 @@ class GuardedServer(ThreadingHTTPServer):
         self.connections.remove(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore a browser that disconnects (a tab was closed)."""
+        """Report an error, unless a browser has disconnected, for instance because a tab was closed."""
         if not isinstance(sys.exception(), ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
 
@@ -132,7 +133,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
         super().handle_one_request()
 
     def do_GET(self) -> None:
-        """Answer with a file of the page, or with the response that ``answer_get`` has for this name."""
+        """Answer with the page's file of the requested name; if there is no such file, ``answer_get`` answers."""
         name = self.admitted()
         if name is None:
             return
@@ -179,7 +180,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.send(HTTPStatus.OK, response)
 
     def admitted(self) -> str | None:
-        """Return the requested name where token and host are correct; otherwise send a refusal and return None."""
+        """Return the requested name if token and host are correct; otherwise send a refusal and return None."""
         name = self.server.guard.path_within(self.path)
         if name is None or not self.server.guard.host_is_ours(self.plain_headers()):
             self.refuse(HTTPStatus.FORBIDDEN, f"Open the address that '{self.server.program}' printed.")
@@ -190,11 +191,11 @@ class GuardedHandler(BaseHTTPRequestHandler):
 
     def refuse(self, status: HTTPStatus, sentence: str) -> None:
         """Send a refusal with a sentence, and end the connection."""
-        self.close_connection = True  # a body may not have been read
+        self.close_connection = True  # else unread content of this request would be taken for the next one
         self.send(status, Response(json.dumps({"error": sentence}).encode(), JSON))
 
     def send(self, status: HTTPStatus, response: Response) -> None:
-        """Send the whole answer."""
+        """Send a response: headers and content."""
         with suppress(ConnectionError):
             self.send_head(status, response.kind, {"Content-Length": str(len(response.content))})
             self.wfile.write(response.content)
@@ -215,7 +216,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def plain_headers(self) -> dict[str, str]:
-        """Return the headers that decide whether a request is admitted."""
+        """Return the headers of the request that ``Guard`` checks."""
         return {key: self.headers.get(key, "") for key in ("Host", "Origin", "Content-Type")}
 
     def log_message(self, format: str, *args: Any) -> None:
@@ -239,8 +240,8 @@ def load_assets() -> dict[str, Response]:
 
 @cache
 def content_policy(page: str) -> str:
-    """Return the content policy of a page, given by its name. The page may load files from this server, and one inline
-    script (the import map), which is allowed by its hash.
+    """Return the Content-Security-Policy header of a page, given by its name. The page may load files from this server,
+    and one inline script (the import map), which is allowed by its hash.
     """
     scripts = re.findall(rb"<script type=\"importmap\">(.*?)</script>", load_assets()[page].content, re.DOTALL)
     hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(text).digest()).decode()}'" for text in scripts)

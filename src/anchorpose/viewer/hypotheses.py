@@ -1,4 +1,6 @@
-"""Compute the hypotheses of a frame on demand, in a separate process; this takes some seconds to a minute."""
+"""Compute, in a separate process, where each node of the patient's surface may be in the next frame (its hypotheses).
+This takes some seconds to a minute, so it is done only if the user asks for it.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,8 @@ class Progress(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class WorkStatus:
-    """The state of the work, for the page: the row of the results for which hypotheses are computed, the number of
-    frames read so far, and messages.
+    """The progress of computing hypotheses, for the page: the row of the results for which hypotheses are computed, the
+    number of frames read so far, and messages.
     """
 
     progress: Progress
@@ -44,7 +46,7 @@ class WorkStatus:
 
 
 class HypothesisWorker:
-    """A worker for one frame at a time; starting another frame cancels the work under way."""
+    """A worker that computes hypotheses of one frame at a time; starting another frame cancels the work under way."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -66,8 +68,8 @@ class HypothesisWorker:
             return self._data
 
     def start(self, position: int, recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None) -> None:
-        """Start the work on the frame with this number; patient_xz_m: the patient's place in the results, None if
-        lost.
+        """Start to compute hypotheses of the frame with this number. position: the frame's row in the results;
+        patient_xz_m: the patient's place in the results, None if lost.
         """
         self.cancel()
         context = multiprocessing.get_context("spawn")  # the server has threads, whose locks must not be copied
@@ -80,7 +82,7 @@ class HypothesisWorker:
         theirs.close()
 
     def cancel(self) -> None:
-        """End the work, if any is under way."""
+        """Stop computing hypotheses, if any are being computed."""
         with self._lock:
             work, self._work = self._work, None
             if work is None:
@@ -105,11 +107,13 @@ class HypothesisWorker:
 def hypotheses_of(
     recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None, tick: Any
 ) -> tuple[bytes, tuple[str, ...]]:
-    """Return the nodes of a frame and their matches in the next frame by each subset of anchors, packed; and messages.
+    """Return the surface nodes of a frame and their matches in the next frame, packed; and messages. For each subset of
+    the anchors (extrema of the body's surface), distances to its anchors give one match per node.
 
     Arrays: nodes (m, 3) and reached (m, s, 3) float32 world metres, NaN where a subset finds no match; best (m,) int32:
-    index of the subset on the best branch, -1 without; asked (m,) uint8: whether the track tree reaches the node. meta:
-    subsets [[anchor names]]; frames [this, next].
+    index of the subset whose match the track tree chose for the node, -1 if it chose none; asked (m,) uint8: 1 if the
+    track tree was searched for the node. meta: subsets [[anchor names]]; frames [this, next]. tick: called for each
+    frame read.
     """
     # importing the tracker takes a second, so only the process that needs it does
     from anchorpose.tracker.config import TrackConfig

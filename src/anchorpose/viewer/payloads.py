@@ -29,11 +29,11 @@ TYPES: Final = ("uint8", "uint16", "int16", "int32", "uint32", "float32", "float
 
 
 def pack(meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Return MAGIC, length of the head (uint32), head, arrays; little-endian, each array at a multiple of
-    ``ALIGNED``.
+    """Return bytes for a page: MAGIC, length of the head (uint32), head, arrays; little-endian, each array at a
+    multiple of ``ALIGNED``.
 
     The head is {"meta": meta, "arrays": [{"name", "type", "shape", "start"}]}; start is counted from the first multiple
-    of ``ALIGNED`` after the head. Raises ValueError for types that browsers have no array for.
+    of ``ALIGNED`` after the head. Raises ValueError for a type that no array of a browser has.
     """
     contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     entries, start = [], 0
@@ -54,9 +54,9 @@ def _up(place: int) -> int:
     return place + -place % ALIGNED
 
 
-MOST_FRAMES: Final = 32  # maximum number of frames of points or surfaces in one answer
-SAMPLED: Final = 2000  # number of frames from which the middle of the view is computed
-MOST_ROWS: Final = 512  # maximum number of frames of the tables in one answer; they take some hundred kilobytes
+MOST_FRAMES: Final = 32  # maximum number of frames whose points or surfaces are in one answer
+SAMPLED: Final = 2000  # approximate number of frames whose joints determine the middle of the view
+MOST_ROWS: Final = 512  # maximum number of frames whose table rows are in one answer, some hundred kilobytes
 
 
 def overview_payload(review: Review) -> bytes:
@@ -87,7 +87,8 @@ def motion_payload(review: Review, first: int, count: int) -> bytes:
     """Return the tables of the frames from row ``first`` on, in metres and the world frame, NaN where unknown.
 
     joints (n, 21, 3), sigma (n, 21), state (n, 21) uint8 of ``JointState``, angles, angle_sigma, angle_state (n, a),
-    and, if the results have them, poses (n, 21, 7: head, quaternion w x y z) and anchors (n, 5, 4: position, sigma).
+    and, if the results have them, poses (n, 21, 7: head of the bone, quaternion w x y z) and anchors (n, 5, 4:
+    position, sigma).
     """
     rows = _rows(len(review.joints.frame), first, count, MOST_ROWS)
     joints, angles = review.joints, review.angles
@@ -131,7 +132,7 @@ def curves_payload(review: Review, first: int, count: int) -> bytes:
 
 
 INTERVALS: Final = 800
-"""Number of intervals into which the drawn time is divided, for a chart some 400 pixels wide."""
+"""Number of intervals into which the time shown in a chart is divided; a chart is some 400 pixels wide."""
 
 KEPT: Final = 5
 """Maximum number of frames kept per interval and angle: the frames with the smallest value, the largest value, the
@@ -141,7 +142,9 @@ disappears.
 
 
 def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) -> list[np.ndarray]:
-    """Return, for each angle, the rows to draw of its values (n, angles), in order; all if frames are few."""
+    """Return, for each angle, the rows of the arrays (n, angles) to draw, in ascending order; all rows if they are
+    few.
+    """
     count, angles = degrees.shape
     size = count // INTERVALS  # number of frames in an interval
     if size <= KEPT:
@@ -207,13 +210,14 @@ def _positions(depth_frames: DepthFrames, first: int, count: int) -> range:
 
 
 def _rows(frames: int, first: int, count: int, most: int) -> slice:
-    """Return the rows; raises ValueError for frames that do not exist, or for more than ``most`` frames."""
+    """Return the rows from ``first`` on; raises ValueError for rows that do not exist, or for more than ``most``."""
     if not (0 <= first < frames and 1 <= count <= most):
         raise ValueError(f"there are no frames {first} to {first + count - 1}")
     return slice(first, min(first + count, frames))
 
 
-INFLUENCES: Final = 4  # number of bones that move a point on the graphics card; more would shift it by 5 mm at most
+# number of bones that the page lets move each vertex of the body; with all bones, a vertex would shift by 5 mm at most
+INFLUENCES: Final = 4
 
 
 def moving_ancestor(asset: BodyAsset) -> np.ndarray:
@@ -229,8 +233,8 @@ def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
     """Return the arrays of the page's body; None if no body was learnt.
 
     vertices (v, 3) and normals (v, 3) float32 at rest, faces (f, 3) uint32, bones (v, 4) uint8 rows of
-    ``MOVING_BONES``, weights (v, 4) float32, heads (21, 3) float32: the centres of rotation at rest. Posed:
-    ``sum of weight * (turn (vertex - head) + head in the world)``, linear blend skinning as in ``BodyMesh.skin``.
+    ``MOVING_BONES``, weights (v, 4) float32, heads (21, 3) float32: the centres of rotation at rest. A posed vertex is
+    ``sum of weight * (rotation @ (vertex - head) + head in the world)``: linear blend skinning as in ``BodyMesh.skin``.
     """
     learnt = run.get("body")
     if learnt is None:
@@ -249,8 +253,8 @@ def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
 
 
 def _heaviest(bones: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ``INFLUENCES`` bones with the largest weight on each point, and these weights with the sum 1. Bones
-    that move together count as one.
+    """Return the ``INFLUENCES`` bones with the largest weight on each point, and these weights, scaled so that their
+    sum is 1. Bones that move together count as one.
     """
     total = np.zeros((len(bones), len(MOVING_BONES)))
     np.add.at(total, (np.arange(len(bones))[:, None], bones), weights)

@@ -1,7 +1,7 @@
 """Serve the page for blinded raters: it shows trials in random order, and nothing that reveals their condition or
 number.
 
-To the page, the trials in the order shown are a single recording with other frame numbers and a time from 0. So no
+The page gets the trials, in the order shown, as a single recording, whose frame numbers and times begin at 0. So no
 request of the page states a trial, a frame of the recording, or a time of the session.
 """
 
@@ -95,7 +95,7 @@ def _page_time_s(time_s: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
 
 class ScoreFile:
     """A writer of scores to one rater's file. The file is locked and read again for each score. If it does not exist,
-    it is made with the order of trials.
+    it is made with a random order of the trials.
 
     Raises InputError if the file cannot be used, or is about another session or rater.
     """
@@ -118,7 +118,9 @@ class ScoreFile:
         return found
 
     def give(self, shown: Any, score: Any) -> Ratings:
-        """Write a score for the trial at a place in the order, from 1; raises ValueError if either is invalid."""
+        """Write the score of the trial that is shown as number ``shown``, counted from 1; raises ValueError if number
+        or score is invalid.
+        """
         if type(score) is not int or not 0 <= score <= BEST_SCORE:
             raise ValueError(f"a score is a whole number from 0 to {BEST_SCORE}")
         with locked(self.path):
@@ -131,7 +133,7 @@ class ScoreFile:
 
 
 class RatingApi(ReviewApi):
-    """The answers to requests of the page for raters; no request has a condition or the number of a trial."""
+    """The answers to requests of the page for raters; none states a condition or the number of a trial."""
 
     def __init__(self, blinded: Blinded, scores: ScoreFile) -> None:
         super().__init__(blinded.review)
@@ -162,7 +164,7 @@ class RatingServer(ReviewServer):
 
 
 def open_rating(results: Path, recording: Path | None, rater: str, host: str, port: int) -> RatingServer:
-    """Return a server that listens; the scores go to ``ratings_beside`` the results.
+    """Return a server that listens; the scores go to the file ``ratings_beside`` the results folder.
 
     Raises InputError if results, recording or scores cannot be used or there are no trials, AnchorposeError if it
     cannot listen on ``host`` and ``port``.

@@ -53,7 +53,9 @@ class Review:
 
     @property
     def matched_share(self) -> np.ndarray:
-        """Return (n,) share of the followed points found again in the next frame, NaN where none was followed."""
+        """Return (n,) share of the followed surface points that were matched in the next frame; NaN without such
+        points.
+        """
         shares = (self.run.get("association") or {}).get("matched_share", [])
         count = len(self.joints.frame)
         if len(shares) != count:
@@ -94,7 +96,9 @@ def _if_there(table: FrameTable[Any], results: Path) -> Any:
 
 
 def describe(review: Review) -> dict[str, Any]:
-    """Return what the viewer's page needs before it shows a frame, for JSON; positions are rows of the results."""
+    """Return what the viewer's page needs before it shows a frame, for JSON. The position of a listed frame is its row
+    in the results.
+    """
     return {
         **describe_scene(review),
         "name": review.name,
@@ -107,7 +111,7 @@ def describe(review: Review) -> dict[str, Any]:
         "unexplained": None if review.explained is None else as_json(unexplained_frames(review.explained)),
         "dropped": review.run.get("dropped", []),
         "patient": {
-            "tracked": review.run.get("patient"),  # older results do not state it
+            "tracked": review.run.get("patient"),  # older results lack this entry
             "named": (review.run.get("corrections") or {}).get("patient"),
         },
         "notes": review.run.get("notes", []),
@@ -161,7 +165,7 @@ def _equipment(depth_frames: DepthFrames) -> dict[str, Any] | None:
 
 APART_S: Final = 1.0  # s, minimum time between two listed frames; closer frames show the same situation
 MOST_OF_A_KIND: Final = 12  # maximum number of listed frames with the same kind of reason
-FEW_MATCHED: Final = 0.9  # share of matched points below which a frame is listed; good recordings have 0.95 to 1
+FEW_MATCHED: Final = 0.9  # share of matched surface points below which a frame is listed; good recordings: 0.95 to 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,8 +188,8 @@ def worst_frames(
 ) -> tuple[WorstFrame, ...]:
     """Return frames to check: lost joints first, then unusable depth images, few matches, and largest sigma.
 
-    matched_share (n,): NaN where no point was followed. For each kind, the worst frame comes first, then the worst
-    frame at least a second away from it, and so on.
+    matched_share (n,): as in ``Review``. Unusable depth images come in the order of ``dropped``. Of each other kind,
+    the worst frame comes first, then the worst frame that is at least a second away from it, and so on.
     """
 
     def worst(badness: np.ndarray) -> list[int]:
@@ -248,9 +252,9 @@ class CorrectionFile:
     """A file of corrections to which entries are added and from which they are withdrawn.
 
     It is locked and read again for each change, so that several viewers can work on it at once. initial: the
-    corrections that are valid while the file does not exist. The first change writes them too, so that a second review
-    keeps the corrections of the first. Raises InputError if the file cannot be used, or is about another recording
-    or world.
+    corrections that are valid while the file does not exist. The first change writes them to the file, too, so that
+    corrections from an earlier review, with which the results were tracked, are kept. Raises InputError if the file
+    cannot be used, or is about another recording or other camera poses.
     """
 
     def __init__(self, path: Path, initial: Corrections, joints: JointTable) -> None:
@@ -259,7 +263,7 @@ class CorrectionFile:
         self.current()
 
     def current(self) -> Corrections:
-        """Return the present content of the file; the initial corrections where there is no file yet."""
+        """Return the present content of the file; the initial corrections if there is no file yet."""
         if not self.path.exists():
             return self.initial
         found = read_corrections(self.path)
@@ -267,8 +271,8 @@ class CorrectionFile:
         return found
 
     def add(self, given: dict[str, Any]) -> Corrections:
-        """Add a correction. Its times and its field ``when`` are filled in here. Raises InputError if it cannot be
-        added.
+        """Add a correction. The times of its frames and the present time, in the field ``when``, are filled in here.
+        Raises InputError if it cannot be added.
         """
         timed = {**given, "when": now_utc()}
         for frame, time_key in (("first_frame", "start_s"), ("last_frame", "end_s"), ("frame", "time_s")):
@@ -281,8 +285,8 @@ class CorrectionFile:
         return after
 
     def take_back(self, given: dict[str, Any]) -> Corrections:
-        """Move an ``entry``, given exactly as in the file, to the withdrawn entries, with the name ``who``; raises
-        InputError, or ValueError if the entry does not exist.
+        """Move a correction to the withdrawn ones. given: ``entry``, the correction exactly as in the file, and
+        ``who``, the user's name or initials. Raises InputError, or ValueError if the entry does not exist.
         """
         withdrawal = parse_withdrawal(Path("correction"), {**given, "when": now_utc()})
         with locked(self.path):
@@ -297,7 +301,7 @@ class CorrectionFile:
 
 
 def valid_corrections(corrections: Corrections) -> dict[str, Any]:
-    """Return the valid corrections, as the page reads them."""
+    """Return the corrections that are not withdrawn, in the form that the page reads."""
     return {
         "unusable": as_json(corrections.unusable),
         "joints": as_json(corrections.joints),

@@ -1,4 +1,6 @@
-"""Define the servers of pages about a review: a table of all requests, and the functions that answer them."""
+"""Define the servers of pages that show a review (the tables of a results folder and its recording): a table of all
+requests, and the functions that answer them.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,7 @@ class ReviewApi:
         return self._post[name](body)
 
     def close(self) -> None:
-        """End the work that is still under way for the page."""
+        """End any computation that is still running for the page."""
 
     def _depth_frames(self) -> DepthFrames:
         if self.review.depth_frames is None:
@@ -64,7 +66,7 @@ class ReviewApi:
         return Response(payloads.points_payload(self._depth_frames(), first, count, query.get("room") == "1"), BYTES)
 
     def _surface(self, query: Mapping[str, str]) -> Response:
-        with self._compiling:  # the first call compiles kernels: two calls at once would do so twice
+        with self._compiling:  # the first call compiles kernels: two calls at once would compile them twice
             return Response(
                 payloads.surface_payload(self._depth_frames(), int(query["first"]), int(query["count"])), BYTES
             )
@@ -101,7 +103,7 @@ class ViewerApi(ReviewApi):
         }
 
     def close(self) -> None:
-        """Cancel the work under way."""
+        """Stop computing hypotheses."""
         self.worker.cancel()
 
     def _progress(self) -> Response:
@@ -141,11 +143,11 @@ class ReviewServer(GuardedServer):
     program = "anchorpose view"
 
     def __init__(self, api: ReviewApi, host: str, port: int) -> None:
-        self.api = api  # set first: if the server cannot listen, it is closed at once
+        self.api = api  # set first, since ``server_close``, which is called if listening fails, uses it
         super().__init__(host, port, _Handler)
 
     def server_close(self) -> None:
-        """End the work under way as well."""
+        """Close the server, and end any computation that is still running for its page."""
         self.api.close()
         super().server_close()
 

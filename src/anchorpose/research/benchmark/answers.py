@@ -1,4 +1,4 @@
-"""Read and check a folder of answers: answers.json, joints and matches as CSV or Parquet."""
+"""Read and check a folder of answers: answers.json, and tables of joints and of matches (CSV or Parquet)."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ JOINTS: Final = {"recording": pa.string(), "frame": pa.int64(), "joint": pa.stri
 MATCHES: Final = {"task": pa.string(), "pair": pa.string(), "node": pa.int64(), "match": pa.int64()}
 OPTIONAL: Final = "sigma_m"
 MAY_BE_EMPTY: Final = frozenset((*PLACE, OPTIONAL, "match"))
-FARTHEST_M: Final = 100.0  # m; no room is as large as this, so a greater coordinate must be in millimetres
+FARTHEST_M: Final = 100.0  # m; no room is as large as this, so a greater coordinate must have been given in millimetres
 NO_ROW, NO_MATCH = -2, -1
-"""Marks of a node: the answers have no row for it, or they state that it has no match."""
+"""Marks of a node in ``Answers.matches``: the answers have no row for it, or they state that it has no match."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,9 +48,10 @@ class Answers:
     method: str  # name of the method
     source: str  # reference to a description of the method
     joints: Mapping[str, JointAnswers]  # by name of the recording
-    # by task and pair, (n,) int64: node of the second frame, ``NO_MATCH`` or ``NO_ROW``
+    # by task and name of the pair of frames, (n,) int64: for each node of the first frame, its match among the nodes of
+    # the second frame, ``NO_MATCH`` or ``NO_ROW``
     matches: Mapping[tuple[str, str], np.ndarray]
-    elsewhere: int  # number of rows about recordings that are not in the folder
+    elsewhere: int  # number of rows of the answers about recordings that are not in the benchmark folder
 
 
 def read_answers(folder: Path, benchmark: Benchmark) -> Answers:
@@ -84,10 +85,10 @@ def _table_file(folder: Path, name: str) -> Path | None:
 
 
 def read_table(path: Path, columns: Mapping[str, pa.DataType]) -> dict[str, np.ndarray]:
-    """Return the columns by name: texts, int64, or float64.
+    """Return the columns of a CSV or Parquet file by their names, as arrays of texts, int64 or float64.
 
-    An empty float64 is NaN, and an empty ``match`` is ``NO_MATCH``. The column sigma_m may be left out. Raises
-    InputError if columns are missing, unknown, of another type or partly empty.
+    An empty cell is ``NO_MATCH`` in the column ``match``, and NaN in a column of float64. The column sigma_m may be
+    left out. Raises InputError if a column is missing, unknown or of another type, or if a required cell is empty.
     """
     remedy = f"give the columns {', '.join(columns)}" + (" (sigma_m may be left out)" if OPTIONAL in columns else "")
     try:
@@ -125,7 +126,7 @@ def _row(index: int) -> str:
 
 
 def _codes(path: Path, name: str, values: np.ndarray, known: Sequence[str]) -> np.ndarray:
-    """Return (rows,) the index of each text in ``known``; raises InputError for any other text."""
+    """Return (rows,) the index in ``known`` of each text; raises InputError for a text that is not in ``known``."""
     texts = pa.array(values, pa.string()).dictionary_encode()
     place = {text: index for index, text in enumerate(known)}
     codes = np.array([place.get(text, -1) for text in texts.dictionary.to_pylist()], np.int64)[texts.indices.to_numpy()]
@@ -142,7 +143,7 @@ def _refuse(path: Path, wrong: np.ndarray, problem: str, remedy: str) -> None:
 
 
 def _repeated(*keys: np.ndarray) -> np.ndarray:
-    """Return (rows,) bool: rows for which an earlier row has the same keys."""
+    """Return (rows,) bool: rows that have the same values in all ``keys`` as an earlier row."""
     one = np.zeros(len(keys[0]), np.int64)
     for key in keys:
         one = np.unique(one, return_inverse=True)[1] * (key.max(initial=0) + 1) + key
@@ -178,7 +179,7 @@ def _read_joints(path: Path, benchmark: Benchmark) -> tuple[dict[str, JointAnswe
 
 
 def check_places(path: Path, place_m: np.ndarray) -> None:
-    """Raise InputError if a row of ``place_m`` (rows, 3) is neither a place in a room nor empty."""
+    """Raise InputError if a row of ``place_m`` (rows, 3) is neither a place in a room nor wholly empty (NaN)."""
     empty, finite = np.isnan(place_m), np.isfinite(place_m).all(axis=1)
     _refuse(path, ~finite & ~empty.all(axis=1), "has part of a position", "give x_m, y_m and z_m, or none of them")
     far = finite & (np.abs(place_m) > FARTHEST_M).any(axis=1)

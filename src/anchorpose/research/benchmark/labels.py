@@ -1,4 +1,4 @@
-"""Read labels of joints, set by eye in real depth images, and compare them with each other and with tracked joints."""
+"""Read labels (pixels of joints, set by eye in real depth images); compare labels with labels or tracked joints."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # pixels on each side of a label, in which the depth of the labelled skin is measured
-IN_FRONT_M, BEHIND_M = 0.10, 0.35  # m, maximum distances of a joint in front of and behind the skin at its label
+PATCH_PX: Final = 3  # pixels on each side of a label; the median depth within them is the depth of the labelled skin
+# m, maximum distances of a tracked joint in front of and behind the skin at its label; a farther joint counts as lost
+IN_FRONT_M, BEHIND_M = 0.10, 0.35
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
-"""Joints that are invisible under clothes; labellers placed them by the body's proportions, up to 12 cm apart."""
-DEEP_M: Final = 0.10  # m, depth of a trunk's axis below the skin
+"""Joints that clothes hide. Two labellers placed them by the body's proportions and differed by up to 12 cm."""
+DEEP_M: Final = 0.10  # m, distance from the trunk's seen skin to its axis, which lies behind the skin
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +28,8 @@ class LabelledPerson:
     """The labels of one person in one frame."""
 
     person: str
-    plain: bool  # whether head and more than half of the trunk are in view
-    box: tuple[float, float, float, float]  # first column, first row, last column, last row
+    plain: bool  # in plain view: head and more than half of the trunk are seen
+    box: tuple[float, float, float, float]  # pixels around the person: first column, first row, last column, last row
     joints: dict[str, tuple[float, float]]  # (column, row) by name of the joint, only for seen joints
     unclear: frozenset[str] = frozenset()  # joints whose labels are uncertain
 
@@ -37,12 +38,12 @@ Frames = dict[int, tuple[LabelledPerson, ...]]
 
 
 def read_labels(folder: Path, recording: str, labeller: str) -> Frames:
-    """Return the people in each frame, by its number, as seen by one of ``LABELLERS``. folder: benchmarks/labels."""
+    """Return the people that one of ``LABELLERS`` labelled, by number of the frame. folder: benchmarks/labels."""
     return _frames(_document(folder, recording, labeller)["frames"])
 
 
 def read_label_set(folder: Path, name: str, labeller: str) -> dict[str, Frames]:
-    """Return the labelled frames of each recording, by its name, from a file with several recordings."""
+    """Return the labelled frames by name of the recording, from one file with the labels of several recordings."""
     return {recording: _frames(frames) for recording, frames in _document(folder, name, labeller)["recordings"].items()}
 
 
@@ -71,7 +72,7 @@ def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
 
 
 def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """Return (3,) world: the middle of a labelled trunk; None if no joint of it has both a label and a reading."""
+    """Return (3,) world: the middle of a labelled trunk; None if no joint of ``TRUNK`` has a label and a reading."""
     found = []
     for name in TRUNK:
         if name in person.joints and np.isfinite(z := skin_depth_m(depth_m, person.joints[name])):
@@ -85,8 +86,8 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
 def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
     """Return, for each labelled joint, its distance in metres from the tracked joint, across the line of sight.
 
-    joints_m (21, 3): tracked joints, world. The distance is inf if the tracked joint is lost, in front of the labelled
-    skin or far behind it. Joints without a reading at the label are left out.
+    joints_m (21, 3): tracked joints, world. The distance is inf if the tracked joint is lost, or too far in front of or
+    behind the labelled skin (``IN_FRONT_M``, ``BEHIND_M``). Joints without a reading at the label are left out.
     """
     distances = {}
     for name, (right, down, behind) in shift_m(person, joints_m, depth_m, camera).items():
@@ -96,10 +97,10 @@ def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, cam
 
 
 def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, np.ndarray]:
-    """Return, for each joint, how far it is right of, below and behind its label on the skin: (3,) metres.
+    """Return, for each labelled joint, how far the tracked joint is right of, below and behind the label: (3,) metres.
 
-    joints_m (21, 3): tracked joints, world. A lost joint gives NaN. Joints that are labelled by proportion, and labels
-    without a reading, are left out.
+    joints_m (21, 3): tracked joints, world. A lost joint gives NaN. The label is taken as a point on the skin. Joints
+    of ``BY_PROPORTION``, and labels without a depth reading, are left out.
     """
     T_camera_world, lens = invert_rigid(camera.require_pose()), camera.intrinsics
     shifts = {}
@@ -114,7 +115,7 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return the distance in metres between the labels of two labellers, for each joint that both labelled."""
+    """Return by joint how far apart (m) two labellers set their labels; joints of ``BY_PROPORTION`` are left out."""
     lens = camera.intrinsics
     return {
         name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)
@@ -124,7 +125,7 @@ def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, cam
 
 
 def trunk_pixel(table: JointTable, row: int, camera: Camera) -> np.ndarray | None:
-    """Return (3,) column, row and depth of the tracked trunk's middle; None if it is lost."""
+    """Return (3,) column, row and depth (m) of the tracked trunk's middle; None if it is lost or behind the camera."""
     middle = table.position_m[row, [JOINT_INDEX[name] for name in TRUNK]].mean(axis=0)
     if not np.isfinite(middle).all():
         return None

@@ -1,4 +1,4 @@
-"""Make the recordings of the benchmark, and compare them with the reference by their content."""
+"""Make the recordings of the benchmark, and compare fingerprints of their content with the published fingerprints."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ from anchorpose.threads import one_thread
 
 DOCUMENT: Final = "benchmark.json"
 FORMAT: Final = "anchorpose-benchmark"
-REFERENCE: Final = "reference.json"  # file beside this module: fingerprints of all recordings, made on Linux, x86-64
-HOLE_SHARE: Final = 0.5  # share of the frames that get a hole, as in the paper; the first frame never gets one
-STEP: Final = 2  # every second row and column is a node, as in the tracker's mesh
-TRUTH_UNIT_M: Final = 1e-4  # m, true joints are rounded to this before they are compared
+REFERENCE: Final = "reference.json"  # file beside this module: fingerprints of recordings made on Linux, x86-64
+HOLE_SHARE: Final = 0.5  # share of a recording's frames with a hole, as in the paper; the first never has one
+STEP: Final = 2  # pixels between neighbouring nodes, as in the tracker's mesh
+TRUTH_UNIT_M: Final = 1e-4  # m, true joints are rounded to multiples of this before their hash is computed
 
 
 @dataclass(frozen=True, slots=True)
 class Fingerprint:
-    """The fingerprint of a recording's content."""
+    """The fingerprint of a recording's content. Two recordings are the same if their fingerprints are equal."""
 
     depth: str  # hash of all decoded depth images
     truth: str  # hash of the true joints, rounded to 0.1 mm
@@ -57,16 +57,16 @@ class Benchmark:
     """The content of a benchmark folder."""
 
     folder: Path
-    groups: tuple[Group, ...]  # groups that exist in the folder
-    other_bytes: tuple[str, ...]  # one sentence for each recording that differs from the reference
+    groups: tuple[Group, ...]  # groups (all recordings of a seed) that are complete in the folder
+    other_bytes: tuple[str, ...]  # one sentence for each recording whose fingerprint differs from ``reference``
 
 
 def make_benchmark(
     out: Path, groups: Sequence[Group], processes: int | None, progress: Callable[[int, int], None]
 ) -> Benchmark:
-    """Simulate the groups into a folder, and take the fingerprints of all its recordings.
+    """Simulate groups of recordings into a folder, and take the fingerprints of all recordings in it.
 
-    Recordings that an earlier run has finished are kept, so the same call also checks a benchmark.
+    Recordings that an earlier run has finished are kept, so a call with a finished benchmark only checks it.
 
     Raises InputError if the folder is not empty and is not a benchmark of this version.
     """
@@ -90,7 +90,7 @@ def make_benchmark(
 
 
 def open_benchmark(folder: Path) -> Benchmark:
-    """Return a folder that ``make_benchmark`` wrote; raises InputError for any other."""
+    """Return the content of a folder that ``make_benchmark`` wrote; raises InputError for any other folder."""
     found = _read_document(folder)
     groups = tuple(group for group in ALL_GROUPS if set(group.recordings.values()) <= set(found))
     if not groups:
@@ -102,7 +102,7 @@ def open_benchmark(folder: Path) -> Benchmark:
 
 
 def unlike_reference(found: dict[str, Fingerprint]) -> list[str]:
-    """Return a sentence for each recording whose content differs from the reference."""
+    """Return a sentence for each recording whose fingerprint differs from ``reference``. found: fingerprint by name."""
     known, sentences = reference(), list[str]()
     for name, mark in found.items():
         expected = known.get(name)
@@ -117,13 +117,13 @@ def unlike_reference(found: dict[str, Fingerprint]) -> list[str]:
 
 
 def reference() -> dict[str, Fingerprint]:
-    """Return the reference's fingerprints of all recordings, by name."""
+    """Return the published fingerprints of all recordings, by name."""
     document = json.loads(files(__package__).joinpath(REFERENCE).read_text(encoding="utf-8"))
     return {name: Fingerprint(**mark) for name, mark in document["recordings"].items()}
 
 
 def make_group(group: Group, out: Path) -> None:
-    """Make all files of one seed: recordings, true joints, nodes, and their true matches in the format of answers."""
+    """Make all files of one seed: recordings, true joints, nodes and, in the format of answers, their true matches."""
     with one_thread(), whole_or_nothing(out / group.name) as work:
         simulated = work / "simulated"
         simulate_recording(simulated, group.simulation)
@@ -136,7 +136,7 @@ def make_group(group: Group, out: Path) -> None:
 
 
 def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -> None:
-    """Make the copies with holes, all in the same frames, and the nodes and true matches of the pairs."""
+    """Copy the recording with holes of each size, in the same frames; write nodes and true matches of its pairs."""
     camera, frames = recording.cameras[0].name, range(len(recording.streams[0].files))
     seen = [patient_pixels(recording, labels / camera, frame) for frame in frames]
     centre_m = np.array([points.mean(axis=0) for _, points in seen])
@@ -153,7 +153,7 @@ def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -
 
 
 def patient_pixels(recording: Recording, labels: Path, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pixels that truly show the patient and have a reading: row and column (n, 2), place (n, 3), world."""
+    """Return the pixels that truly show the patient and have a reading: row and column (n, 2), point (n, 3) world."""
     camera = recording.cameras[0]
     depth_m = read_depth_image(recording.streams[0].files[frame], camera).depth_m
     label = read_image(labels / f"{frame:06d}.png")
@@ -165,7 +165,7 @@ def patient_pixels(recording: Recording, labels: Path, frame: int) -> tuple[np.n
 
 
 def _without_links(folder: Path) -> None:
-    """Replace links by copies, so that the folder can be moved."""
+    """Replace links to depth images by copies of these images, so that the folder can be moved."""
     for path in folder.rglob("*.png"):
         if path.is_symlink():
             source = path.resolve()
@@ -181,7 +181,7 @@ def _write_nodes(path: Path, pixel: np.ndarray, points_m: np.ndarray) -> None:
 
 
 def _write_matches(group: Group, work: Path) -> None:
-    """Write the node nearest to each node's true place as its match, in the format of answers."""
+    """Write true matches (the nodes nearest to the true places in the second frame) in the format of answers."""
     skin, rows = Skin(group.simulation), ["task,pair,node,match"]
     for pair in group.pairs:
         best = truth_of(work, pair, skin).nearest()
@@ -190,7 +190,7 @@ def _write_matches(group: Group, work: Path) -> None:
 
 
 def fingerprint(recording: Path) -> Fingerprint:
-    """Compute the fingerprint of a recording folder with its truth beside it."""
+    """Compute the fingerprint of a recording folder. Its true joints are in truth.npz beside the folder."""
     digest, readings, total = hashlib.sha256(), 0, 0
     for path in sorted(recording.glob("*/depth/*.png")):
         image = read_image(path)

@@ -1,4 +1,4 @@
-"""Define the public benchmark: recordings fixed by seeds, tasks, and the names that answers use."""
+"""Define the public benchmark: its recordings (fixed by seeds of the simulator), tasks, and their names in answers."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ It increases with every change of recordings, tasks or scores, since scores of d
 SECONDS: Final = 6.0
 FPS: Final = 10.0  # frames per second, since the paper's samples are about a tenth of a second apart
 GAPS: Final = {"association-0.1s": 1, "association-0.3s": 3, "association-1s": 10, "association-1.5s": 15}
-"""Number of frames from the first to the second frame of a pair, by task."""
+"""Number of frames from the first to the second frame of a pair, by task. In these tasks, nodes are matched."""
 
 FIRST_FRAMES: Final = (4, 22, 40)  # first frame of each pair in a recording, the same for every gap
 CLINIC: Final = "clinic"
 NODES: Final = "nodes"
 TRACKING: Final = {f"tracking-{hole_m:.2f}m": hole_m for hole_m in PAPER_HOLES_M}
-"""Radius of the hole in metres, by task."""
+"""Radius in metres of the hole in the depth images, by task; 0 = no hole. In these tasks, joints are tracked."""
 
 TASKS: Final = (*GAPS, *TRACKING, CLINIC)
 
@@ -42,12 +42,14 @@ SEEDS: Final = {
     Part.DEVELOPMENT: (range(7601, 7603), range(7651, 7652)),
     Part.TEST: (range(7701, 7711), range(7751, 7755)),
 }
-"""Seeds of single recordings (one person, one camera) and of clinics; no setting of anchorpose was chosen on them."""
+"""Seeds of each part, first of single recordings (one person, one camera), then of clinics (three cameras, a standing
+frame and two therapists). No setting of anchorpose was chosen on these recordings.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two frames whose nodes are to be matched."""
+    """Two frames of a recording. The task is to match the nodes of the first with nodes of the second."""
 
     task: str
     name: str
@@ -59,7 +61,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """All recordings made from one seed: a recording and its copies with holes, or a clinic."""
+    """All recordings made from one seed: a single recording and its copies with holes, or a clinic (see ``SEEDS``)."""
 
     part: Part
     is_clinic: bool
@@ -67,7 +69,7 @@ class Group:
 
     @property
     def name(self) -> str:
-        """Return the folder, relative to the benchmark."""
+        """Return the group's folder, relative to the benchmark folder."""
         return f"{self.part}/{'clinic' if self.is_clinic else 'single'}-{self.seed}"
 
     @property
@@ -78,14 +80,14 @@ class Group:
 
     @property
     def recordings(self) -> dict[str, str]:
-        """Return the folder of each task's recording, relative to the benchmark; answers use it as the name."""
+        """Return each task's recording: its folder relative to the benchmark, which is also its name in answers."""
         if self.is_clinic:
             return {CLINIC: f"{self.name}/recording"}
         return {task: f"{self.name}/hole-{round(100 * hole_m):03d}" for task, hole_m in TRACKING.items()}
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
-        """Return the pairs of frames of the recording without holes."""
+        """Return the pairs of frames to be matched, in the recording without holes; a clinic has none."""
         if self.is_clinic:
             return ()
         return tuple(
@@ -104,7 +106,7 @@ class Group:
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """Return the groups of a part. at_most: maximum number of groups of each kind, in the order of their seeds."""
+    """Return the groups of a part. at_most: maximum number of single recordings, and of clinics; the first seeds."""
     single, clinic = SEEDS[part]
     return tuple(
         Group(part, is_clinic, seed)

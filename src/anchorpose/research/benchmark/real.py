@@ -1,4 +1,4 @@
-"""Score joints in the user's real recordings against labels set by eye. This is the benchmark's second track."""
+"""Score answers about joints in the user's real recordings against labels set by eye: the benchmark's second part."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ FILE: Final = "real.csv"
 COLUMNS: Final = {"recording": pa.string(), "person": pa.string(), "frame": pa.int64(), "joint": pa.string(), **PLACE}
 
 Joints = dict[tuple[str, str, int], np.ndarray]
-"""Joints (21, 3) by recording, person and frame: metres in the frame of the recording's first camera, NaN = missing."""
+"""Joints (21, 3) by recording, person and frame: metres in the first camera's coordinates, NaN = missing."""
 
 
 def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskScore]:
-    """Return the score of each labelled recording in the user's folder.
+    """Return the score by name of the recording, for each labelled recording in the folder ``recordings``.
 
-    The error of a joint is its distance, across the line of sight, from the labels of both labellers. A joint that is
-    not at the labelled person's depth counts as missing. Raises InputError if the folder has no labelled recording.
+    The error of a joint is its distance from a label, across the line of sight. The labels of both labellers count. A
+    joint that is not at the labelled person's depth counts as missing. Raises InputError if no recording has labels.
     """
     joints, scores = _read(answers / FILE), dict[str, TaskScore]()
     names = sorted({path.name.split(".")[0] for path in labels.glob("*.first.json")})
@@ -47,7 +47,7 @@ def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskS
 
 
 def _distances(name: str, joints: Joints, folder: Path, labels: Path) -> Iterator[float]:
-    """Yield the error of each labelled joint in metres; inf if the answer is missing or at another depth."""
+    """Yield the error of each labelled joint in metres; inf if the answer is missing or not at the label's depth."""
     recording = open_recording(folder)
     camera = replace(recording.cameras[0], T_world_camera=np.eye(4))
     for labeller in LABELLERS:

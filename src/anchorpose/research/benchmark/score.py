@@ -1,6 +1,6 @@
 """Score answers task by task, and compare two sets of answers, question by question.
 
-A missing answer is not within any distance. The share of missing answers is also given separately.
+In the share of answers within a distance of the truth, missing answers count as outside; their share is also given.
 """
 
 from __future__ import annotations
@@ -21,24 +21,28 @@ from anchorpose.results.run_record import as_json
 from anchorpose.results.truth import read_truth
 from anchorpose.results.uncertainty import NORMAL_95
 
-WITHIN_MM, FAR_MM = 50.0, 100.0
-RESAMPLES: Final = 2000
+WITHIN_MM, FAR_MM = 50.0, 100.0  # mm, largest errors that count in ``within_50mm`` and ``within_100mm``
+RESAMPLES: Final = 2000  # number of resamples of the bootstrap over recordings
 
 
 class Asked(NamedTuple):
-    """The m questions of a task about one recording: nodes seen in both frames, or joints with a known truth."""
+    """The m questions of a task about one recording, and how they were answered.
 
-    error_mm: np.ndarray  # (m,), NaN without an answer
+    A question is a node whose true place is seen in both frames of a pair, or a joint with a known truth in a frame.
+    """
+
+    error_mm: np.ndarray  # (m,), distance of the answer from the truth; NaN without an answer
     none: np.ndarray  # (m,) bool, questions answered by "no match"
-    moved: np.ndarray  # (m,) bool, nodes that moved
-    within: np.ndarray  # (m, 3), by axis: 1 if the truth lies within 1.96 sigma, 0 if not, NaN if no sigma is given
+    moved: np.ndarray  # (m,) bool, nodes that moved by more than ``truth.MOVED_M``
+    # (m, 3), by axis: 1 if the truth lies within 1.96 sigma of the answer, 0 if not, NaN if no sigma is given
+    within: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskScore:
-    """Figures of one task; None = no data for this figure.
+    """The figures of one task over all recordings; None = no data for this figure.
 
-    Shares within a distance are shares of all questions. Errors in millimetres are over the questions with an answer.
+    ``within_50mm`` and ``within_100mm`` are shares of all questions; errors in millimetres are of the answered ones.
     """
 
     recordings: int
@@ -50,10 +54,10 @@ class TaskScore:
     p95_mm: float | None
     within_50mm: float
     within_100mm: float
-    moved: int
+    moved: int  # number of nodes that moved by more than ``truth.MOVED_M``
     moved_median_mm: float | None
     moved_within_50mm: float | None
-    coverage_95: float | None  # share of all axes with a sigma for which the truth lies within 1.96 sigma
+    coverage_95: float | None  # of all coordinates with a sigma, share whose error is at most 1.96 sigma
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,11 +68,11 @@ class Score:
     part: Part
     other_bytes: tuple[str, ...]  # as in ``Benchmark``
     tasks: Mapping[str, TaskScore]  # only tasks with at least one answer
-    asked: Mapping[str, Mapping[str, Asked]]  # the questions of these tasks, by task and group
+    asked: Mapping[str, Mapping[str, Asked]]  # the questions of these tasks, by task and name of the group
 
 
 def score_answers(benchmark: Benchmark, answers: Answers, part: Part) -> Score:
-    """Score every task of a part for which there are answers; all recordings of the task in the folder count."""
+    """Score every task for which there are answers, over all recordings of the part in the benchmark folder."""
     groups = [group for group in benchmark.groups if group.part is part]
     asked: dict[str, dict[str, Asked]] = {}
     for group in groups:
@@ -87,7 +91,7 @@ def _takes_part(answers: Answers, groups: Sequence[Group], task: str) -> bool:
 
 
 def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
-    """Yield the questions of each association task about a group."""
+    """Return, for each task of matching nodes (``GAPS``), its name and its questions about a group."""
     pairs, found = [pair for pair in group.pairs if pair.task in tasks], dict[str, list[Asked]]()
     if not pairs:
         return []
@@ -102,7 +106,7 @@ def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequen
 
 
 def _joints(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
-    """Yield the questions of each tracking task about a group."""
+    """Yield, for each task of tracking joints, its name and its questions about a group."""
     truth_m = read_truth(group.truth(benchmark.folder)).position_m
     known = np.isfinite(truth_m).all(axis=2)
     for task in (task for task in group.recordings if task in tasks):
@@ -119,7 +123,7 @@ def _together(each: Sequence[Asked]) -> Asked:
 
 
 def summarise(each: Sequence[Asked]) -> TaskScore:
-    """Return the figures of a task over its recordings."""
+    """Return the figures of a task. each: the questions about each recording."""
     error, none, moved, within = _together(each)
     given, covered = error[np.isfinite(error)], within[np.isfinite(within)]
     moved_error = error[moved]
@@ -141,11 +145,11 @@ def summarise(each: Sequence[Asked]) -> TaskScore:
 
 
 def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
-    """Return the differences ``one`` minus ``other`` by task, with 95 % intervals.
+    """Return, by task, the differences ``one`` minus ``other`` in two figures, with 95 % intervals (_low, _high).
 
-    Intervals are by the bootstrap over recordings; both scores use the same drawn recordings. mm: mean error over the
-    questions that both answer, negative if ``one`` is better. within_50mm: share of all questions, positive if ``one``
-    is better.
+    mm: mean error over the questions that both answer, negative if ``one`` is better. within_50mm: share of all
+    questions with an error of at most 50 mm, positive if ``one`` is better. Intervals are by the bootstrap over
+    recordings, which draws the same recordings for both scores.
     """
     compared = {}
     for task in (task for task in TASKS if task in one.asked and task in other.asked):
@@ -161,7 +165,7 @@ def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
 
 
 def as_document(score: Score) -> dict[str, Any]:
-    """Return the score as JSON values; tasks without any answer are null."""
+    """Return the score as values for a JSON file; tasks without any answer are null."""
     return {
         "format": "anchorpose-benchmark-score",
         "version": VERSION,
@@ -176,10 +180,11 @@ def as_document(score: Score) -> dict[str, Any]:
 
 
 def leader_board_row(score: Score) -> str:
-    """Return a row of the table of docs/benchmark.md.
+    """Return a row of the leader board, the table in docs/benchmark.md.
 
-    Its columns are, for each gap, the per cent of all nodes / of moved nodes within 50 mm; for each hole and for
-    clinics, the mean joint error with the share that is missing; and for clinics, the per cent within 1.96 sigma.
+    For each gap, a cell has the percentages of all nodes and of moved nodes that are matched within 50 mm. For each
+    size of hole and for clinics, a cell has the mean joint error (mm) and the percentage of missing joints. The last
+    cell has, for clinics, the percentage of axes on which the truth lies within 1.96 sigma.
     """
     cells = [score.answers.method]
     for task in (*GAPS, *TRACKING, CLINIC):

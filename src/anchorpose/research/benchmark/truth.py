@@ -1,4 +1,4 @@
-"""Compute the true places of a frame's nodes in another frame, and the distance of matches from them on the body."""
+"""Compute where the nodes of a frame truly are in another frame, and how far matches are from there along the skin."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from anchorpose.recording.document import read_text
 from anchorpose.research.benchmark.plan import NODES, Pair
 from anchorpose.research.experiment.correspondence import Skin, TruePlaces
 
-MOVED_M = 0.03  # m; a node whose place changed by more counts as moved
+MOVED_M = 0.03  # m; a node whose true place is farther away than this in the second frame counts as moved
 
 
 def read_nodes(path: Path) -> np.ndarray:
-    """Return the places (n, 3) of a frame's nodes, metres, world. Raises InputError if the file was changed."""
+    """Return the places (n, 3) of a frame's nodes, metres, world. Raises InputError if the file has another format."""
     try:
         table = np.loadtxt(StringIO(read_text(path)), delimiter=",", skiprows=1, ndmin=2)
         if table.shape[1] != 6 or not np.array_equal(table[:, 0], np.arange(len(table))):
@@ -31,7 +31,7 @@ def read_nodes(path: Path) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairTruth:
-    """The truth of a pair of frames."""
+    """The true correspondence of a pair of frames."""
 
     skin: Skin
     pair: Pair
@@ -43,21 +43,22 @@ class PairTruth:
 
     @property
     def moved(self) -> np.ndarray:
-        """Return (n,) bool: nodes that move by more than ``MOVED_M`` from the first frame to the second."""
+        """Return (n,) bool: nodes of the first frame that move by more than ``MOVED_M`` until the second."""
         moved: np.ndarray = np.linalg.norm(self.places.place_m - self.first_m, axis=1) > MOVED_M
         return moved
 
     def nearest(self) -> np.ndarray:
-        """Return the best possible answer (n,) int: the node nearest to each true place, -1 if the place is hidden."""
+        """Return the best possible answers (n,) int: the second frame's nodes nearest to true places, -1 if hidden."""
         best, seen = np.full(len(self.first_m), -1, np.int64), self.places.seen
         best[seen] = cKDTree(self.second_m).query(self.places.place_m[seen])[1]
         return best
 
     def error_mm(self, match: np.ndarray) -> np.ndarray:
-        """Return (n,): the distance along the skin of each match from the true place; NaN without match or place.
+        """Return (n,): the distance along the skin of each match from the true place; NaN without a match, or if the
+        true place is hidden or unknown.
 
-        match: -1 or less = no match. If the straight distance is greater, it counts, since along the skin both ends are
-        known only to the nearest vertex.
+        match (n,): node of the second frame, negative = no match. The straight distance is returned if it is greater:
+        the distance along the skin may be too short, since both its ends are known only to the nearest vertex.
         """
         error, known = np.full(len(match), np.nan), (match >= 0) & self.places.seen
         matched = self.second_m[match[known]]
@@ -68,7 +69,7 @@ class PairTruth:
 
 
 def truth_of(group: Path, pair: Pair, skin: Skin) -> PairTruth:
-    """Return the truth of a pair. group: the folder of its group; skin: skin of the group's simulation."""
+    """Return the truth about a pair. group: the folder of its group; skin: skin of the group's simulation."""
     first, second = (read_nodes(group / NODES / Path(name).name) for name in (pair.first, pair.second))
     places = skin.follow(first, pair.first_frame, pair.second_frame, second)
     return PairTruth(skin, pair, first, second, places)

@@ -1,4 +1,4 @@
-"""Run the recordings of an experiment as jobs, with the job engine for many sessions, and report progress."""
+"""Run the tasks of an experiment, one job per recording, with the job engine of ``batch``, and report progress."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class Part:
         return [task for clip in self.clips for task in plan.tasks(clip)]
 
     def left_s(self) -> float:
-        """Return the seconds on one core for all open tasks and for making the recordings that these tasks need."""
+        """Return the seconds on one core for all tasks without a result, and for making the recordings they need."""
         return self.cost_s(self.tasks())
 
     def cost_s(self, tasks: list[Task]) -> float:
-        """Return the seconds on one core for the open tasks among the given tasks, and for making their recordings."""
+        """Return the seconds on one core for the given tasks without a result, and for making their recordings."""
         by_clip: dict[str, float] = {}
         for task in tasks:
             if not task.done:
@@ -49,10 +49,10 @@ class Part:
 def do(
     part: Part, processes: int, progress: Progress, after_s: float, beside: Callable[[], object] | None = None
 ) -> list[str]:
-    """Do all tasks, with clips in parallel; return a sentence for each clip with a task that could not be done.
+    """Do all tasks without a result, several clips at a time; return a sentence for each clip that failed.
 
-    after_s: seconds of computing after this part, which are included in the time left. beside: other work, to be done
-    in one of the processes.
+    after_s: seconds of computing that follow this part, which ``progress`` includes in the total. beside: a function
+    that is run as one more job, which starts first.
     """
     tasks = part.tasks()
     left_s = part.cost_s(tasks)

@@ -1,7 +1,7 @@
 """Provide the recordings of an experiment and cut holes into them.
 
-Recordings are simulated, or the user's own recordings with reference skeletons. Holes are the paper's transient
-occlusions: data removed around the body's centre in random frames (Section V).
+Recordings are simulated, or the user's own recordings with another tracker's skeleton as reference. Holes are the
+paper's transient occlusions: depth readings around the body's centre are removed in random frames (Section V).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
-LOOSE_M = 0.014  # m, distance of loose clothes from the skin, near the simulator's maximum; usually it is at most 0.009
+LOOSE_M = 0.014  # m, height of folds in loose clothes, near the simulator's maximum; it is 0.009 in other clothes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,12 +38,12 @@ class Clip:
 
     @property
     def holes_are_cut(self) -> bool:
-        """Return whether holes are cut in the recording; they are not in scenes in which objects hide the patient."""
+        """Return whether holes are cut in the recording. None are cut if equipment or people hide the patient."""
         return self.scene in (Scene.PAPER, Scene.LOOSE, Scene.REAL)
 
 
 def plan_clips(config: ExperimentConfig, real: Path | None) -> list[Clip]:
-    """Return all test recordings, by scene."""
+    """Return all test recordings, scene by scene. real: folder of the user's recordings, which come last."""
     clips = [
         Clip(f"{scene}-{seed}", scene, simulation_of(scene, seed, config))
         for scene in config.scenes
@@ -89,8 +89,8 @@ def simulated_joints(truth: Path) -> np.ndarray:
 def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
     """Return the joints (t, 21, 3) of a skeleton.npz, metres, world; uncertain joints are NaN.
 
-    The file has the ``names`` of m of our joints and ``xyz`` (t, m, 4): metres in the camera's frame (x right, y up, z
-    away) and confidence. A joint at the origin is missing. Raises InputError if the file is not such a skeleton.
+    The file has the ``names`` of m of the 21 joints and ``xyz`` (t, m, 4): metres in the camera's frame (x right, y up,
+    z away) and confidence. A joint at the origin is missing. Raises InputError if the file is not such a skeleton.
     """
     remedy = "give names and xyz (t, joints, 4)"
     arrays = read_arrays(skeleton, ("names", "xyz"), remedy)
@@ -107,14 +107,14 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
     return joints
 
 
-ON_BODY_M = 0.3  # m, maximum distance of a body's skin from its middle
-HOLES_KEY = 7  # key of the random stream of the holes, which is separate from those of the recordings
+ON_BODY_M = 0.3  # m, maximum distance from a body's centre to the nearest reading; a farther reading is not on the body
+HOLES_KEY = 7  # key of the random numbers that choose the frames with holes, separate from those of the recordings
 
 
 def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]) -> np.ndarray:
-    """Draw the frames that lose data, (frames,) bool.
+    """Draw at random the frames that get a hole, (frames,) bool.
 
-    Frames at which tracking starts never lose data, since their pose is given.
+    starts: frames at which tracking starts; they never get a hole, since their pose is given.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HOLES_KEY,)))
     chosen: np.ndarray = rng.random(frames) < share
@@ -126,10 +126,10 @@ def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.
     """Copy the recording folder to ``out`` without the readings nearer than ``radius_m`` to the body's centre.
 
     centre_m (t, 3): the mean of the visible body, world. This mean lies inside the body, so the hole is centred on the
-    reading nearest to it. It is NaN if the body was not seen; such a frame does not change.
-    chosen (t,) bool: the frames to change. Images that lose nothing are linked, not copied. Returns (t,) bool: the
-    frames that lost readings. Raises InputError for a recording with several cameras, whose images this function
-    cannot pair.
+    reading nearest to it. If the mean is NaN, the body was not seen and the frame does not change. chosen (t,) bool:
+    the frames to change. Images that lose no reading are linked, not copied. Returns (t,) bool: the frames that lost
+    readings. Raises InputError for a recording with several cameras, since this function cannot tell which of their
+    images belong together.
     """
     if len(recording.cameras) != 1:
         raise InputError(recording.folder, "has several cameras", "holes are cut in recordings of one camera only")
@@ -149,9 +149,9 @@ def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.
 
 
 def within_hole(file: Path, camera: Camera, centre_m: np.ndarray, radius_m: float) -> np.ndarray | None:
-    """Return (height, width) bool: pixels of a depth image within the radius of the reading nearest to a world point.
+    """Return (height, width) bool: the pixels of a depth image that lie within a hole around a point in the world.
 
-    None if no reading is within ``ON_BODY_M`` of this point.
+    The hole's centre is the reading nearest to the point. None if no reading is within ``ON_BODY_M`` of the point.
     """
     depth = read_depth_image(file, camera).depth_m
     if depth is None or np.isnan(centre_m).any():

@@ -11,36 +11,38 @@ from anchorpose.settings import Count, Positive, settings
 from anchorpose.simulate.config import LARGEST_HOLE_M, SMALLEST_HOLE_M
 
 PAPER_HOLES_M: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
-"""Radii of holes in metres: no hole, and the paper's five sizes."""
+"""Radii in metres of the holes that are cut into depth images: 0 (no hole), and the paper's five sizes."""
 
 
 class Scene(StrEnum):
     """A kind of recording. Only ``PAPER`` is in the paper."""
 
     PAPER = "paper"  # one person, one front camera, and no occlusion except the holes
-    LOOSE = "loose"  # as PAPER, but the clothes are twice as loose
+    LOOSE = "loose"  # as PAPER, but with looser clothes, whose folds are 14 mm above the skin instead of 9 mm
     FRAME = "frame"  # one front camera, and the bars of a standing frame in front of the patient
     CLINIC_FRONT = "clinic-front"  # as FRAME, with two therapists who hold the patient and move
     CLINIC = "clinic"  # as CLINIC_FRONT, with three cameras
-    REAL = "real"  # the user's recordings with reference skeletons
+    REAL = "real"  # the user's recordings, in which another tracker's skeleton is the reference
 
 
 class Form(StrEnum):
-    """The form of the framework: how the pose is computed from the matches.
+    """A form of the paper's tracking framework. Forms differ in how the pose is computed from the matches of nodes.
 
-    The paper does not reject matches. Rejection here means that the track tree gives up a node at
-    ``TreeConfig.missed_cost_m``, that a part's motion is fitted with Cauchy's weights, and that a pose that explains
-    too little of the frame is replaced by the predicted pose. So gross errors of matches have no effect.
+    A match of a node of the surface is a node of the next frame's surface. The paper rejects no match. A form with
+    rejection leaves a node unmatched if its possible matches are farther than ``TreeConfig.missed_cost_m`` from the
+    node's predicted place. It also gives outliers less weight (Cauchy's function) when the motion of a body part is
+    fitted, and replaces a pose that explains too little of the frame by the predicted pose. Bad matches then have
+    little effect.
     """
 
-    REFINED = "surface"  # parts are fitted to their matches, then to the surface (ICP); bad matches are rejected
-    REFINED_ALL = "surface-all"  # as REFINED, but nothing is rejected
-    MATCHES = "matches"  # parts are fitted only to their matches; bad matches are rejected
-    MATCHES_ALL = "matches-all"  # as MATCHES, but nothing is rejected
+    REFINED = "surface"  # body parts are fitted to their matches, then to the surface (ICP); bad matches are rejected
+    REFINED_ALL = "surface-all"  # as REFINED, but bad matches are not rejected, as in the paper
+    MATCHES = "matches"  # body parts are fitted only to their matches; bad matches are rejected
+    MATCHES_ALL = "matches-all"  # as MATCHES, but bad matches are not rejected
 
     @property
     def refined(self) -> bool:
-        """Return whether parts are registered to the surface after their matches."""
+        """Return whether body parts are registered to the surface after they were fitted to their matches."""
         return self in (Form.REFINED, Form.REFINED_ALL)
 
     @property
@@ -50,47 +52,51 @@ class Form(StrEnum):
 
 
 class Update(StrEnum):
-    """The way in which the pose is updated by the matches."""
+    """The way in which the matches of nodes update the pose."""
 
-    PARTS = "parts"  # each part separately, as in the paper
-    KALMAN = "kalman"  # by an iterated extended Kalman filter over the pose (paper, Section III)
-    PARTICLES = "particles"  # by a particle filter over the pose (paper, Section III)
+    PARTS = "parts"  # each body part is moved separately, as in the paper
+    KALMAN = "kalman"  # an iterated extended Kalman filter updates the whole pose (paper, Section III)
+    PARTICLES = "particles"  # a particle filter updates the whole pose (paper, Section III)
 
 
 @settings
 class ExperimentConfig:
-    """The settings of an experiment; the default is the paper's experiment.
+    """The settings of an experiment. The default is the paper's: 20 recordings, six sizes of hole, the same frames for
+    all methods.
 
-    It has 20 recordings, six sizes of hole, and all methods on the same frames. The paper's samples are not a video.
-    Since 200 of them contain slow and fast movements of all limbs, they must be about a tenth of a second apart.
-    Therefore the frame rate here is ten per second.
+    The frame rate of ten per second follows from the paper's samples: 200 samples (frames) contain slow and fast
+    movements of all limbs. 200 consecutive video frames take too little time for this, so the samples must be about a
+    tenth of a second apart.
     """
 
     # first seed of the test recordings; each seed gives another body, other clothes and other movements
     first_seed: int = 501
-    recordings: Count = 20  # number of recordings, 150 frames each: 3,000 frames
-    seconds: Positive = 15.0
+    recordings: Count = 20  # number of recordings; with 150 frames each, they have the paper's 3,000 frames
+    seconds: Positive = 15.0  # s, length of each recording of the paper's scene
     fps: Annotated[Positive, Field(le=30)] = 10.0
-    holes_m: tuple[float, ...] = PAPER_HOLES_M
+    holes_m: tuple[float, ...] = PAPER_HOLES_M  # m, radii of holes; 0 = no hole
     hole_share: Annotated[Positive, Field(le=1)] = 0.5  # share of the frames that get a hole, drawn at random
-    # number of frames in a segment; each segment starts from a given pose, so methods start again every second
+    # number of frames in a segment of a recording, one second by default; at its start, methods are given the pose
     segment_frames: Annotated[Count, Field(ge=2)] = 10
-    # segments per recording, drawn at random and the same for every method; by default, they have 1,080 frames in all
+    # number of segments per recording on which every method runs, drawn at random; the poses in their first frames are
+    # given, so the 20 recordings have 20 x 6 x 9 = 1,080 tracked frames
     segments: Count = 6
-    gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose matches are compared
+    gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose nodes are matched
     # number of pairs of frames whose matches are compared with the truth, for each recording, size of hole and gap
     windows: Count = 2
-    # forms of the framework; forms with the surface run at every size of hole, others only at no hole and the largest
+    # forms of the framework; those without a fit to the surface run only with no hole and with the largest hole
     forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: Count = 3  # number of recordings of each scene other than the paper's
-    scene_seconds: Positive = 6.0  # s, length of each recording of these scenes
+    scene_seconds: Positive = 6.0  # s, length of each recording of a scene other than the paper's
     methods: tuple[str, ...] = ()  # keys of methods, or paths of Python files with METHODS; empty = all methods
-    ablation: bool = True  # also run ablated variants of anchorpose's own tracker, in scenes other than the paper's
-    training_seed: int = 401  # seed of the recordings from which settings are chosen and movements are taken
+    # also run variants of anchorpose's tracker that lack one component each, in scenes with a standing frame
+    ablation: bool = True
+    # first seed of the training recordings, on which settings are chosen, and whose movements serve to predict poses
+    training_seed: int = 401
     training_recordings: Count = 4
-    training_samples: Annotated[Count, Field(ge=40)] = 200  # number of frames of reference movements
-    # number of pairs of frames of each training recording, with and without a hole, on which settings are tried
+    training_samples: Annotated[Count, Field(ge=40)] = 200  # number of frames of the movements that predict poses
+    # number of pairs of frames per training recording, once without and once with holes, on which settings are tried
     training_windows: Count = 2
     tuned: bool = True  # False: every method uses its first setting
     pictures: bool = True  # draw matches, hypotheses and tracked joints; False: tables and figures only
@@ -113,7 +119,7 @@ class ExperimentConfig:
             raise ValueError("the recordings to test and to train on have seeds in common; move first_seed")
 
     def stride(self, gap_s: float) -> int:
-        """Return the number of frames between two frames whose matches are compared."""
+        """Return the gap between two frames whose matches are compared, as a number of frames."""
         return round(gap_s * self.fps)
 
     def segments_of(self, scene: Scene) -> int:
@@ -122,7 +128,7 @@ class ExperimentConfig:
         return min(self.segments, round(seconds * self.fps) // self.segment_frames)
 
     def seeds(self, scene: Scene) -> range:
-        """Return seeds of the test recordings of a scene."""
+        """Return the seeds of the test recordings of a scene."""
         count = self.recordings if scene is Scene.PAPER else self.scene_recordings
         return range(self.first_seed, self.first_seed + count)
 

@@ -27,29 +27,29 @@ REGIONS = {
     "shank": ("Leg",),
     "foot": ("Foot", "Toe"),
 }
-"""First letters of bones' names, after Left or Right, for each region. If several fit, the longest counts."""
+"""Beginnings of the names of each region's bones, without Left or Right. The longest beginning that fits decides."""
 
-LAST_WITHOUT_SIDE = 1  # index in ``REGIONS`` of the last region without a side; these are head and trunk
+LAST_WITHOUT_SIDE = 1  # index of "trunk" in ``REGIONS``, the last region without left and right; later ones are limbs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruePlaces:
-    """True correspondence of m nodes."""
+    """The true places, in another frame, of the m nodes of a frame."""
 
     vertex: np.ndarray  # (m,), vertex of the skin nearest to the node
     place_m: np.ndarray  # (m, 3), position in the other frame, world; NaN if the node is not on the patient
-    seen: np.ndarray  # (m,) bool, whether the other frame has a node there
+    seen: np.ndarray  # (m,) bool, whether the other frame has a node within ``SEEN_M`` of this position
 
 
 class Skin:
-    """The patient's dressed skin over a simulated recording."""
+    """The patient's skin, clothes included, in all frames of a simulated recording."""
 
     def __init__(self, simulation: SimulationConfig) -> None:
         self.clinic: Clinic = draw_clinic(simulation)
         self.performance: Performance = self.clinic.act(self.clinic.true_times_s(0))
 
     def at(self, frame: int) -> np.ndarray:
-        """Return the skin's vertices (v, 3) at a time, metres, world."""
+        """Return the skin's vertices (v, 3) in a frame, metres, world."""
         return np.asarray(self.performance.figures(frame)[0].skin_m, dtype=np.float64)
 
     def follow(self, nodes_m: np.ndarray, frame: int, other: int, other_nodes_m: np.ndarray) -> TruePlaces:
@@ -69,7 +69,7 @@ class Skin:
         return vertex
 
     def along_skin_m(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Return (m,) metres along the skin between vertices. Long distances may be short by up to ``SPACING_M``."""
+        """Return (m,) metres along the skin between vertices. A long distance may be too small by ``SPACING_M``."""
         rest, sample, between = self._sampled
         straight = np.linalg.norm(rest[one] - rest[other], axis=1)
         near_one, near_other = self._nearest[one], self._nearest[other]
@@ -122,7 +122,7 @@ class Skin:
 def region_of(bone: str) -> int:
     """Return the index into ``REGIONS`` of a bone's region. Raises ValueError for a bone that is in no region."""
     name = bone.removeprefix("Left").removeprefix("Right")
-    names = {name, bone, name[1:]}  # in LHipJoint and LThumb, a single letter is the side
+    names = {name, bone, name[1:]}  # in LHipJoint and LThumb, a single letter stands for the side
     fits = [
         (len(start), index)
         for index, starts in enumerate(REGIONS.values())

@@ -1,4 +1,4 @@
-"""Estimate roughly how long the open tasks of an experiment take on an idle core."""
+"""Estimate roughly how long the tasks of an experiment that have no result yet will take on an idle core."""
 
 from __future__ import annotations
 
@@ -11,27 +11,28 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import Family, Method
 from anchorpose.research.experiment.plan import Kind, Task
 
-COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # cost of a frame relative to the paper's scene
-USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework, without the method's own time
+COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # time per frame, as a multiple of the paper's scene
+USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework, without the method's matching (``frame_ms``)
 USUAL_OWN_S: Final = 0.15  # s per frame of this project's tracker
-MAKING: Final = 2.0  # time to simulate a frame and to track it for the reference, as a multiple of ``own_s``
+MAKING: Final = 2.0  # time to simulate a frame and track it for its reference, as a multiple of ``own_s``
 
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """Costs in seconds of one core, by the key of the method."""
+    """Estimated costs in seconds of one core, by the key of the method."""
 
-    # per frame, for all forms and sizes of hole of the paper's scene together, since they share descriptors and matches
+    # s per frame for all forms of the framework and sizes of hole together, since they share descriptors and matches
     frame_s: Mapping[str, float]
-    alone_s: Mapping[str, float]  # per frame, for a single form and size of hole
-    window_s: Mapping[str, float]  # per pair of frames whose matches are compared
-    own_s: float  # per frame of this project's tracker, including learning the body
+    alone_s: Mapping[str, float]  # s per frame, for a single form and size of hole
+    window_s: Mapping[str, float]  # s per pair of frames whose matches are compared
+    own_s: float  # s per frame of this project's tracker, including learning the body
 
     def of(self, task: Task, config: ExperimentConfig) -> float:
-        """Return the seconds of a task."""
+        """Return the estimated seconds of a task on one core."""
         clip, method = task.clip, task.method
         factor = COST_FACTOR.get(clip.scene, 1.0)
-        frames = 40 if clip.simulation is None else clip.simulation.frames  # a guess for an unopened real recording
+        # 40 is a guess: the number of frames of a real recording is unknown before it is opened
+        frames = 40 if clip.simulation is None else clip.simulation.frames
         if task.kind is Kind.MATCHED:
             return factor * task.pairs * self.window_s[method.key]
         if method.family is Family.TRACKER:
@@ -42,21 +43,21 @@ class Costs:
         return factor * tracked * self.alone_s[method.key] * len(task.forms)
 
     def making(self, clip: Clip) -> float:
-        """Return the seconds to simulate a clip and to find its reference."""
+        """Return the seconds to simulate a clip and to track it for its reference (``given.Reference``)."""
         if clip.simulation is None:
             return 10.0
         return 5.0 + MAKING * self.own_s * clip.simulation.frames * clip.simulation.cameras
 
 
 def _forms(config: ExperimentConfig) -> int:
-    """Return a method's number of runs on a recording of the paper's scene: forms, summed over all sizes of hole."""
+    """Return the number of runs of a method on a recording of the paper's scene, over all forms and sizes of hole."""
     ends = min(len(config.holes_m), 2)
     between = sum(form.refined for form in config.forms)
     return ends * len(config.forms) + between * (len(config.holes_m) - ends)
 
 
 def usual_costs(methods: Sequence[Method], config: ExperimentConfig) -> Costs:
-    """Return the costs on an idle core."""
+    """Return the costs on an idle core, from each method's ``frame_ms``."""
     forms, method_s = _forms(config), {method.key: method.frame_ms / 1000.0 for method in methods}
     return Costs(
         {key: forms * USUAL_FORM_S + len(config.holes_m) * spent for key, spent in method_s.items()},
@@ -67,6 +68,6 @@ def usual_costs(methods: Sequence[Method], config: ExperimentConfig) -> Costs:
 
 
 def duration(seconds: float) -> str:
-    """Format a duration for readers."""
+    """Format a duration as minutes, or as hours and minutes from 90 minutes on."""
     minutes = max(1, round(seconds / 60))
     return f"{minutes} minutes" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"

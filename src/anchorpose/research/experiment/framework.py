@@ -1,4 +1,4 @@
-"""Provide the paper's tracking framework and its start. Methods differ only in the association (Section V)."""
+"""Run methods in the paper's framework, from a given pose. Methods differ only in how they match nodes (Section V)."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-NO_HEIGHT_M = np.nan  # height of an unknown body; only anchors depend on it, which are searched after the body is known
-NEVER_M = 1000.0  # m; no branch of the tree is this far from its prediction, so that no branch is given up
+NO_HEIGHT_M = np.nan  # m, patient's height until the body is set; only the later search for anchors needs it
+NEVER_M = 1000.0  # m; no match is this far from its predicted place, so the track tree rejects none
 ANYWHERE_M = 10.0  # m, radius within which matches are searched; as in the paper, it contains all nodes
-ALL_NODES = (
-    100_000  # roots of the tree: all nodes, since a tree from a few nodes cannot show that random matches are worse
-)
+ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks: all of them
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
-"""The bound for anchors is the paper's. For the surface, it only states a "linear function increasing with distance".
+"""Largest change of a node's distance to an anchor between two frames. The part due to the anchor's jitter is as in the
+paper. For the part due to the surface, a "linear function increasing with distance", the paper gives no numbers.
 """
 
 
 def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
-    """Return the paper's configuration.
+    """Return the paper's configuration of the tracker.
 
-    Holes in the mesh stay open, the best sub-list gives the prediction, and each part is registered separately.
-    motions: the file with the movements of the training samples.
+    Holes in the mesh stay open, the pose is predicted from the most similar piece of the reference movements, and each
+    body part is registered separately. motions: the file of the reference movements. form: tells whether bad matches
+    are rejected.
     """
     return TrackConfig(
         method=Method.PARTS,
-        clocks=ClockConfig(estimate=False),  # not estimated, since the reference's clocks are given
+        clocks=ClockConfig(estimate=False),  # not estimated, since ``Reference`` has the clocks of the cameras
         tree=TreeConfig() if form.rejects else TreeConfig(missed_cost_m=NEVER_M),
         surface=SurfaceConfig(by_body=False),
         hypotheses=HypothesisConfig(trusted_only=False),
@@ -54,15 +54,15 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
 
 
 def paper_room(recording: Recording, reference: Reference, movements: Path) -> Room:
-    """Return the room of a recording with the reference's clocks. It is the same for every form and stride."""
+    """Return a recording prepared for tracking, with the reference's clocks. All forms of the framework use it."""
     return prepare_room(align_clocks(recording, reference.clocks), paper_config(movements))
 
 
 def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
     """Return everything that is known before the first frame is tracked, with the configuration of ``paper_config``.
 
-    stride: step between the frames that are used. With a stride above 1, the patient is expected to stay in place: the
-    reference movements have too few frames at such a rate, and cannot predict the pose a second ahead.
+    stride: number of frames from one used frame to the next. With a stride above 1, the prediction is the last
+    pose: at so low a rate, the reference movements have too few frames to predict a pose up to a second ahead.
     """
     config = paper_config(movements, form)
     if stride > 1:
@@ -73,8 +73,8 @@ def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int =
 def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, stride: int = 1) -> PaperTracker:
     """Return a tracker that starts at a frame (position in the recording) in which the pose is given.
 
-    The motion dynamics need earlier joints. Therefore the joints in every ``stride``-th earlier frame are also given,
-    back to the last frame without a pose.
+    The prediction of poses (motion dynamics) uses joints of earlier frames, one in every ``stride`` frames. These
+    joints are given, too: as many as the prediction uses, but none from before the patient was last lost.
     """
     reference, way = given.reference, way or Way()
     tracker = PaperTracker(run, given_start(frame, given, run, way.anchored), way, given)
@@ -85,7 +85,7 @@ def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, s
 
 
 def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True) -> Start:
-    """Return the start in a frame in which the pose is given.
+    """Return the start of tracking (observation, body and pose) in a frame in which the pose is given.
 
     A start is made only once for all runs that make the same observation in this frame.
     """
@@ -102,15 +102,15 @@ def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True)
 
 
 def _observing(config: TrackConfig) -> TrackConfig:
-    """Return the configuration without the stages after an observation: prediction, matches and tree."""
+    """Return the settings on which observations depend: those of prediction, gate and tree are replaced by defaults."""
     follow = replace(config.follow, look_ahead=1, tree_nodes=1)
     return replace(config, tree=TreeConfig(), gate=GateConfig(), motion=MotionConfig(), follow=follow)
 
 
 def follow_segment(tracker: PaperTracker, later: Sequence[FrameSet]) -> np.ndarray:
-    """Return the joints (n, 21, 3) in each of the later frames, metres, world.
+    """Return the joints (n, 21, 3) in each of the n later frames, metres, world, even of joints that count as lost.
 
-    They include joints that the tracker reports as lost.
+    later: the frames after the tracker's first frame.
     """
     joints = []
     for frame_set in later:
@@ -122,5 +122,5 @@ def follow_segment(tracker: PaperTracker, later: Sequence[FrameSet]) -> np.ndarr
 
 
 def _confident(belief: PoseBelief) -> PoseBelief:
-    """Return the belief with its standard deviations divided by ten, as if the pose had been tracked before."""
+    """Return the pose with a tenth of its standard deviations, as if it had been tracked in earlier frames."""
     return PoseBelief(belief.pose, belief.covariance / 100.0, belief.information * 100.0)

@@ -32,23 +32,26 @@ from anchorpose.tracker.room import Room, Run
 
 
 class NoReference(AnchorposeError):
-    """The patient was not found in the original recording, so no method can start."""
+    """The patient was not found in the recording without holes, so no method can start."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The data of t frames that every method is given. Poses are NaN in frames in which the patient was lost."""
+    """The data of t frames that every method is given. This project's tracker found them before holes were cut.
+
+    Poses are NaN in frames in which the patient was lost.
+    """
 
     T_world_camera: np.ndarray  # (k, 4, 4), the cameras' poses, given or found, so that all methods share one world
     shape: FittedShape  # the learnt body
-    rotations: np.ndarray  # (t, b, 3, 3), rotations of the pose
-    root_m: np.ndarray  # (t, 3), position of the pose
+    rotations: np.ndarray  # (t, b, 3, 3), rotations of the b bones in the pose
+    root_m: np.ndarray  # (t, 3), position of the body's root in the pose
     joints_m: np.ndarray  # (t, 21, 3), world
     centre_m: np.ndarray  # (t, 3), mean of the visible body, world
-    # one array per camera, (t, height, width) uint8 of ``PixelLabel``; all ``NO_READING`` in a frame in which nobody
-    # was searched; empty if labels were not requested
+    # one array per camera, (t, height, width) uint8 of ``PixelLabel``; all ``NO_READING`` in a frame that was not
+    # labelled; an empty tuple if labels were not requested
     labels: tuple[np.ndarray, ...]
-    clocks: tuple[Clock, ...]  # clocks of the cameras, by which their images are paired
+    clocks: tuple[Clock, ...]  # clocks of the cameras, by which images of the same time are paired
 
     @property
     def found(self) -> np.ndarray:
@@ -61,9 +64,9 @@ class Reference:
 
 
 def make_reference(recording: Recording, config: TrackConfig, labelled: bool = True) -> Reference:
-    """Track the original recording. labelled: whether to include the labels of the pixels.
+    """Track the recording without holes by this project's tracker. labelled: whether to include the labels of pixels.
 
-    Raises NoReference if nobody is found, and InputError without a world frame.
+    Raises NoReference if nobody is found, and InputError if the cameras' poses in the world cannot be found.
     """
     room = prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
@@ -96,7 +99,7 @@ def make_reference(recording: Recording, config: TrackConfig, labelled: bool = T
 
 
 def in_its_world(recording: Recording, reference: Reference) -> Recording:
-    """Return the recording, or its copy with holes, with the reference's camera poses as given poses."""
+    """Return the recording (or its copy with holes) in the reference's world: with the reference's camera poses."""
     cameras = tuple(
         replace(camera, T_world_camera=T) for camera, T in zip(recording.cameras, reference.T_world_camera, strict=True)
     )
@@ -130,11 +133,11 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
 
 
 class GivenFrames:
-    """The frames of a recording with the patient's pixels, and the surfaces that these pixels show.
+    """The frames of a recording with the patient's pixels, which are given, and the surfaces that these pixels show.
 
     Frames and surfaces are made once for all methods and forms, which therefore use the same data. Only a method that
-    closes the mesh with the expected body uses another surface. uncut: the frames of the recording before holes were
-    cut, which are used for frames that lost nothing.
+    closes the mesh with the expected body uses another surface. uncut: the same recording without holes; frames that
+    lost no readings, and their surfaces, are taken from it.
     """
 
     def __init__(
@@ -157,7 +160,10 @@ class GivenFrames:
         return None if self._cut[position] else self._uncut
 
     def start(self, position: int, observing: Hashable, make: Callable[[], Start]) -> Start:
-        """Return the start at a position; make it only if no run with the same ``observing`` has made it before."""
+        """Return the start in the frame at a position; make it only once for all runs with the same ``observing``.
+
+        observing: the settings on which the observation of a frame depends.
+        """
         same, key = self._same_as_uncut(position), (position, observing)
         if same is not None:
             return same.start(position, observing, make)
@@ -177,10 +183,10 @@ class GivenFrames:
     def observe(
         self, frame_set: FrameSet, expected: Expectation | None, height_m: float, run: Run, anchored: bool
     ) -> Observation:
-        """Return the observation of the patient in a frame: the given surface, with anchors by the method's
-        expectation.
+        """Return the observation of the patient in a frame: the surface of the given pixels, and the anchors on it.
 
-        anchored: False if the method does not use anchors, which are then not searched.
+        expected: the place and pose that the method expects, by which each anchor is assigned to head, hand or foot.
+        height_m: the patient's height. anchored: False if the method uses no anchors, so that none are searched.
         """
         surface = self._surface(self._position[frame_set.frame], expected, run)
         anchors = see_anchors(surface, expected, height_m, run) if anchored else no_anchors()
@@ -198,7 +204,7 @@ class GivenFrames:
         return self._surfaces[key]
 
     def _views(self, position: int) -> tuple[View | None, ...]:
-        """Return the given labels of each camera's pixels. Pixels whose reading a hole has removed have no label."""
+        """Return each camera's depth frame with its given labels. Pixels whose reading a hole removed have no label."""
         before = None if self._uncut is None else self._uncut.frame(position)
         views = list[View | None]()
         for number, depth_m in enumerate(self.frame(position).depths_m):
@@ -213,5 +219,5 @@ class GivenFrames:
 
 
 def _isolated(views: tuple[View | None, ...]) -> Isolated:
-    """Return the labelled people as given, without people to follow."""
+    """Return given labels as the stage isolation would, but without remembered people and bystanders' bodies."""
     return Isolated((None,) * len(views), views, empty_memory(), Bystanders())

@@ -1,6 +1,7 @@
-"""Measure the distance of matches from the true correspondence in windows.
+"""Measure how far matches of nodes are from the true correspondence.
 
-A window is a frame of a recording and the frames of its look-ahead. In a window, all methods match the same meshes.
+This is done in windows. A window is a frame of a recording and the frames of its look-ahead, the next frames that the
+track tree uses. In a window, all methods match the same meshes.
 """
 
 from __future__ import annotations
@@ -32,11 +33,11 @@ from anchorpose.tracker.room import Run
 class Window:
     """A frame of a recording and the frames of its look-ahead, as the tracker observes them."""
 
-    frame: int  # position of the first observation
+    frame: int  # position of the first frame in the recording
     stride: int  # step in frames from one observation to the next
     tracker: PatientTracker
     observations: tuple[Observation, ...]
-    poses: tuple[Pose, ...]  # predicted poses of all observations except the first
+    poses: tuple[Pose, ...]  # predicted poses, one for each observation after the first
     config: TrackConfig
 
 
@@ -44,18 +45,18 @@ class Window:
 class Matches:
     """A method's matches of the m nodes of a window's first frame with nodes of the second; -1 = no match."""
 
-    direct: np.ndarray  # (m,), the only hypothesis of each node; -1 if the method makes several hypotheses
-    links: tuple[Matcher, ...]  # hypotheses of each pair of frames
-    tree: GlobalHypothesis  # matches chosen by the track tree, only for nodes on the body
-    every: GlobalHypothesis  # matches chosen by a tree that gives every node a match
+    direct: np.ndarray  # (m,), the only hypothesis of each node; -1 for all nodes if the method makes several per node
+    links: tuple[Matcher, ...]  # hypotheses (possible matches) from each frame of the window to the next
+    tree: GlobalHypothesis  # matches chosen by the track tree, only for nodes near the posed body
+    every: GlobalHypothesis  # as ``tree``, but no match is rejected, however far it is from the node's predicted place
     describe_s: float  # seconds on one core for the first two frames' descriptors and the matches between them
 
 
 def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Window | None:
     """Return the window that begins with a frame.
 
-    None if the patient was not found in this frame or is not seen in the next. stride: number of frames from one
-    observation to the next, as in ``run_in``.
+    Return None if the patient was not found in this frame or is not seen in the next frame of the window. stride:
+    number of frames from one observation to the next, as in ``run_in``.
     """
     if not given.reference.found[frame] or frame + stride >= len(given):
         return None
@@ -69,7 +70,7 @@ def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Wi
 
 
 def match_window(method: Method, setting: object, window: Window) -> Matches:
-    """Return the method's matches in a window, before and after the track tree."""
+    """Return the method's matches in a window: all hypotheses, and the matches that the track tree chose."""
     if method.associate is None:
         raise ValueError(f"{method.key} has no association")
     config, associate = method.configure(window.config, setting), method.associate(setting)
@@ -94,7 +95,7 @@ def match_window(method: Method, setting: object, window: Window) -> Matches:
 
 
 def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
-    """Draw ``wanted`` frames at random, and sort them. They are the same for each method and size of hole."""
+    """Draw at most ``wanted`` frames at random, and sort them. The same arguments give the same frames."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(11,)))
     count = min(wanted, len(frames))
     return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))
@@ -106,7 +107,7 @@ COMPARED = 400
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchErrors:
-    """The errors of the m compared nodes, with the fields of ``results.Matched``."""
+    """The errors of the m compared nodes of a window. ``results.Matched`` describes the fields."""
 
     region: np.ndarray
     moved_mm: np.ndarray
@@ -122,7 +123,7 @@ class MatchErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The truth of the m compared nodes of a window."""
+    """The true correspondence of the m compared nodes of a window's first frame with its second frame."""
 
     skin: Skin
     node: np.ndarray  # (m,), node of the first frame
@@ -131,9 +132,9 @@ class Truth:
 
 
 def truth_of(window: Window, skin: Skin) -> Truth:
-    """Return the truth of at most ``COMPARED`` nodes whose place is also seen in the next frame.
+    """Return the truth of at most ``COMPARED`` nodes whose true place is seen in the window's second frame.
 
-    These nodes are the same for every method.
+    The nodes are drawn at random, but are the same for every method.
     """
     now, after = (seen.surface.points_m.astype(np.float64) for seen in window.observations[:2])
     places = skin.follow(now, window.frame, window.frame + window.stride, after)
@@ -166,14 +167,14 @@ def score(method: Method, setting: object, window: Window, truth: Truth) -> Matc
 
 
 def warm_up(method: Method, setting: object, window: Window) -> None:
-    """Match two frames once before times are measured, since the first call loads or compiles kernels."""
+    """Match two frames once before times are measured, since the first call loads or compiles numba's kernels."""
     if method.associate is not None:
         now, after = window.observations[:2]
         method.associate(setting)(now, after, method.configure(window.config, setting)).all()
 
 
 def _anchors_s(method: Method, setting: object, window: Window) -> float:
-    """Return the seconds on one core for the anchors and distances of two frames.
+    """Return the seconds on one core to find the anchors of a window's first two frames and compute distances to them.
 
     It is 0 if the method does not use the anchors of the observation.
     """
@@ -188,7 +189,7 @@ def _anchors_s(method: Method, setting: object, window: Window) -> float:
 
 
 def _chosen(tree: GlobalHypothesis, window: Window, truth: Truth) -> np.ndarray:
-    """Return the positions (m, 3) of the compared nodes' matches that a tree chose; NaN without a match."""
+    """Return the positions (m, 3) of the matches that a tree chose for the compared nodes; NaN without a match."""
     place = np.full((len(window.observations[0].surface), 3), np.nan)
     place[tree.node] = tree.matched_m
     return place[truth.node]
@@ -208,10 +209,10 @@ def _straight_mm(matched_m: np.ndarray, truth: Truth) -> np.ndarray:
 
 
 def _skin_mm(matched_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
-    """Return the distances (m,) along the skin in millimetres.
+    """Return the distances (m,) of matches from the true places along the skin, in millimetres; NaN without a match.
 
-    If the straight distance is greater, it is returned, since along the skin both ends are known only to the nearest
-    vertex.
+    The straight distance is returned if it is greater: the distance along the skin may be too small, since both its
+    ends are known only to the nearest vertex.
     """
     known = np.isfinite(matched_m).all(axis=1)
     distance = np.full(len(matched_m), np.nan, np.float32)

@@ -1,4 +1,4 @@
-"""Define the interface of all compared methods, each of which matches the nodes of two frames."""
+"""Define a compared method: a way to match the nodes of the patient's surface in two frames, or a complete tracker."""
 
 from __future__ import annotations
 
@@ -30,36 +30,37 @@ LITERAL: Final = "paper"
 """Key of the paper's method exactly as its text describes it."""
 
 OWN: Final = "own"
-"""Key of this project's tracker. The other methods of its family are this tracker without one of its components."""
+"""Key of this project's tracker. Other methods of ``Family.TRACKER`` are this tracker without one of its components."""
 
 NEXT: Final = "next"
 """Key of the next generation of the paper's method, which the paper calls future work."""
 
-# bytes of cached descriptors: enough for twelve frames of the largest descriptor, or a segment of most others
+# bytes, maximum size of a cache of descriptors: enough for twelve frames with the longest descriptor, and for all
+# frames of a segment with most others
 CACHED_BYTES: Final = 400_000_000
-# pairs of frames whose matches are cached: enough for all pairs of a segment at two sizes of hole in all forms
+# maximum number of pairs of frames whose matches are cached: enough for a segment, in all forms, with two sizes of hole
 CACHED_PAIRS: Final = 48
 
 
 class Family(StrEnum):
     """The family of a method, as in the paper's related work."""
 
-    PROPOSED = "proposed"  # distances to anchors
-    LOCAL = "local"  # local appearance
-    SPECTRAL = "spectral"  # local descriptors from the surface's spectrum
-    MESH = "mesh"  # local descriptors on the mesh
-    GLOBAL = "global"  # matches by all distances at once
-    LEARNT = "learnt"  # places on the body, found by a network
-    NONE = "none"  # no association, only the framework
-    TRACKER = "tracker"  # this project's own tracker, outside the framework
+    PROPOSED = "proposed"  # geodesic distances to the anchors, the feature that the paper proposes
+    LOCAL = "local"  # descriptors of the points and normals around a node
+    SPECTRAL = "spectral"  # descriptors from eigenvalues and eigenvectors of the surface's Laplacian
+    MESH = "mesh"  # descriptors of the mesh around a node
+    GLOBAL = "global"  # all nodes are matched together, by the distances between them
+    LEARNT = "learnt"  # place of a node on the body, found by a network
+    NONE = "none"  # no descriptor: nodes are not matched, or are matched with the nearest node
+    TRACKER = "tracker"  # this project's complete tracker, which does not run in the paper's framework
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """A method and its settings. The setting that is used is chosen on the training recordings.
+    """A method and its possible settings. The setting that is used is chosen on the training recordings.
 
-    For ``anchored``, ``update`` and ``own_surface`` see ``paper_tracker.Way``. A method that is not anchored is called
-    only once for frames that differ only in their anchors.
+    For ``anchored``, ``update`` and ``own_surface`` see ``paper_tracker.Way``. A method without anchors (``anchored``
+    is False) is called only once for frames that differ only in their anchors.
     """
 
     key: str
@@ -67,11 +68,11 @@ class Method:
     family: Family
     source: str
     settings: tuple[Any, ...] = (None,)
-    # function that makes the association of two frames from a setting; None for a complete tracker
+    # function that returns, for a setting, the function that matches two frames; None for a complete tracker
     associate: Callable[[Any], Associate] | None = None
-    # function that makes further changes to the configuration of the framework, or of a complete tracker
+    # function of the framework's configuration and a setting; returns the configuration with which the method runs
     configure: Callable[[TrackConfig, Any], TrackConfig] = lambda config, setting: config
-    several: bool = False  # whether it makes several hypotheses per node, so that the tree must choose
+    several: bool = False  # whether a node has several hypotheses (possible matches), from which the track tree chooses
     anchored: bool = True
     update: Update = Update.PARTS
     own_surface: bool = False
@@ -81,15 +82,16 @@ class Method:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DescriptorSetting:
-    """A descriptor's own configuration, and the metric of its nearest neighbour."""
+    """The configuration of a descriptor, and the metric by which the nearest descriptor is found."""
 
     config: Any
     metric: Metric = Metric.EUCLIDEAN
 
 
 def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callable[[Any], Associate]:
-    """Match each node with the node of the next frame whose descriptor is nearest (paper, Section V-A).
+    """Return ``Method.associate`` that matches a node with the next frame's node that has the nearest descriptor.
 
+    Source: the paper, Section V-A.
     describe: function that returns the descriptors (n, d) of a frame's seen nodes; NaN for a node without a descriptor.
     """
 
@@ -97,7 +99,7 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
         described = cached(lambda seen: describe(seen, setting.config), _surface_content)
 
         def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-            @cache  # nearly all nodes are needed in the end, and computing all at once is faster
+            @cache  # matches of all nodes: nearly all are requested in the end, and matching them at once is faster
             def match() -> np.ndarray:
                 return nearest_descriptor(described(now), described(following), setting.metric)
 
@@ -116,9 +118,9 @@ Content = Callable[[Observation], bytes]
 
 
 def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[..., np.ndarray]:
-    """Return a function of frames with a cache.
+    """Return ``compute`` with a cache: its value is computed only once for frames with the same ``content``.
 
-    Its value is computed only once for frames of the same content, unless the cache had to drop it.
+    If the cache is full (``CACHED_BYTES``), it drops values, which are then computed again when they are needed.
     """
     recent: dict[bytes, np.ndarray] = {}
 
@@ -133,9 +135,9 @@ def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[...
 
 
 def associate_once(method: Method, setting: Any) -> Associate:
-    """Return the method's association with a cache.
+    """Return the method's function that matches two frames, with a cache.
 
-    The association of two frames with the same content is made only once for all forms of the framework.
+    Two frames with the same content are matched only once for all forms of the framework.
     """
     if method.associate is None:
         raise ValueError(f"{method.key} has no association that the framework could use")
@@ -158,13 +160,13 @@ def whole_content(seen: Observation) -> bytes:
 
 
 def _surface_content(seen: Observation) -> bytes:
-    """Return a digest of the surface."""
+    """Return a digest of a frame's surface, including the edges and links of its mesh."""
     whole = seen.whole
     return _digest(seen.surface.points_m, whole.points_m, whole.ring, whole.link_node, whole.link_length_m)
 
 
 def seen_content(seen: Observation) -> bytes:
-    """Return a digest of the seen nodes and their normals. It does not depend on how the mesh is cut or closed."""
+    """Return a digest of the seen nodes and their normals. It does not depend on the edges and links of the mesh."""
     return _digest(seen.surface.points_m, seen.surface.normals)
 
 
@@ -173,14 +175,14 @@ def _digest(*arrays: np.ndarray) -> bytes:
 
 
 NO_SUBSET: Final = np.empty((1, 0), np.int64)
-"""The subsets of a method without anchors: a single empty subset."""
+"""The subsets of anchors of a method that uses none: a single empty subset."""
 
 
 def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
     """Return the methods with these keys or from these files, in this order.
 
     If ``wanted`` is empty, all methods of the package are returned. A file is a Python module with ``METHODS``, a tuple
-    of methods. Raises InputError for an unknown key, and for a file without a method.
+    of one method. Raises InputError for an unknown key, a key of two methods, and a file without such a tuple.
     """
     shipped = shipped_methods()
     if not wanted:
@@ -194,7 +196,7 @@ def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
 
 
 def shipped_methods() -> tuple[Method, ...]:
-    """Return all METHODS of the modules in ``methods``, by family."""
+    """Return all METHODS of the modules in the package ``methods``, sorted by family."""
     from anchorpose.research.experiment import methods
 
     modules = [importlib.import_module(f"{methods.__name__}.{m.name}") for m in pkgutil.iter_modules(methods.__path__)]

@@ -1,9 +1,9 @@
-"""Match nodes of a frame to the skin of the body model by geodesic distances, without a prediction or the last frame.
+"""Match nodes of a frame to the skin of the body model by geodesic distances in this frame alone.
 
 The paper matches nodes of one frame with nodes of the next (Section IV-D). Distances to the anchors are nearly the same
-in every pose, but they are also nearly the same on the front and on the back of the body. The turns between the
-directions to the anchors (``turns``) distinguish front and back: seen from outside, the left hand is to the right of
-the head on the front, and to the left of the head on the back.
+in every pose, but they are also nearly the same on the front and on the back of the body. The turns from the direction
+to one anchor to the direction to another (``turns``) distinguish front and back: seen from outside, the left hand is to
+the right of the head on the front, and to the left of the head on the back.
 """
 
 from __future__ import annotations
@@ -25,25 +25,27 @@ from anchorpose.geodesics.paths import unfolded
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.surface.surface import Surface
 
-NODES: Final = 400  # number of nodes of the frame that are used, 5 cm apart; 250 are almost as good
-TRIED: Final = 1200  # number of skin points with which nodes are compared, 4 cm apart
-LEAST_DISTANCES: Final = 3  # minimum number of distances that distinguish places (paper, Section IV-D)
+NODES: Final = 400  # maximum number of nodes of a frame that are matched, 5 cm apart; 250 are almost as good
+TRIED: Final = 1200  # maximum number of skin points with which nodes are compared, 4 cm apart
+LEAST_DISTANCES: Final = 3  # minimum number of known distances to anchors; fewer do not fix a place (Section IV-D)
 SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marching and the anchors' jitter
-SIGMA_PER_M: Final = 0.02  # the same per metre of distance, since limbs bend and the body's size may be wrong
-# sigma of a turn; it is greater than a turn's error of 0.4, since the ten turns follow from only four directions
+SIGMA_PER_M: Final = 0.02  # m per m, added to SIGMA_M in quadrature: limbs bend, and the body's size may be wrong
+# sigma of a turn (a sine); it exceeds a turn's error of 0.4, since only four of the ten turns are independent
 TURN_SIGMA: Final = 0.6
-LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])  # m, by how much distances to each anchor are
-# longer in a frame than on the body: medians of simulated people. Distances to head and feet are shorter, since their
-# anchors lie inside them. Distances to a hand are longer, since paths lead only over the seen side of the arm
-ROUNDS: Final = 2  # rounds of matching; after the first, the frame's own medians replace ``LONGER_M``
-ALMOST: Final = 2.0  # a skin point is a candidate if its sum of squared deviations exceeds the smallest by less
-CLEAR_M: Final = 0.10  # m, maximum spread of a node's candidates: the distance between both sides of a thigh
-LEAST_NODES: Final = 40  # minimum number of matches, a tenth of the nodes; fewer determine neither pose nor median
-# m, change of a distance on the body below which it has converged; the remaining error is a hundredth of the sigma
+# m, by how much distances to each anchor are longer in a frame than on the body model: medians of simulated people.
+# Those to head and feet are shorter, since the anchors found there lie short of the tips. Those to a hand are longer,
+# since paths lead only over the seen side of the arm
+LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])
+ROUNDS: Final = 2  # number of rounds of matching; in the second, medians of the first round replace ``LONGER_M``
+# a skin point fits almost as well as the best one if its sum of squared deviations is at most this much larger
+ALMOST: Final = 2.0
+CLEAR_M: Final = 0.10  # m, maximum spread of the skin points that fit almost as well: the distance across a thigh
+LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of all, for a median that replaces ``LONGER_M``
+# m; distances have converged when a sweep changes each by less; the remaining error is a hundredth of ``SIGMA_M``
 SETTLED_M: Final = 1e-4
 MOST_SWEEPS: Final = 30  # maximum number of sweeps until distances have converged
 
-MIRRORED: Final = np.array(
+MIRRORED: Final = np.array(  # the anchors with left and right exchanged
     [ANCHOR_NAMES.index(name) for name in ("Head", "HandRight", "HandLeft", "FootRight", "FootLeft")]
 )
 PAIRS: Final = tuple(combinations(range(len(ANCHOR_NAMES)), 2))
@@ -52,17 +54,17 @@ _FIRST, _SECOND = (np.array(column) for column in zip(*PAIRS, strict=True))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnSurface:
-    """Distances and turns of the p skin points of a body."""
+    """The p skin points of a body: their distances to the tips of head, hands and feet, and their turns."""
 
-    distance_m: np.ndarray  # (p, 5), along the skin at rest from each skin point to each tip (``anchor_points``)
+    distance_m: np.ndarray  # (p, 5), along the skin at rest, to the tips of head, hands and feet (``anchor_points``)
     turns: np.ndarray  # (p, 10), see ``turns``
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenGeodesics:
-    """The patient's surface in one frame with its anchors and distances."""
+    """The patient's surface in one frame, with its anchors and the distances to them."""
 
-    whole: Surface  # with the hidden skin, which is inferred; its nodes come last
+    whole: Surface  # seen skin and inferred hidden skin; the nodes of the hidden skin come last
     anchors: Anchors
     # (n, 5) metres from each seen node to each anchor; inf if no path leads there, NaN if the anchor is missed or the
     # distance is not trusted
@@ -71,7 +73,7 @@ class SeenGeodesics:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinMatches:
-    """The m matches of nodes with skin points."""
+    """The m matches of a frame's nodes with skin points of the body model."""
 
     node: np.ndarray  # (m,), node of the seen surface
     point: np.ndarray  # (m,), skin point that this node shows
@@ -80,7 +82,7 @@ class SkinMatches:
 
 @lru_cache(maxsize=4)
 def own_surface(body: Body) -> OwnSurface:
-    """Return distances and turns of a body's skin points; results for the last bodies are cached."""
+    """Return distances and turns of a body's skin points; the results for the last four bodies are cached."""
     vertices, points = body.mesh.vertices, body.points
     distance = skin_distance(vertices, points.asset.faces, points.vertex[anchor_points(points)])
     around = points.asset.faces[points.faces_of].reshape(len(points.vertex), -1)
@@ -110,7 +112,11 @@ def skin_distance(vertices: np.ndarray, faces: np.ndarray, sources: np.ndarray) 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _relax(points: np.ndarray, start: np.ndarray, opposite: np.ndarray, order: np.ndarray, field: np.ndarray) -> None:
-    """Shorten the distances (v,) across triangles; opposite (c, 2): the other corners of the triangles of a vertex."""
+    """Shorten the distances ``field`` (v,) from a source across triangles, until they have converged.
+
+    The triangles at vertex i are rows start[i] to start[i + 1] of opposite (c, 2), which has their other two corners.
+    order (v,): the vertices by distance.
+    """
     for _ in range(MOST_SWEEPS):
         most = 0.0
         for node in order:
@@ -128,11 +134,12 @@ def _relax(points: np.ndarray, start: np.ndarray, opposite: np.ndarray, order: n
 def turns(
     places_m: np.ndarray, normals: np.ndarray, nodes: np.ndarray, around: np.ndarray, distance_m: np.ndarray
 ) -> np.ndarray:
-    """Return (k, 10): for each pair of anchors, the sine of the angle between the directions away from them.
+    """Return (k, 10): for each node and pair of anchors, the sine of the angle from the direction away from the first
+    anchor to the direction away from the second.
 
-    Angles are counter-clockwise as seen from outside. places_m (n, 3), distance_m (n, 5): for all nodes. nodes (k,):
-    the chosen nodes. normals (k, 3): their normals. around (k, f): nodes near each chosen node, -1 = none. NaN if an
-    anchor's distances around a node are unknown.
+    Directions are tangents of the skin; angles are counter-clockwise as seen from outside. places_m (n, 3), distance_m
+    (n, 5): of all nodes. nodes (k,): the chosen nodes. normals (k, 3): their normals. around (k, f): nodes near each
+    chosen node, -1 = none. A turn is NaN if an anchor's distances around the node are unknown.
     """
     offset = places_m[around] - places_m[nodes][:, None]
     side = _sideways(normals)
@@ -159,10 +166,10 @@ def _sideways(normals: np.ndarray) -> np.ndarray:
 
 
 def match_skin(body: Body, seen: SeenGeodesics, mirrored: bool = False) -> SkinMatches:
-    """Return the skin points that some of the seen nodes show, by the distances and turns of these nodes.
+    """Match up to ``NODES`` seen nodes with skin points that have similar distances to the anchors and similar turns.
 
-    mirrored: True = the left and right anchors are exchanged. A node has no match if it has fewer than three distances,
-    or if it fits several places on the skin.
+    mirrored: True = the left and right anchors are exchanged. A node has no match if it has fewer than three known
+    distances, or if it fits several places on the skin.
     """
     chosen = thin(len(seen.descriptor), NODES)
     distance = _finite_or_nan(seen.descriptor[:, MIRRORED] if mirrored else seen.descriptor)
@@ -191,15 +198,16 @@ def _finite_or_nan(values: np.ndarray) -> np.ndarray:
 
 
 def _table(own: np.ndarray) -> np.ndarray:
-    """Return the body's features (p, c) as a table (2 c, p) float32 for ``_off2``."""
+    """Return the squares, then the values, of distances and turns (p, c) as a table (2 c, p) float32 for ``_off2``."""
     known = np.nan_to_num(own)
     return np.ascontiguousarray(np.hstack([known**2, known]).T, dtype=np.float32)
 
 
 def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """Return (k, p) float32: sums of ((seen - own) / sigma)^2, plus a number that is the same for all p.
+    """Return (k, p) float32: for each node and skin point, the sum of ((seen - own) / sigma)^2.
 
-    The sum is over the columns of seen and sigma (k, c) that are not NaN.
+    The term (seen / sigma)^2 is left out, since it is the same for all skin points. The sum is over the columns of seen
+    and sigma (k, c) that are not NaN. table: ``own`` of the skin points, from ``_table``.
     """
     known = np.isfinite(seen)
     weight, value = np.where(known, 1.0 / sigma**2, 0.0), np.where(known, seen, 0.0)
@@ -207,7 +215,10 @@ def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
 
 
 def _longer(off_m: np.ndarray) -> np.ndarray:
-    """Return (5,): by how much distances to each anchor exceed the body's: the median of off_m (k, 5)."""
+    """Return (5,) medians of off_m: how much longer distances to each anchor are in the frame than on the body model.
+
+    off_m (k, 5): this difference for each matched node. With fewer than ``LEAST_NODES`` of them, it is ``LONGER_M``.
+    """
     known = np.isfinite(off_m).sum(axis=0)
     longer = LONGER_M.copy()
     for anchor in np.flatnonzero(known >= LEAST_NODES):
@@ -216,9 +227,9 @@ def _longer(off_m: np.ndarray) -> np.ndarray:
 
 
 def _spread(off2: np.ndarray, least: np.ndarray, places_m: np.ndarray) -> np.ndarray:
-    """Return (k,) metres: the standard deviation of the places (p, 3) that fit almost as well as the best.
+    """Return (k,) metres: for each node, the standard deviation of the places that fit it almost as well as the best.
 
-    off2 (k, p): squared deviations. least (k,): their minimum.
+    places_m (p, 3): places of the skin points. off2 (k, p): squared deviations. least (k,): their minimum.
     """
     near = (off2 < least[:, None] + np.float32(ALMOST)).astype(np.float32)
     sums = near @ np.column_stack([places_m, (places_m**2).sum(axis=1), np.ones(len(places_m))]).astype(np.float32)

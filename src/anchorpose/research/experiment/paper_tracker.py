@@ -34,12 +34,12 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """The form of the framework, and the properties of a method other than its association."""
+    """The form of the framework in which a method runs, and how the method differs from others besides its matches."""
 
     form: Form = Form.REFINED
     anchored: bool = True  # whether the method uses anchors; otherwise they are not searched
     update: Update = Update.PARTS  # how the pose is updated by the matches
-    # whether a limb is brought back, by matches to the body's own surface, if its end is seen at another place
+    # whether an arm is moved if its hand is seen at another place than in the pose (``bring_limbs_back``)
     own_surface: bool = False
 
 
@@ -51,12 +51,12 @@ class PaperTracker(PatientTracker):
         super().__init__(run, start)
 
     def use_shape(self, shape: FittedShape) -> None:
-        """Set the shape as ``PatientTracker`` does, but with a cached body, since trackers start again often."""
+        """Set the shape as ``PatientTracker`` does, but cache the body built from it, since tracking restarts often."""
         self.shape = shape
         self.body, self.map = _body_of(shape)
 
     def follow(self, frame_set: FrameSet | None) -> bool:
-        """Track the next frame as ``step`` does, but without states and uncertainty, which are not compared.
+        """Track the next frame as ``step`` does, but without states and uncertainty of joints, which are not compared.
 
         Return whether a frame was registered.
         """
@@ -66,7 +66,7 @@ class PaperTracker(PatientTracker):
         return ready
 
     def _observe(self, number: int) -> Observation:
-        """Observe the frame as ``PatientTracker`` does, but with the patient's pixels given."""
+        """Observe a frame of the window as ``PatientTracker`` does, but with the patient's pixels given."""
         expected = self.expect(self.predict(number)[-1])
         return self.given.observe(self.window.frames[number], expected, self.height_m, self.run, self.way.anchored)
 
@@ -85,12 +85,12 @@ class PaperTracker(PatientTracker):
         joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, window, steps, robust)
         pose = self._with_limbs(pose_from_joints(self.body, pose, joints))
         found = posterior(self.body, pose, predicted, self.window[1].evidence, config)
-        if not robust and not found.found:  # keeps the pose even if it explains too little of the frame
+        if not robust and not found.found:  # the pose is kept even if it explains too little of the frame
             return Registration(replace(predicted, pose=pose), found.explained, True)
         return found
 
     def _with_limbs(self, pose: Pose) -> Pose:
-        """Return the pose, in which lost limbs are brought back if the method does this."""
+        """Return the pose; with ``own_surface``, arms whose hand is seen elsewhere than in the pose are moved."""
         if not self.way.own_surface:
             return pose
         seen = self.window[1]
@@ -104,16 +104,17 @@ def _body_of(shape: FittedShape) -> tuple[Body, BodyMap]:
 
 
 HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
-BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # m, scale of the robust kernel, by step; large while the limb is far away
-BACK_SIGMA_M: Final = 0.05  # m, standard deviation of a match to the body's own surface
-HELD_SIGMA_M: Final = 0.01  # m, standard deviation with which the skin of all other parts is held in place
-HELD_EVERY: Final = 4  # step between the skin points of the other parts that are held in place
+BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # m, scale of the robust kernel per step; large while the arm is far off
+BACK_SIGMA_M: Final = 0.05  # m, standard deviation of the distance of a node from its skin point on the arm
+HELD_SIGMA_M: Final = 0.01  # m, standard deviation with which the skin outside of the arm is held in place
+HELD_EVERY: Final = 4  # every fourth skin point outside of the arm is held in place
 
 
 def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
-    """Return the pose after moving each arm whose hand the frame shows at another place (``own_surface.match_skin``).
+    """Return the pose after moving each arm whose hand is seen more than ``CONTRADICTED_M`` from its place in the pose.
 
-    The rest of the body does not move.
+    The arm's skin points are pulled to the nodes that ``match_skin`` matches with them, and the hand's tip to the
+    anchor. The rest of the body stays.
     """
     lost = contradicted_by(body, pose, seen.anchors, CONTRADICTED_M) & HANDS
     bones = [bone for chain in CHAINS for bone in chain.bones if lost[ANCHOR_NAMES.index(chain.joints[0])]]
@@ -133,7 +134,7 @@ def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
 
 
 def _with_fingers(body: Body, bones: Sequence[int]) -> list[int]:
-    """Return the bones and all their descendants."""
+    """Return the bones and all their descendants, such as the fingers of a hand."""
     found = list(bones)
     for bone, parent in enumerate(body.points.asset.bone_parents):
         if parent in found and bone not in found:

@@ -77,8 +77,9 @@ def experiment_code() -> str:
     return code_digest(PRESENTING)
 
 
-ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)  # scenes that only have holes are too easy
-# m, radius of the hole in half of the training windows; the others have none, since a setting must work for both
+# scenes in which variants of the tracker that lack a component run; with no occlusion but holes, tracking is too easy
+ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
+# m, radius of the hole in half of the pairs of training frames; the others have none: a setting must work for both
 TUNING_HOLE_M: Final = 0.12
 
 
@@ -91,7 +92,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """A task: a method on a clip with a size of hole."""
+    """A task: to run a method, with a setting, on a clip (recording) with one size of hole."""
 
     kind: Kind
     clip: Clip
@@ -104,13 +105,13 @@ class Task:
 
     @property
     def done(self) -> bool:
-        """Return whether its result is stored already."""
+        """Return whether the task's result is stored already."""
         return self.path.is_file()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The plan of what to run on each clip."""
+    """The plan of which methods run on each clip (recording), and in which way."""
 
     config: ExperimentConfig
     methods: tuple[Method, ...]
@@ -145,7 +146,7 @@ class Plan:
 
     @property
     def gaps_s(self) -> tuple[float, ...]:
-        """Return the times between the two frames whose matches are compared; in training only the first time."""
+        """Return the gaps in seconds between two frames whose matches are compared; in training, only the first gap."""
         return self.config.gaps_s[:1] if self.training else self.config.gaps_s
 
     def holes(self, clip: Clip) -> tuple[float, ...]:
@@ -157,10 +158,11 @@ class Plan:
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 
     def forms(self, clip: Clip, hole_m: float, method: Method) -> tuple[Form, ...]:
-        """Return the forms of the framework.
+        """Return the forms of the framework in which a method tracks a clip.
 
-        In the paper's scene, these are all forms for no hole and for the largest hole, and the forms with the surface
-        for sizes between. In other scenes, it is only the first form.
+        In the paper's scene, these are all forms if there is no hole or the largest hole; with holes of other sizes,
+        these are the forms that fit body parts to the surface. In other scenes, and for a complete tracker, only the
+        first form is used.
         """
         every = self.config.forms
         if clip.scene is not Scene.PAPER or method.family is Family.TRACKER:
@@ -169,7 +171,7 @@ class Plan:
         return tuple(form for form in every if at_end or form.refined)
 
     def methods_on(self, clip: Clip) -> tuple[Method, ...]:
-        """Return all methods; in some scenes, also the ablated variants of this project's tracker."""
+        """Return all methods; in ``ABLATION_SCENES``, also the ablated variants of this project's tracker."""
         own = any(method.family is Family.TRACKER for method in self.methods)
         ablated = own and self.config.ablation and clip.scene in ABLATION_SCENES
         return (*self.methods, *(ABLATED if ablated else ()))
@@ -179,7 +181,7 @@ class Plan:
         return clip.scene is Scene.PAPER
 
     def reference(self, clip: Clip) -> Path:
-        """Return the file of a clip's reference."""
+        """Return the file of a clip's reference (``given.Reference``): the poses and pixels that methods are given."""
         return self.store.path("reference", identity(clip))
 
     def _task(self, kind: Kind, clip: Clip, hole_m: float, method: Method, setting: object) -> Task:
@@ -193,19 +195,19 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanSpec:
-    """A plan in a form that can be sent to another process."""
+    """The data of a plan in a form that can be sent to another process."""
 
     config: ExperimentConfig
     wanted: tuple[str, ...]  # keys or files of the methods
-    chosen: tuple[tuple[str, int], ...]  # key of each method, and the number of its setting
+    chosen: tuple[tuple[str, int], ...]  # key of each method, and the index of its setting in ``Method.settings``
     movements: Path
     movements_digest: str
     cache: Path
-    code: str  # digest of the code
+    code: str  # digest of the experiment's code, to notice in the other process that the code has changed
     training: bool = False
 
     def plan(self) -> Plan:
-        """Return the plan itself."""
+        """Make the plan. Raises AnchorposeError if the code has changed since this object was made."""
         if self.code != experiment_code():
             raise AnchorposeError("the program was changed while it ran; start the experiment again.")
         methods = load_methods(self.wanted)

@@ -1,6 +1,7 @@
-"""Filter the whole pose, not separate parts, by the paper's "EKF, UKF, or particle tracking filter" (Section III).
+"""Update the whole pose, instead of separate body parts, by a filter.
 
-The state is the pose; the measurement is the place of the skin point beside each matched node.
+The paper names "an EKF, UKF, or particle tracking filter" (Section III). The state is the pose. The measurements are
+the places of the nodes' matches, at which the skin points beside the nodes should lie.
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ from anchorpose.research.experiment.config import Update
 from anchorpose.track_tree.global_hypothesis import PAIR_SIGMA_M, GlobalHypothesis, part_motion, skin_places
 from anchorpose.tracker.observation import Observation
 
-PAIR_SCALE_M: Final = 3.0 * PAIR_SIGMA_M  # m, distance at which a match has a quarter of its weight
-FAR_M: Final = 1000.0  # m, a scale so large that every row keeps its full weight
+PAIR_SCALE_M: Final = 3.0 * PAIR_SIGMA_M  # m; a match this far from its skin point has a quarter of its full weight
+FAR_M: Final = 1000.0  # m, a scale so large that every match keeps its full weight
 KALMAN_STEPS: Final = 4  # number of Gauss-Newton steps of the iterated extended Kalman filter, which converges in three
 PARTICLES: Final = 200  # number of particles, three per parameter of the pose, so that their covariance has full rank
-COMPARED: Final = 120  # number of matches with which particles are compared, so few that a particle takes 0.1 ms
-EFFECTIVE: Final = 0.5  # minimum effective share of the particles after a step of tempering
-SPREAD: Final = 0.3  # width of the kernel of resampling, in standard deviations of the particles
+COMPARED: Final = 120  # maximum number of matches with which a particle is compared; this takes 0.1 ms per particle
+# minimum share of effective particles in a step of tempering; their number is 1 / (sum of squared weights)
+EFFECTIVE: Final = 0.5
+SPREAD: Final = 0.3  # random shift of a particle that is drawn again, in standard deviations of all particles
 
 
 def match_rows(
@@ -38,9 +40,9 @@ def match_rows(
     predicted: PoseBelief,
     robust: bool,
 ) -> Constraints:
-    """Return rows that pull each skin point to the place with which its node is matched.
+    """Return constraint rows that pull the skin point beside each node to the place of the node's match.
 
-    robust: whether distant matches have less weight.
+    robust: whether matches far from the skin point have less weight. window: observations of this and later frames.
     """
     T_next_now = part_motion(now.transforms, body.transforms(predicted.pose))
     places = skin_places(now, hypothesis, window, T_next_now)
@@ -52,7 +54,10 @@ def match_rows(
 def update_by_rows(
     update: Update, body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
 ) -> PoseBelief:
-    """Return the belief after the measurement; the prediction without matches. seed: seed of the particles."""
+    """Return the pose and its uncertainty after the filter's update by ``rows``; the prediction if there are no rows.
+
+    seed: seed of the random particles.
+    """
     if not len(rows):
         return predicted
     if update is Update.KALMAN:
@@ -61,7 +66,7 @@ def update_by_rows(
 
 
 def kalman_update(body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig) -> PoseBelief:
-    """Return the belief after the update of an iterated extended Kalman filter."""
+    """Return the pose and its uncertainty after the update of an iterated extended Kalman filter by ``rows``."""
     expected, pose = (predicted.pose, predicted.information), predicted.pose
     for _ in range(KALMAN_STEPS):
         pose = damped_step(body, pose, rows, expected, config.rows_per_observation)
@@ -75,11 +80,11 @@ def kalman_update(body: Body, rows: Constraints, predicted: PoseBelief, config: 
 def particle_update(
     body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
 ) -> PoseBelief:
-    """Return the belief as the mean and covariance of particles, drawn from the prediction and weighed by the matches.
+    """Return the mean and covariance of particles (poses) that are drawn from the prediction and weighted by ``rows``.
 
     With sixty-six parameters, a single particle would have all the weight. So the likelihood is tempered (Neal 2001,
     doi:10.1023/A:1008923215028): each step uses only a part of it, so small that half of the particles stay effective.
-    Then the particles are drawn again with a kernel that keeps their mean and covariance (Liu and West 2001).
+    After each step, particles are drawn again in a way that keeps their mean and covariance (Liu and West 2001).
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(19,)))
     states = rng.standard_normal((PARTICLES, POSE_SIZE)) @ np.linalg.cholesky(predicted.covariance).T
@@ -95,7 +100,7 @@ def particle_update(
 
 
 def _some_matches(rows: Constraints) -> Constraints:
-    """Return the rows of ``COMPARED`` matches, three rows each."""
+    """Return the rows of at most ``COMPARED`` matches; a match has three rows, one per axis."""
     match = 3 * thin(len(rows) // 3, COMPARED)[:, None] + np.arange(3)
     chosen = np.zeros(len(rows), bool)
     chosen[match.ravel()] = True
@@ -103,7 +108,7 @@ def _some_matches(rows: Constraints) -> Constraints:
 
 
 def _cost(body: Body, predicted: PoseBelief, change: np.ndarray, rows: Constraints) -> float:
-    """Return the rows' squared deviations after a change of the predicted pose, summed by Geman-McClure's kernel."""
+    """Return the sum of Geman-McClure's kernel of the rows' deviations after a change of the predicted pose."""
     points, of = body.points, rows.point[::3]
     transforms = body.transforms(predicted.pose.moved(change, points.moving))
     placed = skin(points.bones[of], points.influence[of], transforms, body.rest_m[of], body.rest_normals[of])[0]
@@ -117,7 +122,7 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
 
 
 def _tempered(log_weight: np.ndarray, left: float) -> float:
-    """Return the largest share of the likelihood, at most ``left``, that keeps ``EFFECTIVE`` of the particles."""
+    """Return the largest part of the likelihood, up to ``left``, that leaves ``EFFECTIVE`` of particles effective."""
 
     def effective(share: float) -> float:
         return 1.0 / float((_weights(share * log_weight) ** 2).sum())

@@ -1,4 +1,4 @@
-"""Contain the results of an experiment before averaging. Tables, figures and the page use nothing else.
+"""Define the results of an experiment before averaging. Tables, figures and the page are made from them alone.
 
 The module also chooses each method's setting on the training recordings, by the same measure for all methods.
 """
@@ -23,11 +23,11 @@ class Tracked:
 
     scene: Scene
     recording: str
-    hole_m: float  # radius; 0 = no hole
+    hole_m: float  # radius of the holes; 0 = no hole
     method: str
     frame: np.ndarray  # (f,) int64, positions of the frames in the recording; frames whose pose was given are left out
     occluded: np.ndarray  # (f,) bool, whether the frame has a hole
-    # (f, 21), distance from the truth, or from the reference skeleton of a real recording; NaN if either has no joint
+    # (f, 21), distance from the true joint (in real recordings, the reference skeleton's); NaN if either is missing
     error_mm: np.ndarray
     form: Form = Form.REFINED
 
@@ -41,8 +41,8 @@ class Matched:
     """One method's matches between two frames of a simulated recording.
 
     Arrays are over the m nodes of the first frame whose true place is seen in the second. Errors are distances of the
-    match from this place, NaN without a match. Direct matches are made without the track tree; if a method has several
-    hypotheses, it has no direct match.
+    match from this place, NaN without a match. Direct matches are made without the track tree. A method with several
+    hypotheses (possible matches) per node has no direct matches, since only the tree chooses one.
     """
 
     scene: Scene
@@ -51,20 +51,20 @@ class Matched:
     method: str
     frame: int
     occluded: bool  # whether either frame has a hole
-    region: np.ndarray  # (m,) int8, index into ``REGIONS``
+    region: np.ndarray  # (m,) int8, region of the node, as an index into ``REGIONS``
     direct_mm: np.ndarray  # (m,), straight distance of the direct match
     tree_mm: np.ndarray  # (m,), straight distance of the track tree's match
-    direct_skin_mm: np.ndarray  # (m,), the same distances along the skin
-    tree_skin_mm: np.ndarray
-    # (m,) bool, whether the match is on the same part of the other side, such as the other hand; it is the direct match
-    # or, without one, the tree's
+    direct_skin_mm: np.ndarray  # (m,), distance of the direct match along the skin
+    tree_skin_mm: np.ndarray  # (m,), distance of the track tree's match along the skin
+    # (m,) bool, whether the match is on the same part of the other side, such as the other hand. The match is the
+    # direct match or, if there is none, the match of the track tree.
     mirrored: np.ndarray
     nodes: int  # number of all nodes of the first frame
     describe_s: float  # seconds on one core for the descriptors and anchors of two frames, and the matches between them
-    body_m: float  # standing height, with which distances along the skin are compared
-    gap_s: float  # time between the frames
+    body_m: float  # m, standing height, to state distances along the skin as shares of it
+    gap_s: float  # time between the two frames
     moved_mm: np.ndarray  # (m,), distance of the true place from the node
-    every_mm: np.ndarray  # (m,), straight distance of the match by a tree that gives every node a match
+    every_mm: np.ndarray  # (m,), straight distance of the match by a track tree that rejects no match
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,14 +78,17 @@ class TriedSetting:
 
 @dataclass(frozen=True, slots=True)
 class PaperTimes:
-    """Seconds on one core for a mesh at every pixel and for its five geodesic fields, to compare with the paper."""
+    """Seconds on one core for a mesh with a node at every pixel, and for the distances of all nodes to five nodes.
 
-    image: str  # size of the depth image, and distance of the person, at which the mesh is as large as the paper's
+    They are compared with the paper's times.
+    """
+
+    image: str  # width x height of the depth image, in which the mesh is about as large as the paper's
     nodes: int
     edges: int
     mesh_s: float
-    feature_s: float
-    dijkstra_s: float
+    feature_s: float  # seconds for distances by fast marching
+    dijkstra_s: float  # seconds for distances by Dijkstra's algorithm along the edges, as in the paper
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,19 +110,19 @@ MISSED_MM: Final = 100.0
 
 
 def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
-    """Return the mean distance from the truth after the track tree, over all nodes of all windows.
+    """Return the mean distance of the track tree's matches from the truth, over all nodes of all pairs of frames.
 
     A node counts at most ``MISSED_MM``, since the framework's registration is robust to outliers. tree_mm: one array
-    (m,) for each window, NaN without a match. The result is NaN without nodes.
+    (m,) for each pair of frames, NaN without a match. The result is NaN without nodes.
     """
     every = np.concatenate([np.zeros(0), *(np.where(np.isfinite(e), e, MISSED_MM) for e in tree_mm)])
     return float(np.minimum(every, MISSED_MM).mean()) if len(every) else np.nan
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """Return the settings with their scores, and which of them is chosen.
+    """Return the tried settings of a method with their scores, and which of them is chosen.
 
-    The best setting is chosen; of equally good settings, or without scores, it is the first.
+    The setting with the smallest score is chosen: the first of equally good ones, or of all if there are no scores.
     """
     known = np.where(np.isfinite(scores_mm), scores_mm, np.inf)
     best = int(np.argmin(known))
@@ -130,5 +133,5 @@ def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[Trie
 
 
 def setting_text(setting: object) -> str:
-    """Return a setting as text."""
+    """Return a setting as text for tables."""
     return "no settings" if setting is None else repr(setting)

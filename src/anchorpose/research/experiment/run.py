@@ -1,6 +1,7 @@
-"""Run all steps of an experiment: movements, settings, every recording, then tables, figures and the page.
+"""Run all steps of an experiment: choice of settings, every recording, then tables, figures and the page.
 
-Settings, and movements for the motion dynamics, come from training recordings, which are not used for testing.
+Settings are chosen on training recordings, which are not used for testing. The reference movements, by which poses are
+predicted, also come from them.
 """
 
 from __future__ import annotations
@@ -49,7 +50,9 @@ KINDS: Final[tuple[tuple[str, tuple[str, ...], Speed], ...]] = (
     ("upper body, fast", ("reach", "arm-raise", "head"), "fast"),
     ("lower body, fast", ("squat", "weight-shift", "trunk", "steps"), "fast"),
 )
-"""Movements as in the paper's samples: "upper and lower body movements", "slow, normal to fast"."""
+"""Name, movements and speed of the kinds of training recording, as in the paper's samples: "upper and lower body
+movements", "slow, normal to fast".
+"""
 
 
 def training_clips(config: ExperimentConfig) -> list[Clip]:
@@ -103,9 +106,9 @@ def run_experiment(
 ) -> ExperimentResults:
     """Run the whole experiment into a folder; stored results of an earlier run in this folder are used again.
 
-    real: a folder of recordings with reference skeletons, or None. report: called with the state of the work. Raises
-    InputError if the folder is not an experiment's, a method is unknown or ``real`` contains no recording, and
-    MissingPackage without matplotlib.
+    real: a folder of recordings with reference skeletons, or None. report: called with sentences on the state of the
+    work. Raises InputError if ``out`` has files but no earlier run, a method is unknown or ``real`` contains no
+    recording, and MissingPackage without matplotlib.
     """
     _require_matplotlib()
     check_place(out, real)
@@ -136,12 +139,12 @@ def run_experiment(
     return results
 
 
-# s of computing in addition to the tasks, for the kernels that every process compiles or loads, pictures and the page
+# s of computing in addition to the tasks: every process compiles or loads kernels, and pictures and the page are made
 AROUND_S: Final = 240.0
 
 
 def _require_matplotlib() -> None:
-    """Raise MissingPackage without matplotlib, so that this does not fail only after hours of computing."""
+    """Raise MissingPackage without matplotlib, so that the run does not fail only after hours of computing."""
     with default_style():
         pass
 
@@ -151,13 +154,13 @@ def _chosen(tried: AllTried) -> tuple[tuple[str, int], ...]:
 
 
 def _undone(job: Part) -> list[str]:
-    """Return a sentence for each clip that has missing results for any reason."""
+    """Return a sentence for each clip (recording) for which results are missing, for whatever reason."""
     missing = Counter(task.clip.name for task in job.tasks() if not task.done)
     return [f"{name}: {count} results are missing." for name, count in missing.items()]
 
 
 def _require_own_folder(out: Path) -> None:
-    """Raise InputError if the folder has files that are not of an experiment."""
+    """Raise InputError if the folder has files but is not the folder of an earlier experiment."""
     mark = out / MARK_FILE
     is_own = mark.is_file() and read_json(mark).get("format") == FORMAT
     if out.exists() and not is_own and (not out.is_dir() or any(out.iterdir())):
@@ -172,7 +175,7 @@ def _make_own_folder(out: Path) -> None:
 
 
 def _untuned_plan(cache: Path, trainers: Sequence[Clip], config: ExperimentConfig) -> PlanSpec:
-    """Return the plan with the first setting of each method; writes the reference movements."""
+    """Write the file of reference movements; return the plan with this file and the first setting of each method."""
     path = cache / "movements.npz"
     partial = path.with_suffix(".partial.npz")
     write_movements(partial, list(trainers), config.training_samples)
@@ -218,7 +221,7 @@ def _collect(tasks: Sequence[Task]) -> tuple[tuple[Tracked, ...], tuple[Matched,
 
 
 def _windows_of(task: Task, arrays: dict[str, np.ndarray]) -> Iterator[Matched]:
-    """Yield a method's matches, window by window."""
+    """Yield a method's matches from a task's stored arrays, one pair of frames at a time."""
     for number, frame in enumerate(arrays["frame"].tolist()):
         own = arrays["window"] == number
         yield Matched(

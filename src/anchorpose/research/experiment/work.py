@@ -1,4 +1,4 @@
-"""Do the work on one recording: simulate it, find its reference, cut its holes, and run every open task.
+"""Do the work on one recording: simulate it, track it for its reference, cut holes and run all tasks without a result.
 
 In the paper's framework, a method runs on segments of the recording. This project's tracker runs on all of it.
 """
@@ -52,16 +52,16 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedJoints:
-    """Tracked joints in some frames of a recording, in one or several forms of the framework."""
+    """Tracked joints in f frames of a recording, in one or several forms of the framework."""
 
-    frame: np.ndarray  # (f,), positions in the recording
+    frame: np.ndarray  # (f,), positions of the frames in the recording
     joints_m: np.ndarray  # (forms, f, 21, 3), world, NaN = lost
 
 
 def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
-    """Return the first frame of each complete segment in which the patient's pose is known in every frame.
+    """Return the first frames of the segments (``length`` frames) in which the patient was found in every frame.
 
-    In the other segments, some frames have no pixels of the patient that could be given.
+    found: (frames,) bool. Other segments are left out, since methods could not be given the patient's pixels there.
     """
     return [start for start in range(0, frames - length + 1, length) if found[start : start + length].all()]
 
@@ -70,11 +70,11 @@ def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
 class Trial:
     """A recording with one size of hole, and the forms of the framework in which methods run on it."""
 
-    recording: Recording  # with its clocks unchanged
+    recording: Recording  # as it was read, before its clocks are aligned
     given: GivenFrames
     cut: np.ndarray  # (t,) bool, frames that lost readings
     runs: Mapping[Form, Run]
-    # windows taken so far, by kind of mesh
+    # windows (``matching.Window``) that were taken so far, by the settings of their meshes
     windows: dict[SurfaceConfig, list[tuple[Window, Truth]]] = field(default_factory=dict)
 
     def within(self, forms: Sequence[Form]) -> Trial:
@@ -85,9 +85,10 @@ class Trial:
 def track_segments(
     method: Method, setting: object, trials: Sequence[Trial], starts: Sequence[int], length: int
 ) -> list[TrackedJoints]:
-    """Track with the method in every trial, restarting at each of the starts; frames of the starts are left out.
+    """Track the segments that begin at ``starts`` by one method, in each trial and form.
 
-    Trials share descriptors and matches of frames that are the same in them.
+    Tracking restarts in each segment. Its first frame, whose pose is given, is left out of the result. Trials share
+    descriptors and matches of frames into which no hole was cut.
     """
     associate = associate_once(method, setting)
     joints = [{form: [np.zeros((0, JOINT_COUNT, 3))] for form in trial.runs} for trial in trials]
@@ -124,9 +125,9 @@ class PreparedClip:
     recording: Recording
     reference: Reference
     truth_m: np.ndarray  # (t, 21, 3), true joints, world, NaN = unknown
-    in_hole: np.ndarray  # (t,) bool, frames that lose data
-    starts: tuple[int, ...]  # frames whose pose is given
-    skin: Skin | None  # true surface; None for a real recording
+    in_hole: np.ndarray  # (t,) bool, frames that were drawn to get a hole
+    starts: tuple[int, ...]  # first frames of the segments, whose poses are given
+    skin: Skin | None  # the patient's true surface; None for a real recording
 
     @property
     def seed(self) -> int:
@@ -135,7 +136,7 @@ class PreparedClip:
 
 
 def work_on(clip: Clip, plan: Plan) -> None:
-    """Do all open tasks of a clip, one result file per task.
+    """Do all tasks of a clip that have no result yet, and write one result file per task.
 
     Raises AnchorposeError if the patient or a world frame is not found in the clip.
     """
@@ -145,7 +146,8 @@ def work_on(clip: Clip, plan: Plan) -> None:
     with one_thread(), prepare_clip(clip, plan) as prepared:
         holes_m = sorted({task.hole_m for task in open_tasks})
         one_camera = len(prepared.recording.cameras) == 1
-        for together in [holes_m] if one_camera else [[hole_m] for hole_m in holes_m]:  # holes need one camera
+        # with several cameras, cutting holes raises an error; the tasks without a hole are then done and stored before
+        for together in [holes_m] if one_camera else [[hole_m] for hole_m in holes_m]:
             tasks = [task for task in open_tasks if task.hole_m in together]
             with open_trials(prepared, plan, together) as trials:
                 _run_tasks(tasks, prepared, trials, plan)
@@ -230,7 +232,7 @@ def _match(task: Task, prepared: PreparedClip, trial: Trial, plan: Plan) -> None
 
 
 def _track(tasks: Sequence[Task], prepared: PreparedClip, trials: Mapping[float, Trial], plan: Plan) -> None:
-    """Run the tasks of one method that differ in the size of the hole."""
+    """Run the tracking tasks of one method on a recording; the tasks differ in the size of the hole."""
     method, setting, length = tasks[0].method, tasks[0].setting, plan.config.segment_frames
     starts, of_tasks = _segments(prepared, plan), [trials[task.hole_m] for task in tasks]
     if method.family is Family.TRACKER:
@@ -251,9 +253,9 @@ def _segments(prepared: PreparedClip, plan: Plan) -> list[int]:
 def windows_of(
     method: Method, setting: object, prepared: PreparedClip, trial: Trial, plan: Plan
 ) -> list[tuple[Window, Truth]]:
-    """Return the windows on the meshes of a method, gap by gap, with the true correspondence.
+    """Return the windows in which the matches of a method are compared, gap by gap, with the true correspondence.
 
-    A real recording has no windows. Methods with the same kind of mesh share windows.
+    A real recording has no windows, since its truth is unknown. Methods with the same mesh settings share windows.
     """
     skin, taken = prepared.skin, trial.windows
     surface = method.configure(paper_config(plan.movements), setting).surface
@@ -276,9 +278,10 @@ def _windows_over(
 
 
 def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[int]:
-    """Return the first frames of the windows, which are the same for every size of hole.
+    """Return the first frames of the windows, drawn at random, but the same for every size of hole.
 
-    If holes are cut, at least one of a window's two frames has a hole.
+    stride: number of frames from the first to the second frame of a window. If holes are cut in the recording, they are
+    cut in at least one of these two frames.
     """
     found, hole = prepared.reference.found, prepared.in_hole
     here = np.arange(max(len(found) - stride, 0))
@@ -287,7 +290,7 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Return only the frames that other methods also track: those of the segments, except frames with a given pose."""
+    """Return the part of a track that other methods also have: the segments without their first frames."""
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
         kept[start + 1 : start + length] = True
@@ -302,7 +305,7 @@ def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarra
 def _matched_arrays(
     windows: Sequence[Window], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray, plan: Plan
 ) -> dict[str, object]:
-    """Return the joined arrays of all windows, and the array ``window`` (m,) with the window of each node."""
+    """Return the arrays to be stored for a task, over the nodes of all windows; ``window`` (m,): each node's window."""
     height_m = np.nan if prepared.skin is None else prepared.skin.clinic.patient.person.height_m
     gap_of = {plan.config.stride(gap_s): gap_s for gap_s in plan.gaps_s}
     return {

@@ -9,7 +9,7 @@ from numba import njit
 
 FULL_TURN = 2.0 * np.pi
 
-SMALLEST = 5e-324  # added so that the direction of a zero vector is 0, not NaN
+SMALLEST = 5e-324  # smallest divisor, so that the direction of a zero vector is 0, not NaN
 
 ARC = (
     0.159154940193,
@@ -55,7 +55,7 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
     at = fraction * len(bins) - 0.5
     low = int(np.floor(at))
     part = at - low
-    low = low if low >= 0 else len(bins) - 1  # the remainder operator is slower than all other steps together
+    low = low if low >= 0 else len(bins) - 1  # wrapped without %, which takes longer than all other steps together
     bins[low] += weight * (1.0 - part)
     bins[low + 1 if low + 1 < len(bins) else 0] += weight * part
 
@@ -78,9 +78,9 @@ def peak_fraction(bins: np.ndarray) -> float:
 
 @njit(cache=True)
 def smooth(bins: np.ndarray, rounds: int) -> None:
-    """Average every bin with its neighbours, weighted 1 : 2 : 1, ``rounds`` times.
+    """Replace every bin, ``rounds`` times, by the mean of itself and its neighbours, weighted 1 : 2 : 1.
 
-    Each round increases the variance by half a bin squared.
+    Each round increases the variance of a peak by 0.5, in squared bins.
     """
     for _ in range(rounds):
         first, before = bins[0], bins[-1]
@@ -90,13 +90,13 @@ def smooth(bins: np.ndarray, rounds: int) -> None:
             before = here
 
 
-# arctan(t) / t over t^2, interpolated at Chebyshev nodes; the error is below 1e-7 rad in single precision
+# arctan(t) / t as a polynomial in t^2, through Chebyshev nodes; the error is below 1e-7 rad in single precision
 _A0, _A1, _A2, _A3 = (np.float32(a) for a in (0.999999982, -0.333330367, 0.19991872, -0.141977978))
 _A4, _A5, _A6, _A7 = (np.float32(a) for a in (0.106183706, -0.0745685481, 0.0421376235, -0.015731249))
 _A8 = np.float32(0.00276628348)
 ZERO: Any
 ONE: Any
-ZERO, ONE = np.float32(0.0), np.float32(1.0)  # with literals, all results would be float64
+ZERO, ONE = np.float32(0.0), np.float32(1.0)  # float32; with Python's literals, all results would be float64
 PI, HALF_PI = np.float32(np.pi), np.float32(np.pi / 2)
 
 

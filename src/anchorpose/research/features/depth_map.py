@@ -1,6 +1,6 @@
 """Draw the depth of the surface around a node as a small upright image, and compute its SIFT descriptor.
 
-The surface is seen from above the node's tangent plane. Unknown pixels are NaN.
+The surface is seen along the node's normal; heights are metres above its tangent plane. Unknown pixels are NaN.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from numba import njit
 from anchorpose.research.features.circle import FULL_TURN, turn_fraction
 
 SMALLEST_M2 = 1e-12  # m², twice the minimum area of a triangle whose slope is computed
-HALF_SPREAD = 0.5  # sigma of the weights from which the angle is computed, as a share of half the window's width
+HALF_SPREAD = 0.5  # sigma of the Gaussian in ``triangle_slopes``, as a share of half the width of all cells
 CELLS: Final = 4  # number of cells on each side of the image
-ORIENTATIONS: Final = 8
+ORIENTATIONS: Final = 8  # number of directions of the gradient in a cell's histogram
 WIDTH: Final = CELLS * CELLS * ORIENTATIONS
 CLIP: Final = 0.2  # maximum value in a descriptor of unit length, so that a single edge does not outweigh all others
 
@@ -24,9 +24,9 @@ CLIP: Final = 0.2  # maximum value in a descriptor of unit length, so that a sin
 def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: float, slopes: np.ndarray) -> None:
     """Fill slopes (>= count, 5) with each triangle's weight, centre (x, y) and gradient of the height.
 
-    local (m, 3): tangential x, y and height of the vertices. triangles (>= count, 3): their vertices. half: half of the
-    window's width. The weight is the projected area times a Gaussian of the distance; it is 0 for a triangle seen from
-    below or edge on.
+    local (m, 3): tangential x, y and height of the vertices. triangles (>= count, 3): their vertices. half: metres,
+    half the width of all cells. The weight is the projected area times a Gaussian of the distance from the node; it is
+    0 for a triangle seen from below or edge on.
     """
     narrow = -0.5 / (HALF_SPREAD * half) ** 2
     for t in range(count):
@@ -106,7 +106,7 @@ def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, image: np.ndarray
             beta, gamma = dx * cy - dy * cx, bx * dy - by * dx
             if (beta >= -slack) & (gamma >= -slack) & (beta + gamma <= 1.0 + slack):
                 height = az + beta * bz + gamma * cz
-                if not image[i, j] >= height:  # the comparison is false for NaN
+                if not image[i, j] >= height:  # false for NaN, so unknown pixels are drawn
                     image[i, j] = height
 
 
@@ -126,11 +126,12 @@ def image_side(samples: int) -> int:
 
 
 def cell_shares(samples: int) -> np.ndarray:
-    """Return (side, 3) float64: for each column or row its Gaussian weight, and how its two cells share it.
+    """Return (side, 3) float64: the Gaussian weight of each column (or row), and how the two nearest cells share it.
 
-    The second value is the number of the first cell (cell 0 is the margin); the third is the second cell's share.
+    The second value is the number of the first cell (cell 0 is the margin); the third is the share of the next cell.
     """
-    away = (np.arange(image_side(samples)) - 0.5 * (image_side(samples) - 1)) / samples  # cells from the middle
+    # from the image's middle, in cells
+    away = (np.arange(image_side(samples)) - 0.5 * (image_side(samples) - 1)) / samples
     cell = away + 0.5 * CELLS + 0.5
     return np.stack([np.exp(-(away**2) / (0.5 * CELLS * CELLS)), np.floor(cell), cell - np.floor(cell)], axis=1)
 
@@ -146,7 +147,7 @@ def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray
     and scaled again. Source: Lowe 2004 (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
     """
     side = len(image)
-    bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # the outer cells are discarded
+    bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # with a margin of cells, which is discarded
     across, length, turn = np.empty((CELLS + 2, ORIENTATIONS)), np.empty(side), np.empty(side)
     for i in range(1, side - 1):
         _row_gradients(image[i - 1], image[i], image[i + 1], length, turn)
@@ -188,7 +189,7 @@ def _row_gradients(above: np.ndarray, row: np.ndarray, below: np.ndarray, length
 
 @njit(cache=True)
 def _difference(before: float, here: float, after: float) -> float:
-    """Return the difference over two pixels.
+    """Return the difference of height over two pixels.
 
     It is taken on one side only if the other neighbour is unknown, and is NaN if the pixel itself is unknown.
     """

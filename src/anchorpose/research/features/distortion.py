@@ -1,8 +1,9 @@
-"""Measure by d_PE how far two surfaces are from isometric, from the smallest distortion of a map (paper, Eq. gmds).
+"""Measure how far two surfaces are from isometric by the paper's d_PE: half the smallest distortion of a map.
 
-The distortion of a map is the greatest change of a distance (paper, Eq. distortion; Bronstein, Bronstein and Kimmel
-2006, doi:10.1073/pnas.0508601103). Branch and bound finds the map of smallest distortion exactly, for few samples. The
-compared method GMDS (``gmds``) uses all changes instead of only the greatest, and so distinguishes maps better.
+See the paper, equation eq:gmds (its LaTeX label). The distortion of a map is the greatest change of a distance
+(equation eq:distortion; Bronstein, Bronstein and Kimmel 2006, doi:10.1073/pnas.0508601103). Branch and bound finds the
+map of smallest distortion exactly, for few samples. The module ``gmds``, which matches surfaces, uses all changes
+instead of only the greatest, and so distinguishes maps better.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ from anchorpose.surface.surface import Surface
 class LeastDistortion:
     """A map of smallest distortion between two sets of points."""
 
-    match: np.ndarray  # (n_a,) int32, point of the second set for each point of the first; several may share a point
+    match: np.ndarray  # (n_a,) int32, for each point of the first set, its point in the second, which several may share
     distortion_m: float  # m, distortion of this map
     proven: bool  # whether it is proven that no other map has a smaller distortion
 
     @property
     def d_pe_m(self) -> float:
-        """Return d_PE, metres: half of the distortion; an upper bound unless ``proven``."""
+        """Return d_PE, metres: half of the distortion; unless ``proven``, this is only an upper bound of d_PE."""
         return self.distortion_m / 2.0
 
 
@@ -57,7 +58,8 @@ def least_distortion(
 def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates: int = 60) -> LeastDistortion:
     """Compute d_PE between samples of one surface and candidates on another. Both sets are spread as far as possible.
 
-    Distances are computed by fast marching, and links are paths. Between pieces of a surface they are ``APART_M``.
+    Distances are computed by fast marching, and paths may follow links (edges outside the pixel grid). Between separate
+    pieces of a surface, distances are ``APART_M``.
     """
     nodes = farthest_points(one, samples)[0], farthest_points(other, candidates)[0]
     return least_distortion(_among(one, nodes[0]), _among(other, nodes[1]))

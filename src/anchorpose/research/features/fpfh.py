@@ -15,7 +15,7 @@ from anchorpose.settings import Positive, settings
 
 BINS = 11
 SIZE = 3 * BINS
-_PADDED = 40  # number of columns, more than 33 so that a row fills whole vector registers
+_PADDED = 40  # number of columns; more than the 33 needed, so that a row fills whole vector registers
 _TWO_PI, _HALF, _BINS = np.float32(2 * np.pi), np.float32(0.5), np.float32(BINS)
 _FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
 
@@ -24,8 +24,8 @@ _FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
 class FpfhConfig:
     """Settings of FPFH, which has 3 histograms of 11 bins."""
 
-    # radius of a simplified histogram; a node's descriptor depends on the surface within twice this radius, 30 cm; with
-    # a radius of 10 cm, errors are twice as large
+    # m, radius within which a node's simplified histogram counts other nodes. Descriptors average such histograms, so
+    # they depend on the surface within twice this radius. With 10 cm, errors of matches are twice as large
     radius_m: Positive = 0.15
     own_histogram: bool = False  # True: the node's own histogram is added, as in the paper and Open3D, but not in PCL
 
@@ -34,8 +34,8 @@ def fpfh(points_m: np.ndarray, normals: np.ndarray, config: FpfhConfig | None = 
     """Return (n, 33) float32: the histograms of three angles, 11 bins each.
 
     points_m, normals (n, 3) are in one frame, and normals have unit length. A node with NaN in either is left out of
-    all histograms. Each histogram sums to 100, or to 200 with the node's own. The row of a node without position,
-    normal or neighbour is NaN.
+    all histograms. Each histogram sums to 100, or to 200 if the node's own is added. The row of a node without
+    position, normal or neighbour is NaN.
     """
     config = config or FpfhConfig()
     points, unit = as_oriented(points_m, normals)
@@ -47,10 +47,10 @@ def fpfh(points_m: np.ndarray, normals: np.ndarray, config: FpfhConfig | None = 
 
 @njit(cache=True)
 def _simplified(oriented: np.ndarray, start: np.ndarray, node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the simplified histograms (n, 40) float32, and the number of pairs (n,) int32 in each.
+    """Return the simplified histograms (n, 40) float32, and the number of pairs (n,) int32 of each node.
 
-    Each of the three histograms sums to 100; the last columns are empty. Each pair is computed once for both of its
-    nodes, since both have the same angles.
+    A pair is a node and a neighbour. Each of the three histograms sums to 100; the columns from 33 on are empty. Each
+    pair is computed once for both of its nodes, since both have the same angles.
     """
     simple, pairs = np.zeros((len(oriented), _PADDED), np.float32), np.zeros(len(oriented), np.int32)
     longest = 0
@@ -82,11 +82,11 @@ def _simplified(oriented: np.ndarray, start: np.ndarray, node: np.ndarray) -> tu
 
 @njit(cache=True, error_model="numpy")
 def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bins: np.ndarray) -> None:
-    """Fill the bin of each pair in each histogram.
+    """Fill bins (3, count): for each of the three angles, the bin of each pair of node p and one of ``others``.
 
-    The angles are the paper's, in Darboux's frame at the node whose normal has the smaller angle with the line between
-    the two nodes. With unit normals, v = d x n / |d x n| and w = n x v, all angles follow from products of d, n and the
-    other normal.
+    The angles are the paper's, in Darboux's frame at the node whose normal n has the smaller angle with the direction d
+    between the two nodes. With unit normals, v = d x n / |d x n| and w = n x v, all angles follow from products of d, n
+    and the other normal.
     """
     x, y, z = oriented[p, 0], oriented[p, 1], oriented[p, 2]
     nx, ny, nz = oriented[p, 3], oriented[p, 4], oriented[p, 5]
@@ -118,9 +118,9 @@ def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bin
 
 @njit(cache=True, error_model="numpy")
 def _weighted(simple: np.ndarray, pairs: np.ndarray, near: Neighbours, own: bool) -> np.ndarray:
-    """Return the descriptors (n, 33): the neighbours' histograms, weighted by inverse squared distance.
+    """Return the descriptors (n, 33): sums of the neighbours' histograms, weighted by inverse squared distance.
 
-    Each of the three histograms sums to 100.
+    Each of the three histograms is scaled to sum to 100.
     """
     start, node, distance2 = near.start, near.node, near.distance2_m2
     result, mixed = np.empty((len(simple), SIZE), np.float32), np.empty(_PADDED, np.float32)

@@ -1,9 +1,9 @@
 """Match two surfaces by generalised multi-dimensional scaling, GMDS (paper, Section III-A).
 
-Samples far apart are mapped so that the distances between them change as little as possible. First, branch and
-bound maps the few farthest samples onto few candidates and keeps the best maps that differ. Then all samples are mapped
-onto more candidates. Then, for the best maps, samples may move to any node. All other nodes are mapped by their
-distances to the samples.
+Samples are nodes of the source surface that lie far apart, and candidates such nodes of the target. Samples are mapped
+so that the distances between them change as little as possible. First, branch and bound maps the few farthest samples
+onto few candidates and keeps the best maps that differ. Then all samples are mapped onto more candidates. Then, for the
+best maps, samples may move to any node. All other nodes are mapped by their distances to the samples.
 Source: Bronstein, Bronstein and Kimmel 2006 (doi:10.1073/pnas.0508601103): their least squares, with branch and bound
 for the initial map.
 """
@@ -23,7 +23,7 @@ from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
 APART_M: Final = 1e3  # m, assumed distance between separate pieces of surface, far greater than distances on a body
-FIRST_LIMIT_M: Final = 0.02  # m, maximum mean change of a distance in the first search; doubled until a map is found
+FIRST_LIMIT_M: Final = 0.02  # m, limit of the RMS change of distances in the first search; doubled until a map exists
 
 
 def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -51,7 +51,7 @@ def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarra
 
 
 def field_from(surface: Surface, node: int) -> np.ndarray:
-    """Return the distance field (n,) float32 of one node."""
+    """Return the geodesic distance (n,) float32, metres, from one node to all nodes, at most ``APART_M``."""
     field = geodesic_distance(surface, np.array([node]))[0]
     return np.minimum(field, np.float32(APART_M))
 
@@ -65,12 +65,13 @@ class GmdsConfig:
     first_samples: Count = 6  # number of samples that are mapped first, usually head, hands, feet and one more
     first_candidates: Count = 60  # number of candidates for the first samples, 10 cm apart on a body
     candidates: Count = 200  # number of candidates for all samples, 5 cm apart on a body
-    starts: Count = 24  # number of maps of the first samples that are continued; many are mirrored or swap limbs
+    starts: Count = 24  # number of maps of the first samples that are continued; many mirror the body or swap limbs
     finalists: Count = 3  # number of maps that are refined to nodes
-    # maximum change of a distance that is counted, since all distances to a hand change when it touches the body
+    # m; greater changes of a distance count as this, since all distances to a hand change when it touches the body
     cap_m: Positive = 0.15
     sweeps: Count = 10  # maximum number of sweeps over all samples; they usually converge in four
-    # minimum share of the nodes on a piece that is matched, about a forearm; smaller pieces have no recognisable shape
+    # minimum share of all nodes that a piece needs to be matched (3 %: a forearm); smaller ones have no recognisable
+    # shape
     min_piece: Share = 0.03
     max_branches: Count = 300_000  # maximum number of branches visited, which takes a tenth of a second
 
@@ -94,11 +95,12 @@ class GmdsMaps:
 
 
 def match_by_gmds(source: Surface, target: Surface, config: GmdsConfig | None = None) -> np.ndarray:
-    """Return (n_source,) int32: the target's node for each node of the source, by the best map of ``gmds_maps``.
+    """Return (n_source,) int32: the target's node for each node of the source, according to the best of ``gmds_maps``.
 
     -1 = undefined: the node is not finite, or on a piece with less than the share ``min_piece`` of the finite nodes. If
-    either surface has only such nodes, all nodes are undefined. Distances are by fast marching, links are paths.
-    Positions do not count, so a body may be matched with its mirror image. Several nodes may share a match.
+    either surface has only such nodes, all nodes are undefined. Distances are computed by fast marching, and paths may
+    follow links (edges outside the pixel grid). Only distances count, not positions, so a body may be matched with its
+    mirror image. Several nodes may share a match.
     """
     match: np.ndarray = _solve(source, target, config or GmdsConfig())[1]
     return match
@@ -129,7 +131,7 @@ def _solve(source: Surface, target: Surface, config: GmdsConfig) -> tuple[GmdsMa
 
 
 def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
-    """Return the finite nodes on large pieces as a surface, and their numbers (k,) int32."""
+    """Return a surface of the finite nodes on pieces of at least the share ``min_piece``, and their numbers (k,)."""
     node = np.flatnonzero(np.isfinite(surface.points_m).all(axis=1)).astype(np.int32)
     finite = keep_nodes(surface, np.isin(np.arange(len(surface)), node))
     piece = pieces(finite)
@@ -156,9 +158,7 @@ def _starts(among_a: np.ndarray, among_b: np.ndarray, config: GmdsConfig) -> tup
 def _settled(
     among_a: np.ndarray, among_b: np.ndarray, start: np.ndarray, config: GmdsConfig
 ) -> tuple[np.ndarray, float]:
-    """Place all samples on candidates (k,) int32, starting from a map of the first of them; return places and
-    stress.
-    """
+    """Map all samples to candidates, starting from a map of the first samples; return candidates (k,) and stress."""
     places = np.zeros(len(among_a), np.int32)
     places[: len(start)] = start
     settle(among_a, among_b, places, len(start), config.cap_m, config.sweeps)
@@ -166,7 +166,7 @@ def _settled(
 
 
 def _alternatives(found: list[tuple[np.ndarray, float]], among_b: np.ndarray, count: int) -> list[np.ndarray]:
-    """Return the maps of least stress without maps that put the samples at nearly the same places as a better map."""
+    """Return up to ``count`` maps of least stress, without maps that nearly equal a better one."""
     kept: list[np.ndarray] = []
     for places, _ in sorted(found, key=lambda one: one[1]):
         if len(kept) < count and all(among_b[places, other].mean() > _spacing_m(among_b) for other in kept):
@@ -182,7 +182,7 @@ def _spacing_m(distances: np.ndarray) -> float:
 def _refined(
     target: Surface, among_a: np.ndarray, places: np.ndarray, fields: np.ndarray, config: GmdsConfig
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Move one sample after another to its node of least stress until none moves; return places, fields and stress."""
+    """Move each sample in turn to its node of least stress until none moves; return places, their fields and stress."""
     places, fields, unmoved = places.copy(), fields.copy(), 0
     for step in range(config.sweeps * len(places)):
         at = step % len(places)

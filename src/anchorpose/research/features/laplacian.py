@@ -1,12 +1,12 @@
 """Compute the Laplace-Beltrami operator of a surface's triangles, on their intrinsic Delaunay triangulation.
 
-Depth meshes have slivers along their outline. The cotangents of slivers are hugely negative, so that heat would flow
-from cold to warm. Therefore edges are flipped within the surface, by their lengths alone, which changes no distance and
-leaves no negative weight. An outline has triangles on one side only. Therefore each triangle exists twice, as front and
-as back, and the two sheets are glued along the outline, where the mirror image satisfies Neumann's condition. If an
-edge has three or more triangles, each is glued to the next in the same way.
-Sources: Bobenko and Springborn 2007 (doi:10.1007/s00454-007-9006-1), the flips; Sharp and Crane 2020
-(doi:10.1111/cgf.14069), both sides of each triangle and the slight lengthening of edges.
+Depth meshes have slivers (very thin triangles) along their outline. The cotangents of their obtuse angles are hugely
+negative, so that heat would flow from cold to warm. Therefore edges are flipped within the surface: the edge between
+two triangles becomes the other diagonal. This uses lengths alone, changes no distance and leaves no negative weight. An
+outline has triangles on one side only. Therefore each triangle exists twice, as front and as back. Front and back are
+glued along the outline, where this mirror image satisfies Neumann's condition. If an edge has three or more triangles,
+each is glued to the next in the same way. Sources: Bobenko and Springborn 2007 (doi:10.1007/s00454-007-9006-1), the
+flips; Sharp and Crane 2020 (doi:10.1111/cgf.14069), both sides of each triangle and the slight lengthening of edges.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
 MIN_SLACK: Final = 1e-5  # minimum excess of two sides of a triangle over the third, as a share of the mean edge length
-FLIPS_PER_EDGE: Final = 50  # maximum number of flips, far more than a mesh needs; with rounding, they might not end
+FLIPS_PER_EDGE: Final = 50  # maximum flips per half-edge, far above what a mesh needs; rounding might make them endless
 TOLERANCE: Final = 1e-9  # rounding error of a cotangent; an edge is not flipped for less
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Laplacian:
-    """The operator on the nodes that belong to a triangle."""
+    """The Laplace-Beltrami operator on those nodes of a surface that belong to a triangle."""
 
-    node: np.ndarray  # (v,) int32, these nodes of the surface; all other arrays are in this order
+    node: np.ndarray  # (v,) int32, numbers of these nodes on the surface; all other arrays are in this order
     # (v, v) float64, sparse, cotangent weights: symmetric, positive semidefinite, no positive entry off the diagonal
     stiffness: csc_array
     # (v,) float64, area that is nearer to the node than to all other nodes (Voronoi); unlike a third of each triangle's
@@ -43,7 +43,7 @@ class Laplacian:
 def surface_laplacian(surface: Surface) -> Laplacian:
     """Return cotangent weights and lumped mass on the intrinsic Delaunay triangulation, with Neumann's condition.
 
-    Links have no triangles, so they conduct no heat. Triangles with a node whose position is not finite are left out.
+    Links (edges without triangles) conduct no heat. Triangles with a node whose position is not finite are left out.
     """
     triangles = faces(surface)
     return mesh_laplacian(surface.points_m, triangles[np.isfinite(surface.points_m).all(axis=1)[triangles].all(axis=1)])
@@ -68,7 +68,7 @@ def mesh_laplacian(points_m: np.ndarray, triangles: np.ndarray) -> Laplacian:
 
 
 def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the weight of each half-edge and the area at either half of it, on the triangulation after all flips.
+    """Return a cotangent weight and an area for each half-edge, on the triangulation after all flips.
 
     points_m (n, 3) float64 metres; triangles (f, 3) int of finite points, with any orientation. Returns edges (6 f, 2)
     int32 and values (6 f, 2) float64. An edge is its tail and head node, which are the same if the edge was flipped
@@ -99,7 +99,7 @@ def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
     head, face = tail[after], np.tile(np.repeat(np.arange(len(triangles)), 3), 2)
     low, high = np.minimum(tail, head), np.maximum(tail, head)
     order = np.lexsort([face, high, low, tail > head])
-    up, down = order[: len(order) // 2], order[len(order) // 2 :]  # the same edge and triangle in the same row
+    up, down = order[: len(order) // 2], order[len(order) // 2 :]  # up[i], down[i]: a triangle side's front and back
     first = np.ones(len(up), bool)
     first[1:] = (low[up[1:]] != low[up[:-1]]) | (high[up[1:]] != high[up[:-1]])
     start = np.flatnonzero(first)
@@ -112,7 +112,7 @@ def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 @njit(cache=True)
 def _flip_all(tail: np.ndarray, after: np.ndarray, twin: np.ndarray, length: np.ndarray) -> int:
-    """Flip in place until every edge is Delaunay; return the number of flips."""
+    """Flip edges in place until every edge is Delaunay; return the number of flips."""
     waiting, queued = np.arange(len(tail)), np.ones(len(tail), np.bool_)
     first, size, flips = 0, len(tail), 0
     while size > 0 and flips < FLIPS_PER_EDGE * len(tail):
@@ -138,7 +138,7 @@ def _flip_all(tail: np.ndarray, after: np.ndarray, twin: np.ndarray, length: np.
 
 @njit(cache=True)
 def _other_diagonal(h: int, g: int, after: np.ndarray, length: np.ndarray) -> float:
-    """Return the distance between the two corners opposite an edge, both triangles laid flat."""
+    """Return the distance between the two corners opposite an edge when both triangles are laid flat."""
     base = length[h]
     beside, from_j, from_i = 2.0 * _area(h, after, length) / base, length[after[h]], length[after[after[h]]]
     along = (base * base + from_i * from_i - from_j * from_j) / (2.0 * base)

@@ -42,23 +42,24 @@ class Beyond(StrEnum):
 class LdSiftConfig:
     """Settings of LD-SIFT."""
 
-    radius_m: Positive = 0.15  # half the width of all 4 x 4 cells; a larger radius distinguishes more, but takes longer
+    radius_m: Positive = 0.15  # m, half the width of all 4 x 4 cells; a larger radius distinguishes more, but is slow
     beyond: Beyond = Beyond.UNKNOWN
-    floor_m: Positive = 0.05
-    samples: Count = 6  # number of pixels on a cell's side; with fewer, an arm seen from the side is missed
+    floor_m: Positive = 0.05  # m, depth below the node of the plane of ``Beyond.FLOOR``
+    samples: Count = 6  # number of pixels on a cell's side; fewer would miss an arm seen from the side
 
 
 def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
     """Return the descriptors (n, 128) float32, of unit length, with no value below 0.
 
-    A row is NaN if the node has no position, normal or triangle, or if its depth map has no known gradient. The latter
-    is so if the map is exactly flat, or if its surface is nowhere two pixels wide.
+    A row is NaN if the node has no position, normal or triangle, or if its depth map has no known gradient: the map is
+    exactly flat, or its surface is nowhere two pixels wide.
 
-    The depth map shows the triangles within reach along the edges, from above the node's tangent plane. It is turned
-    upright by the longer principal axis of the area that the surface covers, for example the direction of a limb, and
-    described by SIFT. By default, pixels that no triangle covers are unknown and have no gradient, so that the end of
-    the camera's view is not an edge. The authors describe only detected points of closed meshes, at the scale of each
-    point and turned by its gradients. Here every node is described at the same scale.
+    The depth map shows the triangles within reach along the edges, seen along the node's normal. It is turned so that
+    the longer principal axis of the area that the surface covers, such as a limb's direction, always has the same
+    direction in the image. SIFT then describes it. By default, pixels that no triangle covers are unknown and have no
+    gradient, so that the end of the camera's view is not an edge. The authors describe only detected points of closed
+    meshes, at the scale of each point and turned by the gradients around it. Here every node is described at the same
+    scale.
     """
     config = config or LdSiftConfig()
     rings = rings_within(surface, config.radius_m * REACH)
@@ -121,7 +122,7 @@ def _describe_all(mesh: _Mesh, rings: Rings, view: _View) -> np.ndarray:
 
 @njit(cache=True)
 def _to_local(points: np.ndarray, node: int, near: np.ndarray, frame: np.ndarray, local: np.ndarray) -> None:
-    """Fill local with the neighbours' positions in the node's frame."""
+    """Fill ``local`` with the positions of the nodes ``near`` in the local frame of ``node``."""
     for c in range(len(near)):
         for row in range(3):
             local[c, row] = 0.0

@@ -1,4 +1,4 @@
-"""Compute SHOT's repeatable local frame: the neighbourhood's principal axes, towards the side with more neighbours.
+"""Compute SHOT's repeatable local frame: principal axes of the neighbours, each towards the side with more of them.
 
 Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), Section 3, as PCL 1.13 implements it.
 """
@@ -18,9 +18,9 @@ def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarr
     """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where undefined.
 
     points_m (n, 3). x lies along the widest spread and z across the surface; each points to the side with more
-    neighbours. If both sides have the same number, only the five neighbours of median distance count.
-    normals (n, 3): if given, z points to the side of the node's normal instead, as a nearly flat surface needs. A frame
-    is undefined if the node has fewer than five neighbours at other positions, or no normal.
+    neighbours. If both sides have the same number, only the five neighbours of median distance count. normals (n, 3):
+    if given, z points to the side of the node's normal instead; on a nearly flat surface, noise decides which side has
+    more neighbours. A frame is undefined if the node has fewer than five neighbours at other positions, or no normal.
     """
     points = as_points(points_m, "points_m")
     unit = as_points(normals, "normals") if normals is not None else np.empty((0, 3), np.float32)
@@ -70,8 +70,8 @@ def _spread(
 ) -> int:
     """Fill ``spread`` with the covariance about the node; return the number of neighbours used.
 
-    Each neighbour is weighted by its distance to the sphere. Since only the axes are used, the covariance is not
-    divided by the sum of the weights.
+    A neighbour's weight is its distance to the surface of the sphere. Since only the axes are used, the covariance is
+    not divided by the sum of the weights.
     """
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     count = 0
@@ -141,7 +141,7 @@ def principal_axes(matrix: np.ndarray, axes: np.ndarray) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _rotate(matrix: np.ndarray, axes: np.ndarray, p: int, q: int) -> None:
-    """Rotate once in the plane of p and q so that their entry becomes zero."""
+    """Rotate matrix and axes once in the plane of p and q so that matrix[p, q] becomes zero."""
     lean = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
     tangent = (1.0 if lean >= 0.0 else -1.0) / (abs(lean) + np.sqrt(lean * lean + 1.0))
     cosine = 1.0 / np.sqrt(tangent * tangent + 1.0)

@@ -1,7 +1,7 @@
-"""Search for the map between two sets of points that minimises the stress, given the distances within each set.
+"""Search for the map from one set of points to another with the least stress, given the distances within each set.
 
-Branch and bound finds the best maps of few samples; ``settle`` and ``best_places`` improve maps of many samples, one
-sample at a time. The stress comes from the squared changes of distance, each change capped.
+The stress is the root mean square of the changes of the distances between points, each change capped. Branch and bound
+finds the best maps of few samples; ``settle`` and ``best_places`` improve maps of many samples, one sample at a time.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from numba import njit
 def branch_and_bound(
     a: np.ndarray, b: np.ndarray, cap: float, limit: float, kept: int, same: float, steps: int
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the exactly best map of few samples onto candidates, and the best maps that differ from it.
+    """Return the exactly best map of k samples onto n candidates, and the best maps that differ from it.
 
-    a (k, k), b (n, n): float32 distances. limit: every map must cost less, each pair counted once. same: if all places
-    of two maps are within this distance in metres, only the better map is kept. Returns maps (kept, k) int32 and costs
-    (kept,) float64, best first, inf = no map, and the number of branches visited, which is ``steps`` if it gave up.
+    a (k, k), b (n, n): float32 distances. The cost of a map is the sum of the squared, capped changes over all pairs of
+    samples. limit: maps with at least this cost are ignored. same: of two maps whose places are all within this
+    distance, metres, only the better is kept. Returns maps (kept, k) int32 and costs (kept,) float64, best first, inf =
+    no map, and the number of branches visited, which is ``steps`` if the search gave up.
     """
     depth, count = len(a), len(b)
     maps, costs = np.full((kept, depth), -1, np.int32), np.full(kept, np.inf)
@@ -55,9 +56,9 @@ def branch_and_bound(
 
 @njit(cache=True, error_model="numpy")
 def _place_sample(a: np.ndarray, b: np.ndarray, level: int, place: int, cap: float, table: np.ndarray) -> float:
-    """Place sample ``level``, and fill table[level + 1] with the cost of each open sample at each candidate.
+    """Put sample ``level`` at a place, and fill table[level + 1] with the cost of each later sample at each candidate.
 
-    Return the smallest possible cost of the samples after the next sample.
+    Return a lower bound of the cost of all samples after the next sample.
     """
     floor = 0.0
     for i in range(level + 1, len(a)):
@@ -71,7 +72,7 @@ def _place_sample(a: np.ndarray, b: np.ndarray, level: int, place: int, cap: flo
 
 @njit(cache=True, error_model="numpy")
 def _keep(chosen: np.ndarray, cost: float, b: np.ndarray, same: float, maps: np.ndarray, costs: np.ndarray) -> None:
-    """Insert a map in the list of the best, in place of similar maps, unless a similar map in the list is better."""
+    """Insert a map into the sorted list of best maps, in place of similar maps, unless a similar map is better."""
     held = 0
     while held < len(costs) and costs[held] < np.inf:
         held += 1
@@ -112,11 +113,11 @@ def stress_m(a: np.ndarray, b: np.ndarray, cap: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def best_places(rows: np.ndarray, fields: np.ndarray, cap: float, own: np.ndarray) -> np.ndarray:
-    """Return the place of least cost (m,) int32 of each point, by its distances to samples with known places.
+    """Return the place (m,) int32 of least cost for each of m points, given its distances to samples with known places.
 
     rows (m, k) float32: metres from each point to each sample, on the source. fields (k, n) float32: metres from each
-    sample's place to every node of the target. own (m,) int: the sample that is the point itself and does not count,
-    -1 = none. The cost is the sum of squared changes, each capped.
+    sample's place to every node of the target. own (m,) int: the sample that is the point itself, which does not
+    count; -1 = none. The cost is the sum of squared changes, each capped.
     """
     places = np.empty(len(rows), np.int32)
     cost, most = np.empty(fields.shape[1], np.float32), np.float32(cap)

@@ -42,7 +42,7 @@ def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
 
 
 FLAT_RATIO = 1e-3
-"""Minimum ratio of width to length of the neighbours' spread. Below it, they lie on a line and give no derivative."""
+"""Minimum ratio of width to length of the neighbours' spread. Below it, they are nearly on a line: no derivative."""
 
 
 def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:
@@ -98,7 +98,7 @@ def _curvatures(
         both, flat = uu + vv, uu * vv - uv * uv
         if not flat > (FLAT_RATIO * both) ** 2:
             continue
-        # unknowns a, b, c: [uu uv 0; uv both uv; 0 uv vv] [a b c] = [ru rb rv]
+        # a, b and c solve [uu uv 0; uv both uv; 0 uv vv] [a b c] = [ru rb rv]
         b = (rb - uv * ru / uu - uv * rv / vv) / (both - uv * uv / uu - uv * uv / vv)
         a, c = (ru - uv * b) / uu, (rv - uv * b) / vv
         middle, apart = 0.5 * (a + c), np.sqrt(0.25 * (a - c) ** 2 + b * b)

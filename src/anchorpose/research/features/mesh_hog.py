@@ -30,11 +30,12 @@ TwoOrMore = Annotated[int, Field(ge=2)]
 class MeshHogConfig:
     """Settings of MeshHOG. The default values are the authors', except both radii and the smoothing."""
 
-    radius_m: Positive = 0.20  # of the radii from 0.1 to 0.3 m, it distinguishes most places of a body in 0.1 s a frame
-    curvature_radius_m: Positive = 0.07  # averages a depth camera's noise, and still resolves a forearm
+    radius_m: Positive = 0.20  # m; of the radii 0.1 to 0.3 m, it tells most places of a body apart in 0.1 s per frame
+    curvature_radius_m: Positive = 0.07  # m; it averages a depth camera's noise, and still resolves a forearm
     function: ScalarFunction = ScalarFunction.MEAN_CURVATURE
     directions: Annotated[int, Field(ge=4)] = 36  # number of bins of the histogram that determines the first axis
-    # number of times that this histogram is smoothed 1 : 2 : 1, since neighbours in a grid have only eight directions
+    # number of times that the first axis's histogram is smoothed 1 : 2 : 1, since grid neighbours have only eight
+    # directions
     smoothing: Annotated[int, Field(ge=0)] = 16
     slices: TwoOrMore = 4  # number of slices of each of the three planes, by position
     orientations: TwoOrMore = 8  # number of orientations in each slice, by direction of the gradient
@@ -76,7 +77,7 @@ def scalar_function(surface: Surface, config: MeshHogConfig) -> np.ndarray:
 
 
 PLANES = ((0, 1, 1.0), (0, 2, -1.0), (2, 1, -1.0))
-"""For each plane: the axis from which angles are counted, and the axis at a quarter of a turn with its sign."""
+"""For each plane: the axis from which angles are counted, the axis at a quarter turn, and the sign of the latter."""
 
 
 class _Layout(NamedTuple):
@@ -148,7 +149,7 @@ def _to_local(
 
 @njit(cache=True)
 def _first_axis(local: np.ndarray, count: int, rounds: int, polar: np.ndarray) -> float:
-    """Return the angle of the first axis from the first tangent; NaN where all gradients are zero."""
+    """Return the angle (rad) of the first axis from the frame's first tangent; NaN if all gradients are zero."""
     x, y, total = 0.0, 0.0, 0.0
     for c in range(count):
         size = np.sqrt(local[c, 0] ** 2 + local[c, 1] ** 2)
@@ -196,7 +197,7 @@ def _fill(local: np.ndarray, count: int, plane: tuple, bins: np.ndarray) -> None
         to = turn_fraction(gx, gy, 0.0) * orientations - 0.5
         s, o = int(np.floor(at)), int(np.floor(to))
         ds, do = at - s, to - o
-        s, o = s if s >= 0 else slices - 1, o if o >= 0 else orientations - 1  # the remainder operator is slow
+        s, o = s if s >= 0 else slices - 1, o if o >= 0 else orientations - 1  # wrapped without %, which is slow
         s_after, o_after = s + 1 if s + 1 < slices else 0, o + 1 if o + 1 < orientations else 0
         bins[s, o] += weight * (1.0 - ds) * (1.0 - do)
         bins[s, o_after] += weight * (1.0 - ds) * do

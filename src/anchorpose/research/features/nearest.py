@@ -57,7 +57,7 @@ def nearest_descriptor(source: np.ndarray, target: np.ndarray, metric: Metric | 
 
 
 class _RoughDifferences:
-    """Rough Manhattan distances to a table (n, d)."""
+    """Rough Manhattan distances to the rows of a table (n, d)."""
 
     def __init__(self, target: np.ndarray) -> None:
         self._columns = np.ascontiguousarray(target.T, dtype=np.float32)
@@ -65,15 +65,15 @@ class _RoughDifferences:
     def apart(self, source: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return rough distances (m, n) float32, and an error bound (m,) for each row.
 
-        The bound is for the sum of the errors of the row's smallest distance and one other distance. The error of a sum
-        of d values that are not negative is at most d + 1 roundings of the sum.
+        The bound holds for the summed errors of two distances of the row: the smallest and one other. The error of a
+        sum of d values that are not negative is at most d + 1 roundings of the sum.
         """
         apart = _sum_of_differences(source.astype(np.float32), self._columns)
         return apart, 2.0 * (len(self._columns) + 2) * ULP * apart.min(axis=1)
 
 
 class _RoughSquares:
-    """Rough squared distances to a table (n, d), without |s|^2, which is constant in a row.
+    """Rough squared distances to the rows of a table (n, d), without |s|^2, which is constant for a source row s.
 
     The mean is subtracted from all rows, so that squares are not much larger than their differences.
     """
@@ -81,7 +81,7 @@ class _RoughSquares:
     def __init__(self, target: np.ndarray) -> None:
         self._mean = target.mean(axis=0)
         moved = target - self._mean
-        # scale of the values: squares of float32 soon overflow or vanish
+        # values are divided by their maximum, since squares of float32 soon overflow or vanish
         self._unit = float(np.abs(moved).max(initial=0.0)) or 1.0
         moved /= self._unit
         size2 = np.einsum("ij,ij->i", moved, moved)
@@ -118,7 +118,7 @@ def _settle(
 ) -> np.ndarray:
     """Return (m,) int64: the nearest target row, out of the rows whose rough distance is close to the smallest.
 
-    slack (m,): a row is computed again if its rough distance exceeds the smallest by at most this.
+    slack (m,): a target row is computed again if its rough distance exceeds the smallest by at most this.
     """
     nearest = np.zeros(len(source), np.int64)
     for row in range(len(source)):

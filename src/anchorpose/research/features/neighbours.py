@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-BLOCK: Final = 32  # number of successive nodes that are skipped together, about as many as in a mesh row on a limb
+BLOCK: Final = 32  # number of successive nodes that are skipped together, about the length of a mesh row on a limb
 
 
 class Neighbours(NamedTuple):
@@ -60,7 +60,7 @@ def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, 
             for other in range(block * BLOCK, min((block + 1) * BLOCK, count)):
                 dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
                 apart2 = dx * dx + dy * dy + dz * dz
-                node[spot], distance2[spot] = other, apart2  # unless this node is near, the next overwrites it
+                node[spot], distance2[spot] = other, apart2  # kept only if near; if not, the next node overwrites it
                 spot += (apart2 <= limit) & (other != c)
         start[c + 1] = spot
     return start, node[:spot].copy(), distance2[:spot].copy()
@@ -119,7 +119,7 @@ def as_points(values: np.ndarray, name: str) -> np.ndarray:
 
 
 def as_oriented(points_m: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points and normals as ``as_points`` makes them; ValueError where their numbers differ."""
+    """Return the points and normals as ``as_points`` makes them; raises ValueError if their numbers differ."""
     points, unit = as_points(points_m, "points_m"), as_points(normals, "normals")
     if len(points) != len(unit):
         raise ValueError(f"{len(points)} points, but {len(unit)} normals")

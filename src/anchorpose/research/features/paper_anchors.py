@@ -1,8 +1,8 @@
-"""Find the paper's anchors as described in Sections IV-B and V: the extrema by r = 0.5 m around a single centre.
+"""Find the paper's anchors (Sections IV-B and V): nodes farther from one centre than all nodes within r = 0.5 m.
 
-The anchor is the extremum itself. A separate piece has no distance from the centre, and so no anchor. The paper orders
-extrema "based on the corresponding body parts" and gives no rule. Here an extremum has the name of this project's
-anchor at the same end of a limb.
+Each such node, an extremum, is itself the anchor. A piece of surface that is not connected to the centre has no anchor.
+The paper orders extrema "based on the corresponding body parts" and gives no rule. Here an extremum has the name of
+this project's anchor at the same end of a limb.
 """
 
 from __future__ import annotations
@@ -19,20 +19,23 @@ from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.surface.surface import Surface
 
 RADIUS_M: Final = 0.5  # m, the paper's r, which its authors chose "empirically"
-SAME_END_M: Final = 0.12  # m, twice the depth of an anchor's cap; an extremum farther than this is at another end
-by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)  # as in the publication that the paper cites for extrema
+# m; an extremum and an anchor nearer than this are at the same end of a limb: two depths of its cap (see
+# ``geodesics.extrema``)
+SAME_END_M: Final = 0.12
+by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)  # along edges, as in the paper's source for extrema
 
 
 def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
-    """Return the extrema of a surface with seen nodes.
+    """Return the paper's anchors on a surface of which a camera has seen some nodes.
 
-    Each has the name of the ``named`` anchor at the same end; an extremum without such an anchor is left out.
+    Each extremum has the name of the ``named`` anchor at the same end of a limb; an extremum without such an anchor is
+    left out.
     """
     field = by_edges(surface, np.array([surface_center(surface)]))[0]
     extrema, anchors = geodesic_extrema(surface, field, RADIUS_M), no_anchors()
     apart = np.linalg.norm(surface.points_m[extrema][:, None] - named.position_m[None], axis=2)
     apart = np.where(apart < SAME_END_M, apart, np.inf)
-    cost = np.minimum(apart, 1.0)  # m, beyond ``SAME_END_M``, so that it never counts as the same end
+    cost = np.minimum(apart, 1.0)  # m; finite, so that an assignment exists; pairs farther apart are skipped below
     for row, name in zip(*linear_sum_assignment(cost), strict=True):
         if np.isfinite(apart[row, name]):
             anchors.node[name], anchors.position_m[name] = extrema[row], surface.points_m[extrema[row]]
@@ -40,7 +43,7 @@ def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
 
 
 def paper_descriptor(surface: Surface, named: Anchors) -> np.ndarray:
-    """Return f of Definition 3, (n, 5) float32 metres.
+    """Return the paper's descriptor f (Definition 3): geodesic distances to the anchors, (n, 5) float32 metres.
 
     The column of a missed anchor is NaN. A node that no path from the anchor reaches has inf.
     """

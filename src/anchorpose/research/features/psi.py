@@ -1,10 +1,11 @@
-"""Compute the paper's match of a node: the middle of psi, the set of nodes with similar distances to some anchors.
+"""Compute the paper's match of a node (Section IV): the middle of psi.
 
-See Section IV. On a limb, psi is a band that ends at the outline, where the sensor stops seeing the skin. Its average
-position then lies too far inside, and no node at the outline would ever be a match. The unclipped middle is the place
-at which psi's distances equal those of the node; it follows by regressing position on distance over psi (least
-squares). If nothing clips psi, both middles are the same. The regression needs three anchors: two feet determine only
-how far along a leg a node is, and a regression on them would lead off the leg.
+Psi is the set of nodes of the other frame with similar distances to some anchors. On a limb, psi is a band that ends at
+the outline, where the sensor stops seeing the skin. Its average position then lies too far inside, and no node at the
+outline would ever be a match. The unclipped middle is the place at which psi's distances equal those of the node; it
+follows by regressing position on distance over psi (least squares). If nothing clips psi, both middles are the same.
+The regression needs three anchors: two feet determine only how far along a leg a node is, and a regression on them
+would lead off the leg.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ FEWEST: Final = 8  # minimum number of nodes of psi for a regression over three 
 
 
 def subsets_with_pieces(source: np.ndarray, target: np.ndarray, found: np.ndarray, size: int) -> np.ndarray:
-    """Return (s, size): all subsets of the found anchors (5,) bool, and a filled-up subset for each piece cut off.
+    """Return (s, size): all subsets of ``size`` found anchors (5,) bool, and smaller ones, filled up with ``NONE``.
 
     source (n, 5), target (m, 5): the distances of two frames, not finite if no path leads from an anchor to the node.
-    If fewer than ``size`` anchors reach a piece, no subset of this size has a distance there; the anchors that reach it
-    then form its only subset.
+    If paths lead from fewer than ``size`` anchors to a piece of surface, no subset of this size has distances there;
+    the anchors that reach the piece then form its only subset.
     """
     whole = anchor_subsets(found, size)
     reached = [row for table in (source, target) for row in np.unique(np.isfinite(table) & found, axis=0)]
@@ -49,8 +50,8 @@ def match_by_psi(
 
     source (k, 5), target (n, 5): metres. places_m (n, 3): positions of the target nodes. subsets: the result of
     ``subsets_with_pieces``; a filled-up subset applies only if its anchors alone reach the node or its match. squared:
-    True = the paper's inequality as printed, the squared norm in square metres is below e_max in metres; False = the
-    norm is below e_max.
+    True = as the paper's inequality is printed, the squared norm (m²) of the differences of distance is below e_max
+    (m); False = the norm itself is below e_max.
     """
     known = subsets != NONE
     distance = np.where(known, source[:, np.where(known, subsets, 0)], 0.0)
@@ -83,10 +84,10 @@ def _match_all(
     only: np.ndarray,
     unclipped: bool,
 ) -> np.ndarray:
-    """Match as ``match_by_psi``.
+    """Compute the result of ``match_by_psi``.
 
-    reached, target_reached: one bit for each anchor that reaches the node. only (s,): the bits of a filled-up subset,
-    -1 for other subsets.
+    limit2 (k, s): bound on the squared norm of the differences of distance to the anchors. reached, target_reached: one
+    bit for each anchor that reaches the node. only (s,): the bits of a filled-up subset, -1 for other subsets.
     """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     psi, offset = np.empty(len(target), np.int64), np.empty((len(target), subsets.shape[1]))
@@ -130,7 +131,9 @@ def _fewest_anchors(subsets: np.ndarray) -> int:
 def _possible(
     distance: np.ndarray, columns: np.ndarray, limit2: float, fewest: int, near: np.ndarray, possible: np.ndarray
 ) -> int:
-    """Fill ``possible`` with nodes that may be in a psi: enough of their distances (5, n) to anchors are similar."""
+    """Fill ``possible`` with the candidates for psi: nodes with at least ``fewest`` similar distances to the anchors.
+    Return their number.
+    """
     near[:] = 0
     for anchor in range(len(columns)):
         column, own = columns[anchor], distance[anchor]

@@ -1,4 +1,5 @@
-"""Compute rotational projection statistics (RoPS): the neighbourhood's moments on three planes, after each of 9 turns.
+"""Compute rotational projection statistics (RoPS): moments of the neighbours' projections on three planes, after
+each of nine rotations.
 
 Source: Guo, Sohel, Bennamoun, Lu, Wan 2013 (doi:10.1007/s11263-013-0627-y), Section 4, as PCL 1.13 implements it.
 """
@@ -22,7 +23,7 @@ STATISTICS = 5  # central moments 11, 21, 12 and 22, and the entropy
 class RopsConfig:
     """Settings of RoPS; with three turns about each axis it has 135 numbers, see ``columns``."""
 
-    radius_m: Positive = 0.20  # 15 mesh resolutions, as the authors use; a mesh resolution is 13 mm here
+    radius_m: Positive = 0.20  # m; 15 mean edge lengths (13 mm here), as the authors use
     turns: Count = 3  # number of turns about each axis, within a right angle; the authors' choice
     bins: Count = 5  # number of bins along each side of a plane; the authors' choice
 
@@ -95,9 +96,9 @@ def _to_local(points: np.ndarray, own: int, near: np.ndarray, frame: np.ndarray,
     return len(near) + 1
 
 
-@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})  # without NaN, this is vectorised
+@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})  # vectorised only if the compiler may ignore NaN
 def _into_bins(values: np.ndarray, count: int, bins: int, cell: np.ndarray) -> None:
-    """Fill cell with the bin of each value. Bins divide smallest to largest value evenly; if these are equal, 0."""
+    """Fill cell with the bin of each value. Bins divide the values' range evenly; without a range, all are in bin 0."""
     low, high = values[0], values[0]
     for m in range(count):
         low = values[m] if values[m] < low else low
@@ -159,7 +160,7 @@ class Triangles(NamedTuple):
 
 
 def prepare_triangles(points: np.ndarray, faces: np.ndarray) -> Triangles:
-    """Return triangles (f, 3) int of points (n, 3); triangles with a corner of unknown position are left out.
+    """Return faces (f, 3) int of points (n, 3) as kernels need them, without those with a corner of unknown position.
 
     Raises ValueError if a corner is not a node.
     """
@@ -236,10 +237,10 @@ def _list_triangles(
 def _scatter(
     point: np.ndarray, radius: float, shape: np.ndarray, around: np.ndarray, scatter: np.ndarray, moment: np.ndarray
 ) -> float:
-    """Fill the surface's scatter about a point and its first moment, up to a factor; return the sum of the weights.
+    """Fill the surface's scatter about a point and its first moment, both up to a factor; return the sum of weights.
 
-    A triangle's integral of p p^T is the scatter of its corners plus twelve times p p^T of its centroid, up to a
-    factor. Its weight is its area times the squared distance of its centroid to the sphere.
+    The integral of p p^T over a triangle is, up to a factor, the scatter of its corners plus twelve times p p^T of its
+    centroid. Its weight is its area times the squared distance of its centroid to the sphere.
     """
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     lx, ly, lz, total = 0.0, 0.0, 0.0, 0.0

@@ -1,8 +1,8 @@
 """Compute 3D shape contexts: the density of points in the cells of a sphere. Shells are thinner towards its centre.
 
 Sources: Frome, Huber, Kolluri, Buelow, Malik 2004 (doi:10.1007/978-3-540-24672-5_18), cells and weights as in PCL 1.13.
-The paper leaves open where azimuth begins and compares every turn. One repeatable frame per node makes the descriptor
-unique: Tombari, Salti, Di Stefano 2010b (doi:10.1145/1877808.1877821).
+The paper does not define where azimuth begins, and compares descriptors at every rotation. One repeatable frame per
+node makes the descriptor unique: Tombari, Salti, Di Stefano 2010b (doi:10.1145/1877808.1877821).
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ PARALLEL = 1e-3  # minimum sine of the angle between x axis and normal; below it
 class ShapeContextConfig:
     """Settings of shape contexts; by default they have 1980 numbers, see ``cells``."""
 
-    radius_m: Positive = 0.20  # the sphere contains a limb with its edges; in a smaller one, every surface looks flat
-    # share of the radius from which radii grow by a constant factor per shell; the first shell itself begins at 0
+    radius_m: Positive = 0.20  # m; the sphere contains a limb with its edges; in a smaller one, all surface looks flat
+    # share of ``radius_m`` from which the shells' radii grow by a constant factor; the first shell still begins at 0
     innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1
     density: Positive = 0.2  # share of radius_m within which points are counted for the density around a point
-    # numbers of cells; all three are those of PCL and of the authors' experiments
+    # numbers of azimuths, elevations and shells, all as in PCL and in the authors' experiments
     azimuths: Count = 12
     elevations: Count = 11
     shells: Count = 15
@@ -46,7 +46,7 @@ def shape_context(
     config: ShapeContextConfig | None = None,
     frames: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return the shape contexts (n, 1980) float32: weighted points in each cell, 1 / m.
+    """Return the shape contexts (n, 1980) float32: the weighted number of points in each cell, 1 / m.
 
     points_m, normals (n, 3) are in one frame, and normals have unit length; NaN = unknown. The weight of a point is 1
     divided by the number of points around it and by the cube root of its cell's volume. frames (n, 3, 3): rows x, y, z;
@@ -96,7 +96,7 @@ def _contexts(
     weights: np.ndarray,
     azimuths: int,
 ) -> np.ndarray:
-    """Return the contexts.
+    """Return the shape contexts (n, cells) float32.
 
     density (n,): number of nodes around each node. inner (shells - 1,): radii between the shells. weights: the result
     of ``_cell_weights``.

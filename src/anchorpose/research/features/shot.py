@@ -14,8 +14,8 @@ from anchorpose.research.features.local_frame import FEWEST, as_frames, local_fr
 from anchorpose.research.features.neighbours import Neighbours, as_oriented, find_neighbours
 from anchorpose.settings import Positive, settings
 
-SECTORS, LEANS = 32, 10  # numbers of sectors (8 around, 2 outwards, 2 upwards) and of cosine steps
-COLUMNS = LEANS + 1
+SECTORS, LEANS = 32, 10  # numbers of sectors (8 around, 2 outwards, 2 upwards) and of steps of a normal's cosine to z
+COLUMNS = LEANS + 1  # number of columns of each sector
 SIZE = SECTORS * COLUMNS
 _HALF = np.float32(0.5)
 _TO_SECTOR = np.float32(4.0 / np.pi)
@@ -27,8 +27,8 @@ _TWO = np.float32(2.0)
 class ShotConfig:
     """Settings of SHOT, which has 352 numbers."""
 
-    # radius of the sphere, also for its frame; it contains a limb with its edges; with 15 cm, errors are 1.5 times as
-    # large
+    # m, radius of the sphere, also for the local frame. It contains a limb with its edges; with 15 cm, errors of
+    # matches are 1.5 times as large
     radius_m: Positive = 0.20
     z_by_normal: bool = False  # True: z points to the normal's side; False: to the side of most points (authors)
 
@@ -88,10 +88,10 @@ def _locate(
     frame: np.ndarray,
     place: np.ndarray,
 ) -> None:
-    """Fill place (4, k) with the place of each neighbour's vote.
+    """Fill place (4, k) with the position of each neighbour's vote in the histograms.
 
-    The rows are eighths of a turn from -x, share of the radius, inclination from z, and steps of the normal's cosine to
-    z.
+    The rows are eighths of a turn from -x, share of the radius, inclination from z (radians), and steps of the normal's
+    cosine to z.
     """
     px, py, pz = oriented[own, 0], oriented[own, 1], oriented[own, 2]
     x0, x1, x2 = frame[0, 0], frame[0, 1], frame[0, 2]
@@ -122,8 +122,8 @@ def _vote(turn: np.float32, out: np.float32, inclination: np.float32, lean: np.f
     row[sector * COLUMNS + beside] += abs(off)
     weight = ONE - abs(off)
 
-    off = _TWO * out - _HALF - np.float32(outer)  # distance from the middle of the shell, in widths of a shell
-    inwards = off > ZERO if outer == 0 else off < ZERO  # whether it lies towards the other shell; there are only two
+    off = _TWO * out - _HALF - np.float32(outer)  # neighbour's distance from its shell's middle, in widths of a shell
+    inwards = off > ZERO if outer == 0 else off < ZERO  # whether the neighbour lies towards the other of two shells
     row[column + (2 * COLUMNS if outer == 0 else -2 * COLUMNS)] += abs(off) if inwards else ZERO
     weight += ONE - abs(off)
 

@@ -19,8 +19,8 @@ from anchorpose.surface.surface import Surface
 # closed meshes
 PAIRS: Final = 150
 LANCZOS_VECTORS: Final = 1.6  # vectors per eigenpair; on body meshes of 2,300 nodes, this is faster than 1.3 or 2.5
-START: Final = 20110413  # seed of Lanczos's first vector; with that of ARPACK, two runs would differ in the last digits
-DECAY: Final = 4.0 * np.log(10.0)  # exponent at which a wave has decayed to 1e-4; it determines the times of Sun et al.
+START: Final = 20110413  # seed of Lanczos's first vector; with ARPACK's own vector, two runs differ in the last digits
+DECAY: Final = 4.0 * np.log(10.0)  # exponent at which a wave has decayed to 1e-4, which sets first and last time (Sun)
 
 
 def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
@@ -62,8 +62,8 @@ class Spectrum:
 def spectrum(surface: Surface, pairs: int = PAIRS) -> Spectrum:
     """Return the lowest ``pairs`` eigenpairs of all pieces together, with Neumann's condition at the outline.
 
-    There are fewer if there are fewer nodes with triangles. Pieces share the spectrum; the waves of all pieces end at
-    the same wavelength.
+    There are fewer pairs if there are fewer nodes with triangles. One list is made for all pieces of surface, so their
+    waves end at the same wavelength.
     """
     return spectrum_of(surface_laplacian(surface), len(surface), pairs)
 
@@ -86,7 +86,7 @@ def spectrum_of(laplacian: Laplacian, count: int, pairs: int = PAIRS) -> Spectru
 def _eigenpairs(laplacian: Laplacian, pairs: int) -> tuple[np.ndarray, np.ndarray]:
     """Return eigenvalues (k,) and eigenfunctions (v, k).
 
-    The lowest pair of each piece is set to exactly 0 and a constant, since rounding would leave it only near them.
+    The lowest pair of each piece is set to eigenvalue 0 and a constant function, which rounding would leave inexact.
     """
     if pairs == 0:
         return np.empty(0), np.empty((0, 0))
@@ -157,7 +157,7 @@ def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
 class HksConfig:
     """Settings of the heat kernel signature."""
 
-    times: Count = 100  # number of times, as in Sun et al.
+    times: Count = 100  # number of points in time, as in Sun et al.
     range_m2: Range | None = None  # first and last time; None = from the spectrum, as in Sun et al.
     scaled: bool = True  # divide by the heat trace, as in Sun et al.; otherwise short times outweigh the others
 
@@ -166,10 +166,10 @@ def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
     """Return the heat kernel signature, (n, times) float32 in 1/m².
 
     It is the heat that is left at a node at time t if it was put there at time 0: sum_i exp(-lambda_i t) phi_i^2. Times
-    are in m², since heat diffuses over one square metre in a time of one. Their logarithms are evenly spaced. If
-    scaled, each time's column is divided by its integral over the largest piece of surface, the heat trace. NaN at
-    nodes without triangles, and everywhere if times should come from a spectrum without positive eigenvalues. Source:
-    Sun, Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
+    are in m²: diffusivity is 1, so heat spreads over about one square metre in a time of 1 m². Their logarithms are
+    evenly spaced. If scaled, each time's column is divided by its integral over the largest piece of surface, the heat
+    trace. NaN at nodes without triangles, and everywhere if times should come from a spectrum without positive
+    eigenvalues. Source: Sun, Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
     """
     config = config or HksConfig()
     times_m2 = heat_times(spectrum, config)
@@ -181,7 +181,8 @@ def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
 
 
 def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
-    """Return the times (times,) m², from the time at which the shortest wave has decayed to that for the longest wave.
+    """Return the times (times,) m², from the time at which the shortest wave has decayed to the time at which the
+    longest wave has decayed.
 
     If the configuration has a range, it gives the first and the last time instead.
     """

@@ -2,7 +2,8 @@
 
 This project defines buckles itself. A buckle differs from other flexion in three ways:
 
-- a squat or sitting down bends both knees alike, so the knee must lead the other one, the more the deeper it bends;
+- a squat or sitting down bends both knees alike, so a buckling knee must bend farther than the other, by a share of the
+  depth of its flexion;
 - a step lifts the foot, so the hip must come down more than the ankle goes up, and the foot must stay in its place;
 - a knee that is lowered slowly is controlled, so the flexion must be fast.
 """
@@ -34,15 +35,15 @@ SMOOTHING_S: Final = 0.03
 """Standard deviation in s of the kernel that smooths the angles, a tenth of the time in which a knee gives way."""
 
 BEFORE_S: Final = 0.3
-"""Time in s before the flexion; its angles determine the angle from which the knee gives way."""
+"""Time in s before the flexion. The median angle in this time is the angle from which the knee gives way."""
 
 STILL_DEEPER_S: Final = 0.4
-"""Time in s after the deepest angle, in which no deeper angle may follow."""
+"""Time in s after the deepest angle. If the knee bends deeper within it, the same flexion continues."""
 
 
 LEAD_SHARE: Final = 0.33
-"""Minimum lead of the knee over the other knee, as a share of the depth. If the other knee flexes by two thirds as
-much, the movement is a squat.
+"""Share of the depth of a knee's flexion by which this knee must at least bend farther than the other. If the other
+knee flexes by two thirds as much, the movement is a squat.
 """
 
 
@@ -68,8 +69,8 @@ def find_buckles(session: Session, config: EventConfig) -> list[Event]:
 
 
 def buckle_watched(session: Session, side: str, config: EventConfig) -> np.ndarray:
-    """Return (n,) bool: frames in which a buckle of this knee by ``buckle_deg`` could be distinguished from errors of
-    measurement.
+    """Return (n,) bool: frames in which a buckle of this knee that is ``buckle_deg`` deep could be distinguished from
+    errors of measurement.
     """
     own, other = _knee(session, side), _knee(session, _OTHER[side])
     error = config.times_sigma * CHANGE_SHARE * np.hypot(own.sigma_deg, other.sigma_deg)
@@ -113,8 +114,8 @@ class Flexion:
 
 
 def _fast_flexions(time_s: np.ndarray, degrees: np.ndarray, config: EventConfig) -> Iterator[Flexion]:
-    """Yield the flexions by at least ``buckle_deg`` within ``fast_s``. time_s, degrees (k,): a stretch without a
-    break.
+    """Yield the flexions that bend the knee by at least ``buckle_deg`` within ``fast_s``. time_s, degrees (k,): a
+    stretch without missing frames.
     """
     frames = round(config.fast_s / usual_step_s(time_s)) + 1 if len(time_s) > 1 else 1
     padded = np.concatenate([np.full(frames - 1, degrees[0]), degrees])
@@ -153,8 +154,8 @@ def _sigma(knee: Knee, flexion: Flexion, first: int) -> float:
 
 
 def _gives_way(session: Session, side: str, frames: slice) -> bool:
-    """Return whether a flexion is a knee giving way: the patient stood on this foot, which stays in place, and did not
-    sit down.
+    """Return whether a flexion is a knee that gives way: the patient stood on this foot, the foot stays in place, the
+    hip sinks more than the ankle rises, and the patient does not sit down.
     """
     first, last = frames.start, frames.stop - 1
     start_s, end_s = session.joints.time_s[[first, last]]

@@ -1,8 +1,8 @@
 """Estimate the whole body's centre of mass from the joints and a table of segment masses, and its sway.
 
 The masses are from de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4, which is about living young adults, women
-and men. The patient's sex is unknown, so the mean of both columns is used; they differ by 4 mm in the height of a
-standing body's centre.
+and men. The patient's sex is unknown, so the mean of the columns for women and men is used; these differ by 4 mm in the
+height of a standing body's centre.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from anchorpose.settings import NotNegative, Positive, settings
 
 
 class Segment(NamedTuple):
-    """A body segment. mass: its share of the body's mass, per side. fraction: position of its centre between start (0)
-    and end (1).
+    """A body segment. mass: its share of the body's mass, per side. fraction: position of its centre of mass between
+    start (0) and end (1).
 
     starts, ends: joints at whose mean the segment starts and ends; ``{side}`` stands for Left and Right.
     """
@@ -39,7 +39,8 @@ class Segment(NamedTuple):
 _SHOULDERS, _HIPS = ("ShoulderLeft", "ShoulderRight"), ("HipLeft", "HipRight")
 
 SINGLE_SEGMENTS: Final = (
-    # centre of VERT-CERV: 0.492 from the vertex, on the body asset 0.72 of the way from SpineShoulder to Head
+    # head and neck: the table's centre, 0.492 of the way from the vertex to the cervicale, is on the body model 0.72 of
+    # the way from SpineShoulder to Head
     Segment(0.0681, ("SpineShoulder",), ("Head",), 0.72),
     Segment(0.43015, _SHOULDERS, _HIPS, 0.4046),
 )
@@ -52,7 +53,8 @@ PAIRED_SEGMENTS: Final = (
     Segment(0.00585, ("Elbow{side}",), ("Wrist{side}",), 1.29),
     Segment(0.1447, ("Hip{side}",), ("Knee{side}",), 0.3854),
     Segment(0.0457, ("Knee{side}",), ("Ankle{side}",), 0.4374),
-    # the foot's centre is 0.42 from heel to tip of the toes, on the body asset 0.36 of the way from Ankle to Foot
+    # the foot: the table's centre, 0.42 of the way from heel to toe tip, is on the body model 0.36 of the way from
+    # Ankle to Foot
     Segment(0.0133, ("Ankle{side}",), ("Foot{side}",), 0.36),
 )
 
@@ -84,7 +86,8 @@ was up to 5 mm off (docs/measures.md).
 
 
 class CentreOfMass(NamedTuple):
-    """position_m (n, 3) world, NaN where a joint that carries mass is lost; sigma_m (n,) per axis; state_code (n,).
+    """The centre of mass in every frame. position_m (n, 3) world, NaN where a joint on which it depends is lost;
+    sigma_m (n,) per axis; state_code (n,): worst state of these joints.
 
     sigma_m follows from the joints' sigma; differences between the patient's masses and the table are not included.
     """
@@ -105,16 +108,16 @@ def centre_of_mass(joints: JointTable) -> CentreOfMass:
 
 
 CHI2_95: Final = 5.991
-"""Quantile of chi-squared with two degrees of freedom: 95 of 100 normally distributed points lie within the ellipse
-(Schubert and Kirchner 2014, doi:10.1016/j.gaitpost.2013.09.001).
+"""Quantile of chi-squared with two degrees of freedom: it sizes the ellipse within which 95 of 100 normally distributed
+points lie (Schubert and Kirchner 2014, doi:10.1016/j.gaitpost.2013.09.001).
 """
 
 SCALE_ERROR: Final = 0.03
-"""Standard deviation of the relative error of sway, measured on simulated recordings."""
+"""Standard deviation of the relative error of measures of sway, found on simulated recordings."""
 
 STEPS_PER_PERIOD: Final = 4.0
-"""Minimum number of frames per period of the cutoff frequency, since noise is measured between this frequency and half
-the frame rate.
+"""Minimum number of frames per period of the cutoff frequency, since noise is measured between the cutoff frequency and
+half the frame rate.
 """
 
 UNITS: Final = {
@@ -128,20 +131,20 @@ UNITS: Final = {
 
 @settings
 class SwayConfig:
-    """Settings of which bouts, and which part of their movement, count as sway."""
+    """Settings of which bouts of standing, and which part of the movement in them, count as sway."""
 
-    cutoff_hz: Positive = 1.5  # cutoff of the low-pass; a standing body sways below 1 Hz
-    shortest_bout_s: Positive = 5.0
+    cutoff_hz: Positive = 1.5  # Hz, cutoff of the low-pass filter; a standing body sways below 1 Hz
+    shortest_bout_s: Positive = 5.0  # s, minimum duration of a bout of standing
     settle_s: NotNegative = 1.0  # s after standing up that are left out, since the body is not at rest yet
-    times_noise: Annotated[float, Field(ge=1)] = 2.0  # minimum reported path as a multiple of the noise's path
+    times_noise: Annotated[float, Field(ge=1)] = 2.0  # minimum reported sway, in multiples of the sway from noise
 
 
 class Bout(NamedTuple):
-    """A bout of standing. deviation_m (k, 2): position relative to the bout's mean, forwards and to the patient's
-    right, low-passed, evenly spaced in time.
+    """A bout of standing. deviation_m (k, 2): position of the centre of mass relative to its mean in the bout, forwards
+    and to the patient's right, low-passed, evenly spaced in time.
 
-    path_m: length of the path on the floor; noise_m: length of the path that errors alone would have; seconds:
-    duration; frames: rows of the session.
+    path_m: length of its horizontal path; noise_m: length of the path that errors alone would have; seconds: duration;
+    frames: rows of the session.
     """
 
     deviation_m: np.ndarray
@@ -152,7 +155,9 @@ class Bout(NamedTuple):
 
 
 def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
-    """Return every bout of settled standing that is long enough and has a known centre of mass in all its frames."""
+    """Return every bout of standing that is long enough and has a known centre of mass in all its frames, without the
+    time just after standing up.
+    """
     time_s = session.joints.time_s
     settled = session.upright & ~session.moving(config.settle_s)
     whole = settled & np.isfinite(session.posture.com_m).all(axis=1)
@@ -165,7 +170,7 @@ def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
 
 
 def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
-    """Compute path, mean velocity, root mean square forwards (AP) and sideways (ML), and area of the 95 % ellipse."""
+    """Return the sway's path, mean velocity, root mean square forwards (AP), sideways (ML), and 95 % ellipse area."""
     bouts = sway_bouts(session, config)
     if not bouts:
         why = (
@@ -181,8 +186,8 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
 
 
 def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tuple[str, float | None, float | None]]:
-    """Return name, value and sigma of each sway measure, in the units of ``UNITS``; None if most of the value may be
-    noise.
+    """Return name, value and sigma of each sway measure, in the units of ``UNITS``; the value is None if it may be
+    mostly noise.
     """
     deviation = 1000.0 * np.concatenate([bout.deviation_m for bout in bouts])
     path, noise, seconds = (
@@ -203,14 +208,14 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
         ("sway_velocity", path / seconds if path >= config.times_noise * noise else None, path_sigma / seconds),
         ("sway_rms_ap", float(rms[0]) if rms[0] >= config.times_noise * error else None, float(rms_sigma[0])),
         ("sway_rms_ml", float(rms[1]) if rms[1] >= config.times_noise * error else None, float(rms_sigma[1])),
-        # the errors of both axes contribute equally to the error of the area
+        # relative errors of both axes enter the area equally, so even the shorter axis must exceed its noise
         ("sway_ellipse_area", float(area_cm2) if axes.min() >= config.times_noise * error else None, float(area_sigma)),
     ]
 
 
 def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
-    """Return sigma of a value. It combines the scale error with the enlargement by noise; noise enlarges the value in
-    quadrature.
+    """Return sigma of a measure of sway. It combines ``SCALE_ERROR`` with the amount by which noise, which adds to the
+    true sway in quadrature, enlarges the value.
     """
     added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))
     spread: np.ndarray = np.hypot(SCALE_ERROR * value, added)
@@ -245,7 +250,9 @@ def _bout(session: Session, run: slice, config: SwayConfig) -> Bout:
 
 
 def _patient_axes(session: Session, run: slice) -> np.ndarray:
-    """Return the axes (2, 2): forwards and to the right on the floor (x, z), by the patient's mean heading."""
+    """Return two unit vectors (x, z) on the floor as rows (2, 2): the patient's mean heading, and to the patient's
+    right.
+    """
     hips = session.joints.position_m[run][:, [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]]]
     across = (hips[:, 1] - hips[:, 0])[:, [0, 2]]
     x, z = (across / np.linalg.norm(across, axis=1, keepdims=True)).mean(axis=0)
@@ -253,11 +260,11 @@ def _patient_axes(session: Session, run: slice) -> np.ndarray:
 
 
 def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> float:
-    """Return the speed in m/s of errors alone below the cutoff.
+    """Return the speed in m/s that errors of measurement alone would cause below the cutoff frequency.
 
-    residual_m (k, 2): the movement above the cutoff, which is taken as error, since no standing body moves so fast.
-    Below the cutoff, the errors are assumed to be a random walk with power ~ 1 / f^2, which is more power than was
-    found (docs/measures.md).
+    residual_m (k, 2): the movement above the cutoff frequency, which is taken as error, since no standing body moves so
+    fast. Below this frequency, the errors are assumed to be a random walk with power ~ 1 / f^2, which is more power
+    than was measured (docs/measures.md).
     """
     variance = float(np.mean(residual_m.var(axis=0)))
     speed = np.sqrt(4.0 * np.pi**2 * cutoff_hz * variance / (1.0 / cutoff_hz - 2.0 / rate_hz))

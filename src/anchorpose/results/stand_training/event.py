@@ -1,4 +1,5 @@
-"""Define events of stand training (a buckling knee, a failed stand, a recovery step), and when each counts as found.
+"""Define events of stand training (a buckling knee, a failed stand, a recovery step), and how large they must be to
+count.
 
 An event is reported if it exceeds both a limit and the errors of measurement. This project defines the limits for which
 no source is named.
@@ -29,8 +30,8 @@ ONSET_SIGMA_S: Final = 0.04
 """Standard deviation in s of the error of an onset, measured on constructed events (docs/measures.md)."""
 
 CHANGE_SHARE: Final = float(np.sqrt(2.0 * (1.0 - SYSTEMATIC_SHARE)))
-"""Ratio of the sigma of a change to the sigma of a single value. It is small since both values share the systematic
-error.
+"""Ratio of the sigma of a change between two frames to the sigma of a single value. It is small since both values have
+the same systematic error.
 """
 
 
@@ -42,22 +43,24 @@ class EventConfig:
     # 15
     buckle_deg: Annotated[float, Field(gt=0, lt=90)] = 20.0
     fast_s: Positive = 0.4  # s, maximum time for a flexion by buckle_deg
-    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # minimum lead over the other knee; less is a squat
+    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # minimum degrees beyond the other knee; less is a squat
     # minimum rise of a failed stand, as a share of the height from the seat to straight legs; about 12 cm
     failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3
     # m, minimum distance of the extrapolated centre of mass from the feet's outline; less may be an error of the
     # outline
     beyond_m: Positive = 0.05
-    # minimum depth of an event in sigmas; in 3000 windows of 0.4 s (two knees, ten minutes), 0.7 exceed it by chance
+    # minimum depth of an event in sigmas; in ten minutes, 0.7 of the 3000 windows of 0.4 s of both knees exceed it by
+    # chance
     times_sigma: Positive = 3.5
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event. frames: from its onset to its greatest depth, or to foot strike. kind: one of ``EPISODE_KINDS``.
+    """An event. frames: rows from its onset to its greatest depth, or to foot strike. kind: one of ``EPISODE_KINDS``.
 
     depth, sigma: in ``unit``: degrees for a buckle, share of the way from the seat to standing for a failed stand,
-    millimetres beyond the feet for a recovery step. state_code: the worst of the joints by which it was recognised.
+    millimetres beyond the feet for a recovery step. state_code: the worst state of the joints by which it was
+    recognised.
     """
 
     kind: str
@@ -91,9 +94,9 @@ def _episode(joints: JointTable, event: Event) -> Episode:
 
 
 def beginning_in(events: Sequence[Event], rows: slice) -> list[Event]:
-    """Return the events whose onset lies in the rows, with frames counted from the first of them.
+    """Return the events whose onset lies in ``rows``; their frames are then counted from the first of these rows.
 
-    An event belongs to the trial in which it begins, also if it ends after that trial.
+    An event belongs to the trial in which it begins, even if it ends after that trial.
     """
     first = rows.start
     shifted = [(event, slice(event.frames.start - first, event.frames.stop - first)) for event in events]
@@ -110,14 +113,14 @@ ROUNDING_S: Final = 0.001
 
 
 EARLY, LATE = 0.1, 0.4
-"""Shares of the depth at which the time is read to find the onset: below the first share is noise, beyond the second
-the body may already be caught.
+"""Shares of an event's depth; its onset is extrapolated from the times at which they are reached. Below ``EARLY``,
+noise hides the movement; beyond ``LATE``, the patient may already have caught themselves.
 """
 
 
 def onset_row(time_s: np.ndarray, values: np.ndarray, base: float, rows: slice) -> int:
-    """Return the row at which a movement begins that goes from ``base`` to its depth at the last of ``rows``; time_s,
-    values (n,).
+    """Return the row at which a movement begins. time_s, values (n,); base: the value before the movement; rows:
+    contain the onset, and end where the movement is deepest.
 
     The movement accelerates from rest, so its depth grows with the square of the time. If it reaches a tenth of the
     depth at t1 and four tenths at t2, the onset is at 2 t1 - t2.
@@ -141,7 +144,7 @@ def _crossing(time_s: np.ndarray, values: np.ndarray, row: int, level: float) ->
 
 
 def latency_sigma_s(time_s: np.ndarray, sigma_s: float) -> float:
-    """Return sigma of a latency. It combines the sigma of its end with that of its beginning, which may lie up to one
-    frame before the first frame.
+    """Return sigma of a latency. It combines sigma_s of the latency's end with the uncertainty of its beginning, which
+    may lie up to one frame before the first frame.
     """
     return float(np.hypot(sigma_s, usual_step_s(time_s) / np.sqrt(3.0)))

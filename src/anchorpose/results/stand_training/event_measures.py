@@ -1,5 +1,5 @@
-"""Compute measures of events: count, count in ten minutes, time of the first, depth of the deepest, and unwatched
-time.
+"""Compute measures of events: their number, number in ten minutes, time of the first event, depth of the deepest event,
+and the share of time in which an event would not have been seen.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ NONE_SEEN: Final = "no such event was seen"
 
 
 class Watch(NamedTuple):
-    """The frames in which events of a kind are searched. measure: prefix of the names of its measures. base (n,) bool:
-    frames in which such events can happen; watched (n,) bool: frames of the base in which an event would have been
-    seen; nothing: the reason given if the base is empty.
+    """The frames in which events of one kind are searched for. measure: prefix of the names of its measures. base (n,)
+    bool: frames in which such events can happen; watched (n,) bool: frames of ``base`` in which an event would have
+    been seen; nothing: the reason stated if ``base`` is empty.
     """
 
     measure: str
@@ -45,7 +45,7 @@ class Watch(NamedTuple):
 
 
 def event_measures(session: Session, events: Sequence[Event], config: EventConfig) -> list[Measure]:
-    """Compute count, rate, latency, greatest depth, and share of the time unseen, for each kind of events and side."""
+    """Return count, rate, latency, greatest depth, and unseen share of the time, for each kind of events and side."""
     return [row for watch in _watches(session, config) for row in _of_kind(session, events, watch)]
 
 

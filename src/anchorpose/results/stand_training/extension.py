@@ -21,7 +21,7 @@ from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
-LEAST_PERCENTILE: Final = 5.0  # percentile that gives the least flexion (95: the greatest); extremes are mostly error
+LEAST_PERCENTILE: Final = 5.0  # percentile taken as the least flexion (95: greatest); extremes are mostly error
 
 
 @settings
@@ -32,8 +32,8 @@ class ExtensionConfig:
 
 
 def extension_measures(session: Session, config: ExtensionConfig) -> list[Measure]:
-    """Compute for knees and hips, left and right: mean, least and greatest flexion; and the time for which each knee
-    was straight.
+    """Return the mean, least and greatest flexion of each knee and hip while the patient stands, and the time for which
+    each knee is straight.
     """
     rows = list[Measure]()
     for angle in EXTENDED:
@@ -43,7 +43,7 @@ def extension_measures(session: Session, config: ExtensionConfig) -> list[Measur
 
 
 def known_upright(session: Session, angle: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n,) bool, frames in which the patient stood and the angle is known, and the column of the angle."""
+    """Return (n,) bool: frames in which the patient stood and the angle is known; and the angle (n,) in degrees."""
     degrees = session.angles.degrees[:, session.angles.column(angle)]
     return session.standing & np.isfinite(degrees), degrees
 
@@ -69,13 +69,15 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
 
 
 def _sigma_near(sigma: np.ndarray, there: np.ndarray) -> float:
-    """Return the sigma of a percentile: the sigma of the frames near it, which averaging does not reduce."""
+    """Return the sigma of a percentile: the root mean square sigma of the frames ``there``, which lie beyond the
+    percentile. This sigma does not decrease with the number of frames.
+    """
     return float(np.sqrt(np.mean(sigma[there] ** 2)))
 
 
 def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
-    """Measure the time with a straight knee while upright. Its sigma is half of its change if all angles are shifted
-    from minus to plus one systematic sigma.
+    """Measure the time with a straight knee while upright. Its sigma is half of the difference between the times that
+    result if all angles are smaller, or larger, by their systematic sigma.
     """
     name = f"knee_flexion_{side}"
     used, degrees = known_upright(session, name)
@@ -103,9 +105,7 @@ NO_STANCE: Final = (
 
 
 def symmetry_measures(session: Session) -> list[Measure]:
-    """Compute the difference of knees and hips (left less right), and the load on each foot if the patient stands
-    still.
-    """
+    """Return the differences of knee and hip flexion (left minus right), and the load on each foot."""
     return [*(_difference(session, angle) for angle in EXTENDED), *_load_shares(session)]
 
 
@@ -127,7 +127,7 @@ def _difference(session: Session, angle: str) -> Measure:
 class FeetLoad(NamedTuple):
     """The load on the feet in every frame. rightwards (n,): the right foot's share of the load minus one half, under
     the assumption that the patient stands still; for the left foot the sign is reversed. sigma (n,); state_code (n,):
-    worst state of the joints.
+    worst state of the joints used.
 
     Values are NaN where a joint is lost, where the feet are closer than ``LEAST_STANCE_M``, and where the centre of
     mass lies beyond an ankle: feet alone could not carry a patient who stands still.
@@ -139,7 +139,9 @@ class FeetLoad(NamedTuple):
 
 
 def feet_load(joints: JointTable, com: CentreOfMass) -> FeetLoad:
-    """Locate the centre of mass between the ankles, seen from above: 0.5 is the middle, for either foot."""
+    """Return the load on the feet by the place of the centre of mass between the ankles, seen from above: if it lies
+    midway, each foot carries one half.
+    """
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
     left, right = (joints.position_m[:, joint][:, [0, 2]] for joint in ankles)
     width = np.linalg.norm(right - left, axis=1)
@@ -154,7 +156,7 @@ def feet_load(joints: JointTable, com: CentreOfMass) -> FeetLoad:
 
 
 def _load_shares(session: Session) -> list[Measure]:
-    """Return the mean over all standing frames in which the load is known."""
+    """Return each foot's share of the load, as the mean over all standing frames in which the load is known."""
     com = CentreOfMass(session.posture.com_m, session.posture.com_sigma_m, session.posture.state_code)
     load = feet_load(session.joints, com)
     used = session.standing & np.isfinite(load.rightwards)
@@ -177,16 +179,16 @@ SIDED: Final = (
 UNSIDED: Final = ("trunk_flexion", "trunk_side_bend", "trunk_pelvis_rotation", "neck_flexion")
 
 HELD_S: Final = 0.2
-"""Window in s of a running median. An extreme angle must be held for about half of it, since the extreme of a single
-frame is mostly its error.
+"""Window in s of the running median over an angle. An extreme angle must be held for about half of this window, since
+the extreme in a single frame is mostly error.
 """
 
-LEAST_S: Final = 1.0
+LEAST_S: Final = 1.0  # s, minimum duration of a stretch in which the angle is known
 
 
 def range_measures(session: Session) -> list[Measure]:
-    """Compute ``ANGLE_range`` in degrees of every joint, per side; there is no value where the joint moved no more than
-    its error.
+    """Return the measure ``ANGLE_range`` in degrees of every joint, per side. It has no value if the joint moved by no
+    more than the errors of its angle.
     """
     names = [(angle, side) for angle in SIDED for side in ("left", "right")] + [(angle, None) for angle in UNSIDED]
     return [_range(session, angle, side) for angle, side in names]
@@ -201,13 +203,13 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
     low, high = int(np.argmin(held)), int(np.argmax(held))
     value, (first, second) = float(held[high] - held[low]), sigma[rows[[low, high]]]
     state_code = session.angles.state_code[rows, column]
-    if value <= NORMAL_95 * np.hypot(first, second):  # extremes of errors alone are independent
+    if value <= NORMAL_95 * np.hypot(first, second):  # without movement, both extremes are independent errors
         return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
     return known(measure, "deg", value, state_code, sigma_of_difference(first, second), side)
 
 
 def _held(degrees: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows (k,) of all stretches that are long enough, and the running median (k,) within each stretch."""
+    """Return the rows (k,) of all stretches of ``LEAST_S`` or more with a known angle, and its running median (k,)."""
     step_s = usual_step_s(time_s)
     if not np.isfinite(step_s):
         return np.empty(0, dtype=np.int64), np.empty(0)

@@ -21,10 +21,10 @@ from anchorpose.results.uncertainty import sigma_of_difference
 
 
 def find_failed_stands(session: Session, config: TransitionConfig, events: EventConfig) -> list[Event]:
-    """Return the rises that end on the seat again, in the order of time.
+    """Return the rises from the seat that end on the seat again, in the order of time.
 
-    A rise is measured by the height of the pelvis, from 0 on the seat to 1 over straight legs. A failed stand ends
-    where the pelvis is highest. A patient who was upright for even a moment has not failed.
+    A rise is measured by the height of the pelvis, from 0 on the seat to 1 over straight legs. The event ends where the
+    pelvis is highest. If the patient was upright even for a moment, the stand did not fail.
     """
     time_s, height = session.joints.time_s, session.stance.height
     if not fast_enough(time_s):
@@ -42,8 +42,8 @@ def find_failed_stands(session: Session, config: TransitionConfig, events: Event
 
 
 def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Iterator[slice]:
-    """Yield blocks of a run without standing: each from the beginning of sitting to the end of the last sitting before
-    the patient is upright.
+    """Yield the blocks of frames of a run in which the patient never stands: each from the beginning of sitting to the
+    end of the last sitting before the patient is upright. sitting: rows in which the patient sits.
     """
     inside = [slice(max(s.start, run.start), min(s.stop, run.stop)) for s in sitting]
     inside = [s for s in inside if s.start < s.stop]
@@ -55,18 +55,18 @@ def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Ite
 
 
 BACK: Final = 0.5
-"""Share of the minimum rise of a failed stand; if the rise is below this share, the patient is back on the seat."""
+"""Share of ``failed_rise``, the minimum rise of a failed stand; with a lower rise, the patient is back on the seat."""
 
 BEFORE_S: Final = 1.5
-"""Time in s before the pelvis leaves the seat, in which the median of its height is measured. Less than a third of this
-time is already the rise.
+"""Time in s before the pelvis leaves the seat; the median height in this time is the start of the rise. The rise itself
+takes less than a third of this time.
 """
 
 
 def _rises(
     session: Session, block: slice, seat: float, config: TransitionConfig, events: EventConfig
 ) -> Iterator[Event]:
-    """Yield the rises in a block in which the pelvis leaves the seat and comes back to it."""
+    """Yield the rises in a block of ``_seated_blocks`` in which the pelvis leaves the seat and comes back to it."""
     time_s, stance = session.joints.time_s[block], session.stance
     way = (stance.height[block] - seat) / (1.0 - seat)
     for run in unbroken_runs(way > BACK * events.failed_rise, time_s):

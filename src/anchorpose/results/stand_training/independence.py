@@ -1,5 +1,5 @@
-"""Measure how long knees, hips and trunk are extended, with and without help, and with how many hands the patient holds
-on.
+"""Measure how long the patient's knees, hips and trunk are extended, with and without help, and with how many hands the
+patient holds on to equipment.
 
 Rejc et al. 2015 (doi:10.1371/journal.pone.0133998) call standing independent if nobody assists hips and knees, even if
 the hands hold a frame for balance; Harkema et al. 2011 (doi:10.1016/S0140-6736(11)60547-3) report standing with
@@ -41,13 +41,13 @@ _Degrees = Annotated[float, Field(gt=0, lt=90)]
 
 @settings
 class IndependenceConfig:
-    """Settings of when knee, hip and trunk count as extended: extension begins when they are bent (or inclined) by at
-    most ``extended_deg``, and ends when they exceed ``bent_deg``.
+    """Settings of when knee, hip and trunk count as extended: extension begins when a knee or hip is bent, or the trunk
+    inclined, by at most ``extended_deg``, and ends above ``bent_deg``.
     """
 
-    # A knee that takes over the load in walking bends by about 20 degrees, and still carries the body.
+    # degrees; a knee that takes over the load in walking bends by about 20 degrees, and still carries the body
     extended_deg: _Degrees = 20.0
-    bent_deg: _Degrees = 25.0  # 5 more, so that errors of an angle (3 to 5 degrees) do not end an extension
+    bent_deg: _Degrees = 25.0  # degrees; 5 more, so that errors of an angle (3 to 5 degrees) do not end an extension
 
     def __post_init__(self) -> None:
         if self.bent_deg < self.extended_deg:
@@ -55,9 +55,9 @@ class IndependenceConfig:
 
 
 class _Part(NamedTuple):
-    """A body part whose extension is measured. angle: its column, None for the trunk's inclination. regions: regions
-    where a contact helps to extend it. beside: neighbouring regions; a hand on the border may be reported in either
-    region. joints: joints at these regions; where a joint is unseen, a holding hand may be unseen too.
+    """A body part whose extension is measured. angle: the name of its angle, None for the trunk's inclination. regions:
+    regions where a contact helps to extend it. beside: neighbouring regions; a hand on the border may be reported in
+    either region. joints: joints at ``regions``; if a joint is unseen, a hand that holds the part may be unseen too.
     """
 
     name: str
@@ -100,9 +100,9 @@ PARTS: Final = _parts()
 
 
 def independence_measures(session: Session, config: IndependenceConfig) -> list[Measure]:
-    """Compute for each part the time extended, the time extended without another person's hand on the part, and the
-    time and bouts extended with neither such a hand nor equipment on the part. Then compute bouts upright without help,
-    and upright time by the number of holding hands.
+    """Return, for each part, the time extended, the time extended without another person's hand on the part, and the
+    time and bouts extended with neither such a hand nor equipment on the part. Then follow bouts upright without help,
+    and the upright time for each number of hands with which the patient holds on.
     """
     rows = list[Measure]()
     for part in PARTS:
@@ -112,9 +112,9 @@ def independence_measures(session: Session, config: IndependenceConfig) -> list[
 
 class _Extended(NamedTuple):
     """The frames in which a part is extended. is_known (n,) bool: upright, and the angle is known; decided (n,) bool:
-    is_known, or known not to be upright. frames (n,) bool: extended; less, more (n,) bool: extended if all angles were
-    larger, or smaller, by one sigma. sigma_s: sigma of the extended time by this error. codes (n,): state of the worst
-    joint used.
+    is_known, or known not to be upright. frames (n,) bool: is_known and extended; less, more (n,) bool: frames that
+    would be extended if all angles were larger, or smaller, by their systematic sigma. sigma_s: sigma of the extended
+    time due to this error. codes (n,): state of the worst joint used.
     """
 
     is_known: np.ndarray
@@ -142,8 +142,8 @@ def _extended(session: Session, part: _Part, config: IndependenceConfig) -> _Ext
 
 
 def _held_extended(degrees: np.ndarray, config: IndependenceConfig) -> np.ndarray:
-    """Return (n,) bool: whether the last limit that was passed was that of extension (hysteresis). A knee bent
-    backwards (a negative angle) counts as extended.
+    """Return (n,) bool: whether the part is extended. It stays extended until it exceeds ``bent_deg`` (hysteresis). A
+    knee bent backwards (a negative angle) counts as extended.
     """
     return hold(degrees <= config.extended_deg, degrees > config.bent_deg, np.isfinite(degrees)) == UPRIGHT
 
@@ -188,7 +188,7 @@ NEVER_EXTENDED: Final = "it was never extended"
 def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
     """Return the seconds from the first frame (or the onset of the trial) until the part is first extended.
 
-    An earlier extension may have been missed in frames in which the angle is unknown.
+    Sigma includes that an earlier extension may have been missed in frames in which the angle is unknown.
     """
     name, time_s = f"{part.name}_extended_latency", session.joints.time_s
     if not found.frames.any() or found.frames[0]:
@@ -203,8 +203,8 @@ def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
 
 
 class _Free(NamedTuple):
-    """Extended frames without contact. frames (n,) bool: extended, and no contact is reported; unsure_s: seconds in
-    which it is uncertain whether there was a contact.
+    """The frames in which a part is extended without contact. frames (n,) bool: extended, and no contact is reported;
+    unsure_s: seconds in which it is uncertain whether there was a contact.
     """
 
     frames: np.ndarray
@@ -212,9 +212,9 @@ class _Free(NamedTuple):
 
 
 def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Contact]) -> _Free:
-    """Return extended frames without any of the contacts on the part.
+    """Return the frames in which the part is extended and has none of the ``contacts``.
 
-    There is uncertainty in three cases: an unseen contact may not exist, a contact on an unseen part may be missing,
+    A frame is uncertain in three cases: an unseen contact may not exist, a contact on an unseen part may be missing,
     and a person's hand beside the part may be on it.
     """
     frame, people = session.joints.frame, with_people(contacts)
@@ -231,7 +231,7 @@ OBSERVED: Final = STATE_CODE[JointState.OBSERVED]
 
 
 def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _Free, longest: bool = False) -> Measure:
-    """Return a measure: the time of the free frames, or of their longest bout."""
+    """Return a measure: the time of the frames of ``free``, or of their longest bout."""
     runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
     bouts_s = [float(session.seconds[run][free.frames[run]].sum()) for run in runs]
     value = max(bouts_s, default=0.0) if longest else float(session.seconds[free.frames].sum())
@@ -240,7 +240,7 @@ def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _F
 
 
 def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
-    """Return sigma of a time without contacts that is reported as its upper limit.
+    """Return sigma of a time without contacts, for which the upper limit is reported.
 
     The true time may be less by up to ``unsure_s``. If it is uniformly distributed over this range, its
     root-mean-square distance from the upper end is ``unsure_s`` / sqrt(3), twice that from the middle.
@@ -286,8 +286,8 @@ def _holding(session: Session) -> list[Measure]:
     """Return the times upright with two hands, one hand and no hand on the equipment. A forearm that rests on it counts
     as a hand.
 
-    If a hand is hidden or lost, the number of holding hands is unknown. Such a frame counts for none of the three
-    times, and makes all of them uncertain.
+    A frame in which a lost hand has no reported contact counts for none of the three times. A hand that is hidden or
+    lost makes all of them uncertain.
     """
     why = _why_unknown(session, NO_EQUIPMENT if session.supports is None else None)
     if why is not None or session.supports is None:

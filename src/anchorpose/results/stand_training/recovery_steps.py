@@ -2,8 +2,8 @@
 
 Balance is lost where the extrapolated centre of mass leaves the base of support (Hof et al. 2005,
 doi:10.1016/j.jbiomech.2004.03.025): a body that moves with speed v falls like a resting body that is displaced by v /
-w, where w = sqrt(g / l) is that of a pendulum whose length l is the height of the centre of mass. This project itself
-defines the times and margins.
+w, where w = sqrt(g / l) is the frequency of a pendulum whose length l is the height of the centre of mass. This project
+itself defines the limits of time and distance.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ _FEET: Final = [*_ANKLES, JOINT_INDEX["FootLeft"], JOINT_INDEX["FootRight"]]
 
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
-"""Unit vectors (2, 72) at equal angles. The distance to a convex outline is the largest over all directions; these give
-it within 0.1 %.
+"""Unit vectors (2, 72) at equal angles. The distance of a point from a convex outline is the largest, over all
+directions, of how far the point lies beyond the outline in that direction; these 72 give it within 0.1 %.
 """
 
 
@@ -100,7 +100,7 @@ def _after_standing(session: Session, steps: Sequence[Step]) -> list[Step]:
 
 
 def _recovery(session: Session, step: Step, extrapolated_m: np.ndarray, config: EventConfig) -> Event | None:
-    """Return the event of a step, if balance was lost before foot off and not long before foot strike."""
+    """Return a step's event, if balance was lost before foot off and at most ``WITHIN_S`` before foot strike."""
     time_s, off, strike = session.joints.time_s, step.frames.start, step.frames.stop - 1
     first = int(np.searchsorted(time_s, time_s[strike] - WITHIN_S))
     feet_m = session.joints.position_m[first : off + 1][:, _FEET][:, :, [0, 2]]
@@ -111,7 +111,7 @@ def _recovery(session: Session, step: Step, extrapolated_m: np.ndarray, config: 
     beyond_m = reach - FOOT_M
     inside = np.flatnonzero(beyond_m <= 0.0)
     if not len(inside) or not np.isfinite(beyond_m).all():
-        return None  # the patient leant beyond the feet all the time, for example on a rail
+        return None  # the centre of mass was beyond the feet all the time: the patient leant, for example on a rail
     onset, depth_m = first + int(inside[-1]) + 1, float(beyond_m[inside[-1] :].max())
     sigma_m = float(_sigma_m(session)[first : off + 1].mean())
     if depth_m < max(config.beyond_m, config.times_sigma * sigma_m):

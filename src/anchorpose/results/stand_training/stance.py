@@ -1,4 +1,4 @@
-"""Decide whether the patient is upright in each frame, and hold the inputs of a recording's measures.
+"""Decide whether the patient is upright in each frame, and define ``Session``, the inputs of all measures.
 
 Upright is decided by the inclination of thigh and trunk and the height of the pelvis.
 """
@@ -30,7 +30,7 @@ from anchorpose.settings import Positive, settings
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stance:
-    """The stance in every frame, NaN where a joint is lost; each value has one standard deviation.
+    """How the patient stands or sits in every frame; NaN where a joint is lost. Each value has a standard deviation.
 
     thigh_deg (n,): angle between the vertical and the thigh that is nearer to it, 0 = thigh straight down from the hip;
     a patient who raises one leg stands on the other. trunk_deg (n,): angle of the line from SpineBase to SpineShoulder
@@ -97,7 +97,7 @@ _INCLINATIONS: Final = AngleGroup(
 
 
 def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pelvis' height in metres in every frame, and its sigma. The patient stands on the lower ankle."""
+    """Return the height (n,) in m of the pelvis above the lower ankle, on which the patient stands, and its sigma."""
     height, variance = joints.position_m[..., 1], joints.sigma_m**2
     hips, ankles = ([JOINT_INDEX[f"{name}{side}"] for side in ("Left", "Right")] for name in ("Hip", "Ankle"))
     both_m = height[:, ankles]
@@ -120,7 +120,7 @@ def _behind_feet(position_m: np.ndarray, mass_m: np.ndarray) -> np.ndarray:
 
 
 def _leg_length(joints: JointTable) -> float:
-    """Return the length in metres from hip to ankle along a straight leg; NaN where no frame shows a whole leg."""
+    """Return the length in metres from hip to ankle along a straight leg; NaN if no frame has both whole legs."""
     bones = [
         (f"{a}{side}", f"{b}{side}") for side in ("Left", "Right") for a, b in (("Hip", "Knee"), ("Knee", "Ankle"))
     ]
@@ -135,8 +135,8 @@ def _leg_length(joints: JointTable) -> float:
 
 @settings
 class UprightConfig:
-    """Settings of when the patient counts as upright: from when all three limits are met until one of the wider limits
-    is passed (hysteresis).
+    """Settings of when the patient counts as upright: once all three ``enter`` limits are met, until one of the wider
+    ``leave`` limits is passed (hysteresis).
 
     Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
     doi:10.1123/jpah.2011-0347). By the thigh alone, kneeling and hanging over a rail would count as upright; the
@@ -145,7 +145,7 @@ class UprightConfig:
 
     thigh_enter_deg: Positive = 40.0
     thigh_leave_deg: Positive = 45.0
-    height_enter: Positive = 0.85  # pelvis height in leg lengths; thigh and shank are then tilted by about 30 degrees
+    height_enter: Positive = 0.85  # leg lengths, pelvis height; thigh and shank then lean by about 30 degrees
     height_leave: Positive = 0.80
     trunk_enter_deg: Positive = 45.0
     trunk_leave_deg: Positive = 50.0
@@ -180,8 +180,8 @@ def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) ->
 
 
 def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.ndarray:
-    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``. After a lost joint it is unknown until a limit is
-    passed again.
+    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``. After a frame with a lost joint, the value is
+    ``UNKNOWN`` until a limit is passed again.
 
     shift: as in ``upright_limits``.
     """
@@ -189,8 +189,9 @@ def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.nda
 
 
 def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return int8 (n,): 1 from each frame that ``begins`` a state to the next that ``ends`` it, else 0; -1 before the
-    first such frame, and from each frame that is not ``known`` to the next such frame.
+    """Return the state in each frame, int8 (n,). It stays the same until a frame changes it: to 1 if the frame
+    ``begins`` the state, to 0 if it ``ends`` the state, to -1 (unknown) if it is not ``known``. Before the first such
+    frame, it is -1.
     """
     state = np.full(len(known), UNKNOWN, dtype=np.int8)
     decisive = begins | ends | ~known
@@ -202,10 +203,11 @@ def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """A session: joints, angles, posture, stance of the same frames; seconds (n,) that each frame represents.
+    """The inputs of the measures of a recording or a trial: joints, angles, posture and stance in the same frames; and
+    the seconds (n,) that each frame represents.
 
-    contacts: with people and equipment, None if the results folder has no table of them; equipment: the parts with
-    which contacts were searched, empty if the recording has no model of the equipment.
+    contacts: with people and equipment, None if the results folder has no table of them; equipment: the parts that were
+    searched for contacts, empty if the recording has no model of the equipment.
     """
 
     joints: JointTable
@@ -234,9 +236,7 @@ class Session:
 
     @property
     def standing(self) -> np.ndarray:
-        """Return (n,) bool: frames in which the patient is upright, and neither just standing up nor just sitting
-        down.
-        """
+        """Return (n,) bool: frames in which the patient is upright, and neither standing up nor sitting down."""
         return self.upright & ~self.moving()
 
     def moving(self, settle_s: float = 0.0) -> np.ndarray:
@@ -259,7 +259,7 @@ class Session:
 def known(
     measure: str, unit: str, value: float, state_code: np.ndarray, sigma: float | None = None, side: str | None = None
 ) -> Measure:
-    """Return a measure that is based on frames with these codes (k,) of the worst joint used."""
+    """Return a measure with a value. state_code (k,): code of the worst joint used, in each frame that was used."""
     return _measure(measure, unit, state_code, value=value, sigma=sigma, side=side)
 
 

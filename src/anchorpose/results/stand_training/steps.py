@@ -1,4 +1,4 @@
-"""Find steps, by when each foot leaves the floor and comes down again, and compute measures of them.
+"""Find steps by the times at which a foot leaves the floor and comes down again, and compute measures of steps.
 
 A foot swings while its ankle moves over the floor and the other ankle rests. Joints do not show forces, so foot off and
 foot strike are taken to be the moments at which the ankle's movement begins and ends. Both have an error of some
@@ -27,15 +27,17 @@ SMOOTHING_S: Final = 0.06
 
 MOVES_M_PER_S: Final = 0.20
 RESTS_M_PER_S: Final = 0.10
-"""Speeds of an ankle in m/s: in a swing it exceeds the first; at rest it stays below the second, noise included."""
+"""Speeds of an ankle in m/s: in a swing it exceeds ``MOVES_M_PER_S``; at rest it stays below ``RESTS_M_PER_S``, noise
+included.
+"""
 
 SHORTEST_M: Final = 0.06
 AWAY_M: Final = 0.02
-"""Distances in m: in a step the ankle moves by at least the first. The swing lasts while the ankle is farther than the
-second from both of its places of rest.
+"""Distances in m: in a step the ankle moves by at least ``SHORTEST_M``. The swing lasts while the ankle is farther than
+``AWAY_M`` from its places of rest before and after the step.
 """
 
-LONGEST_S: Final = 2.0
+LONGEST_S: Final = 2.0  # s, maximum duration of a swing
 EVENT_SIGMA_S: Final = 0.06
 """Standard deviation in s of the error of a foot off or foot strike, measured on simulated steps (docs/measures.md)."""
 
@@ -45,7 +47,7 @@ LONGEST_PAUSE_S: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step. frames: frames of the swing, from foot off to foot strike; length_m: distance between both ankles at foot
+    """A step. frames: rows of the swing, from foot off to foot strike; length_m: distance between both ankles at foot
     strike, in the direction of the step; None for a step in place.
     """
 
@@ -89,8 +91,8 @@ def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> lis
 
 
 def _whole(runs: Iterable[slice], height_m: np.ndarray) -> list[slice]:
-    """Join two runs to one swing if the foot is in the air in the pause between them: its ankle is then higher than at
-    rest.
+    """Join two runs of movement to one swing if the foot is in the air in the pause between them: its ankle is then
+    higher than at rest.
     """
     whole = list[slice]()
     for run in runs:
@@ -137,14 +139,14 @@ def _swing(path_m: np.ndarray, run: slice) -> slice | None:
 
 
 def step_episodes(joints: JointTable, steps: list[Step]) -> tuple[Episode, ...]:
-    """Return swings as rows of episodes.parquet: they begin at foot off and end at foot strike."""
+    """Return the swings of steps as rows of episodes.parquet: they begin at foot off and end at foot strike."""
     ankles = joints.state_code[:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]].max(axis=1)
     kinds = {"left": STEP_LEFT, "right": STEP_RIGHT}
     return tuple(episode(kinds[step.side], joints, ankles, step.frames) for step in steps)
 
 
 def step_measures(session: Session, steps: list[Step]) -> list[Measure]:
-    """Compute count, swing time and step length per side, and the time between foot strikes of both feet."""
+    """Return count, swing time and step length per side, and the time from a foot's strike to the other foot's."""
     rows = [measure for side in ("left", "right") for measure in _of_side(session, steps, side)]
     time_s = session.joints.time_s
     between = [
@@ -183,7 +185,9 @@ def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
 def _mean(
     session: Session, name: str, side: str | None, unit: str, found: list[tuple[float, Step]], sigma: float, why: str
 ) -> Measure:
-    """Return the mean of the values; half of the variance of each value's error is taken to be common to all values."""
+    """Return the mean of the values in ``found`` as a measure. Half of the variance (sigma^2) of each value's error is
+    taken to be common to all values.
+    """
     if not found:
         return unknown(name, unit, why, side)
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]

@@ -23,11 +23,11 @@ from anchorpose.rotations import unit
 
 SIDES: Final = ("left", "right")
 
-TIMES: Final = 5
+TIMES: Final = 5  # number of rises in the test
 LONGEST_SEATED_S: Final = 2.0
 LONGEST_STOOD_S: Final = 5.0
-"""Maximum times in s of sitting and of standing between two changes. A patient who rests longer on the seat does
-another test; a slow patient may need time to stand steadily.
+"""Maximum times in s between two changes of posture in the test: seated (``LONGEST_SEATED_S``) or standing. A patient
+who rests longer on the seat does another test; a slow patient may need time to stand steadily.
 """
 
 TOUCH_S: Final = 0.1
@@ -50,7 +50,7 @@ def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measu
     first, last = rises[0], rises[-1]
     rows = slice(first.frames.start, last.frames.stop)
     time_s, state_code = session.joints.time_s[rows], session.stance.state_code[rows]
-    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # one end each of the first and last transition
+    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # sigma_s covers both ends; one of each counts
     return known(name, "s", float(time_s[-1] - time_s[0]), state_code, sigma)
 
 
@@ -71,8 +71,8 @@ def _longest_series(moves: Sequence[Transition], time_s: np.ndarray) -> list[Tra
 
 LEVEL_DEG: Final = 10.0
 STILL_LEVEL_DEG: Final = 35.0
-"""Angles in degrees between arm and horizontal. An arm counts as raised once the angle is below the first limit, until
-it exceeds the second.
+"""Angles in degrees between arm and horizontal. An arm counts as raised once the angle is below ``LEVEL_DEG``, until it
+exceeds ``STILL_LEVEL_DEG``.
 """
 
 STRAIGHT: Final = 0.92
@@ -85,9 +85,9 @@ FORWARD: Final = 0.85
 a side.
 """
 
-BASE_M: Final = 0.05
-START_S: Final = 0.5
-LEAST_REACH_S: Final = 1.0
+BASE_M: Final = 0.05  # m, maximum movement of an ankle while the foot counts as in its place
+START_S: Final = 0.5  # s at the start of a reach; the wrist's median place in this time is where the reach starts
+LEAST_REACH_S: Final = 1.0  # s, minimum duration of a reach
 
 
 def functional_reach(session: Session, side: str) -> Measure:
@@ -146,7 +146,7 @@ _ARM: Final = ("Shoulder", "Elbow", "Wrist")
 
 def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
     """Return for how many rows from the first both ankles stay within ``BASE_M`` of their first place; 0 if an ankle is
-    unknown there.
+    unknown in the first row.
     """
     if not len(rows):
         return 0
@@ -158,8 +158,8 @@ def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
 
 LIFTED_M: Final = 0.06
 LOWERED_M: Final = 0.04
-"""Heights in m of one ankle above the other: the foot counts as off the floor from above the first until below the
-second.
+"""Heights in m of one ankle above the other: the foot counts as off the floor while it is above ``LOWERED_M``, if it
+exceeds ``LIFTED_M`` in this time.
 """
 
 LEAST_STANCE_S: Final = 1.0
@@ -202,7 +202,7 @@ def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> 
 
 
 def task_measures(session: Session, config: TransitionConfig) -> list[Measure]:
-    """Compute all three tests, reach and stance per side."""
+    """Return the measures of the three tests; functional reach and one-leg stance have one per side."""
     return [
         five_times_sit_to_stand(session, config),
         *(functional_reach(session, side) for side in SIDES),

@@ -1,6 +1,4 @@
-"""Find the frames in which parts of the patient are touched, the seen share of touches, and the uncertainty of touched
-time.
-"""
+"""Compute in which frames the patient is touched, the share of a touch that was seen, and the touched time."""
 
 from __future__ import annotations
 
@@ -48,8 +46,8 @@ def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
 def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tuple[float, float | None]:
     """Return the time with any contact, and its sigma.
 
-    Without contacts there is no sigma, since it is unknown how many were missed. Each beginning and each end may be
-    wrong by one frame, and the unseen part of a contact may be wrong altogether.
+    Without contacts there is no sigma, since it is unknown how many were missed. Each beginning and each end of a
+    contact may be wrong by one frame, and the unseen share of a contact may have been no contact.
     """
     any_of = touch.at_once > 0
     if not any_of.any():
@@ -60,7 +58,7 @@ def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tu
 
 
 def sigma_of_time(edges: int, unsure_s: float, seconds: np.ndarray) -> float:
-    """Return sigma of a time with ``edges`` beginnings and ends, each up to a frame off, that lies between two values
-    which differ by ``unsure_s``. seconds (n,): the time that each frame represents.
+    """Return sigma of a time. The time has ``edges`` beginnings and ends, each wrong by up to a frame, and lies between
+    two limits that are ``unsure_s`` apart. seconds (n,): the time that each frame represents.
     """
     return float(np.hypot(np.sqrt(edges) * float(np.median(seconds)), unsure_s / np.sqrt(12.0)))

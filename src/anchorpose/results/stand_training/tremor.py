@@ -1,4 +1,4 @@
-"""Measure tremor and clonus: oscillation of knees and ankles between 3 and 8 Hz, where the frame rate can show it.
+"""Measure tremor and clonus: oscillation of knees and ankles between 3 and 8 Hz, if the frame rate can show it.
 
 Clonus after a spinal-cord injury is a rhythmic contraction at 3 to 8 Hz. Errors of joints spread over all frequencies,
 and voluntary movement lies below 3 Hz. So an oscillation counts if a narrow peak holds most of the power above 1 Hz.
@@ -18,7 +18,7 @@ from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Measure
 from anchorpose.results.stand_training.stance import Session, known, unknown
 from anchorpose.settings import Positive, settings
 
-LOWEST_HZ, HIGHEST_HZ = 3.0, 8.0
+LOWEST_HZ, HIGHEST_HZ = 3.0, 8.0  # Hz, range of frequencies of tremor and clonus
 
 LEAST_HZ: Final = 20.0
 """Minimum frame rate in Hz, which gives 2.5 frames per period of the fastest oscillation."""
@@ -29,11 +29,10 @@ half a hertz apart.
 """
 
 MOVEMENT_HZ: Final = 1.0
-"""Frequency in Hz up to which power is posture and slow movement; it does not count against an oscillation."""
+"""Power up to this frequency in Hz is posture and slow movement; it is left out of ``Window.share``."""
 
 PEAK_HZ: Final = 0.75
-"""Half width of a peak in Hz: that of a Hann window of two seconds, plus one frequency step since the frequency varies.
-"""
+"""Hz, half width of a peak: that of a Hann window of 2 s, plus one frequency step since the frequency varies."""
 
 JOINTS: Final = {"knee": "knee_flexion", "ankle": "ankle_dorsiflexion"}
 UNITS: Final = {"time": "s", "frequency": "Hz", "amplitude": "deg"}
@@ -47,14 +46,14 @@ NONE: Final = "no such oscillation was seen"
 class TremorConfig:
     """Settings of when an oscillation counts as tremor or clonus."""
 
-    least_deg: Positive = 1.0  # minimum amplitude (half of peak to peak); less is hardly visible
+    least_deg: Positive = 1.0  # degrees, minimum amplitude (half of peak to peak); less is hardly visible
     # minimum share of the peak in the power above 1 Hz; for errors without rhythm it is 0.1 at 30 frames per second
     peak_share: Annotated[float, Field(gt=0, lt=1)] = 0.6
 
 
 class Window(NamedTuple):
     """A time window. rows: rows of its frames. seconds: time that these frames represent. frequency_hz, amplitude_deg:
-    frequency and amplitude of the highest peak of the spectrum; share: share of the power above ``MOVEMENT_HZ`` that
+    frequency and amplitude of the highest peak between 3 and 8 Hz; share: share of the power above ``MOVEMENT_HZ`` that
     this peak holds.
     """
 
@@ -66,7 +65,7 @@ class Window(NamedTuple):
 
 
 def tremor_measures(session: Session, config: TremorConfig) -> list[Measure]:
-    """Compute time, frequency and amplitude of the oscillation of knees and ankles, on either side."""
+    """Return time, frequency and amplitude of the oscillation of each knee and ankle."""
     return [row for joint in JOINTS for side in ("left", "right") for row in _of_joint(session, joint, side, config)]
 
 
@@ -123,8 +122,8 @@ def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Itera
 
 
 def _window(time_s: np.ndarray, degrees: np.ndarray, rows: slice) -> Window:
-    """Find the peak between 3 and 8 Hz in the spectrum of the angle, after taking away its mean and slope, with a Hann
-    window.
+    """Return a window with the highest peak between 3 and 8 Hz in the spectrum of the angle. The angle's mean and slope
+    are subtracted first, and a Hann window is applied.
     """
     count = len(time_s)
     even_s = np.linspace(time_s[0], time_s[-1], count)
@@ -137,7 +136,7 @@ def _window(time_s: np.ndarray, degrees: np.ndarray, rows: slice) -> Window:
     top = int(np.argmax(np.where(band, power, -1.0)))
     peak = np.abs(frequency_hz - frequency_hz[top]) <= PEAK_HZ
     held, total = float(power[peak].sum()), float(power[frequency_hz > MOVEMENT_HZ].sum())
-    # a sine of amplitude A has the mean square A^2 / 2; the window scales it by the sum of its squared weights
+    # a sine of amplitude A has the mean square A^2 / 2; the Hann window scales it by the sum of its squared weights
     amplitude = float(np.sqrt(4.0 * held / (count * (taper**2).sum())))
     share = min(held / total, 1.0) if total > 0 else 0.0
     centre = float((power[peak] * frequency_hz[peak]).sum() / held) if held > 0 else float(frequency_hz[top])

@@ -22,8 +22,8 @@ NEVER_KNOWN: Final = "in no frame was it known whether the patient was upright"
 NONE_SEEN: Final = "none was seen from beginning to end"
 
 LOW_PERCENTILE: Final = 10.0
-"""Percentile of the pelvis' height that gives the seat's height in sitting; 100 less this percentile gives that of
-standing. Medians would include the rise, extremes a single frame's noise.
+"""Percentile of the pelvis' height in sitting that is taken as the seated height. In standing, 100 minus this
+percentile is used. A median would include frames of the rise; an extreme would be the noise of a single frame.
 """
 
 
@@ -56,9 +56,7 @@ UPRIGHT_MEASURES: Final = {
 
 
 def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
-    """Compute recorded, found, upright and unknown time, the upright share, the number of bouts and the longest
-    bout.
-    """
+    """Return recorded, found, upright and unknown time, upright share, number of bouts and the longest bout."""
     seconds, state, state_code = session.seconds, session.posture.upright, session.stance.state_code
     is_known, standing = state != UNKNOWN, state == UPRIGHT
     total, known_s = recorded_seconds(session.joints.time_s), float(seconds[is_known].sum())
@@ -89,8 +87,8 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
 
 
 def _sigma_s(session: Session, config: UprightConfig) -> float:
-    """Return sigma of the upright time: half of its change between all frames shifted by one sigma towards standing and
-    away from it.
+    """Return sigma of the upright time: half of the difference between the times that result if all values are shifted
+    by one sigma towards standing, and by one sigma away from it.
 
     In addition, every beginning and end of a bout may be half a frame off.
     """
@@ -112,14 +110,14 @@ class TransitionConfig:
     last, too: a patient who nearly stands and sinks back has not stood up.
     """
 
-    seated_enter_deg: Positive = 65.0
-    seated_leave_deg: Positive = 55.0
-    behind_feet_m: Positive = 0.07  # m, minimum distance of the centre of mass behind the ankles; a heel plus errors
-    rest_s: Positive = 1.0  # s for which the pelvis must stay within ``rest_height`` of its seated or standing height
+    seated_enter_deg: Positive = 65.0  # degrees from the vertical; sitting begins if both thighs exceed it
+    seated_leave_deg: Positive = 55.0  # degrees from the vertical; sitting ends if a thigh is below it
+    behind_feet_m: Positive = 0.07  # m, minimum distance of the centre of mass behind the ankles: a heel plus errors
+    rest_s: Positive = 1.0  # s, minimum time of the pelvis within ``rest_height`` of its seated or standing height
     rest_height: Positive = 0.05  # leg lengths, tolerance of the pelvis's height at rest
-    settle_s: Positive = 3.0  # s next to the transition, before and after it, in which the posture's height is measured
-    edge: Positive = 0.05  # share of the rise; the transition begins after it and ends this share before the end
-    longest_s: Positive = 20.0  # s, maximum duration; a longer change includes a pause between sitting and standing
+    settle_s: Positive = 3.0  # s before and after the transition in which the heights of the two postures are measured
+    edge: Positive = 0.05  # share of the height's change that comes before the transition begins, and after it ends
+    longest_s: Positive = 20.0  # s, maximum duration; a longer change includes a pause in between
 
     def __post_init__(self) -> None:
         if not self.seated_leave_deg <= self.seated_enter_deg < 90:
@@ -130,7 +128,9 @@ class TransitionConfig:
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """A change of posture. frames: from the last frame still in one posture to the first in the other."""
+    """A change between sitting and standing. frames: from the last frame in one posture to the first in the other;
+    seconds: its duration, with the standard deviation sigma_s.
+    """
 
     kind: str
     frames: slice
@@ -146,7 +146,9 @@ class Postures(NamedTuple):
 
 
 def settled_postures(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> Postures:
-    """Return when the patient sits and when the patient stands, at rest. state (n,): as ``upright`` returns it."""
+    """Return the runs of frames in which the patient sits, and those in which the patient stands, each with a rest of
+    at least ``rest_s``. state (n,): as ``upright`` returns it.
+    """
     time_s, seconds, thigh = joints.time_s, frame_seconds(joints.time_s), stance.thigh_deg
     seated = hold(thigh >= config.seated_enter_deg, thigh < config.seated_leave_deg, np.isfinite(thigh)) == UPRIGHT
     sitting = [
@@ -163,7 +165,7 @@ def settled_postures(joints: JointTable, stance: Stance, state: np.ndarray, conf
 
 
 def posture_stretches(stance: Stance, time_s: np.ndarray) -> list[slice]:
-    """Return the stretches without a break in which height and inclination are known."""
+    """Return the unbroken stretches in which the pelvis' height and the thighs' inclination are known."""
     return unbroken_runs(np.isfinite(stance.height + stance.thigh_deg), time_s)
 
 
@@ -190,8 +192,8 @@ def transition_episodes(joints: JointTable, stance: Stance, found: list[Transiti
 
 
 def transition_measures(session: Session, found: list[Transition]) -> list[Measure]:
-    """Compute, for each kind of transition, the count and the mean, shortest and longest duration; no values where
-    posture is never known.
+    """Compute, for each kind of transition, the count and the mean, shortest and longest duration; the measures have no
+    values if posture is never known.
     """
     rows = list[Measure]()
     frames = int((session.posture.upright != UNKNOWN).sum())
@@ -215,8 +217,8 @@ def _duration(session: Session, ones: list[Transition], kind: str, which: str) -
 
 
 def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
-    """Return whether the pelvis stays near the lowest height of a run for long enough; height (k,), with reversed sign
-    for standing.
+    """Return whether the pelvis stays near its lowest height in a run for long enough. height (k,): of the pelvis; for
+    standing with the sign reversed, since it must then stay near its greatest height.
     """
     there = np.isfinite(height)
     if not there.any():
@@ -244,15 +246,15 @@ def _transition(
     way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
     middle = before.stop - before.start
     noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1])))
-    noise /= abs(end_level - start_level)  # as a share of the change of height, like the edges
-    shake = min(noise, 0.5 * config.edge)  # both shifted edges must lie between the two heights
+    noise /= abs(end_level - start_level)  # as a share of the change of height, like ``edge``
+    shake = min(noise, 0.5 * config.edge)  # keeps ``edge - shake`` above 0
     lengths = list[float]()
     for edge in (config.edge, config.edge + shake, config.edge - shake):
         first, last = _moving(way, middle, edge)
         lengths.append(float(time_s[before.start + last] - time_s[before.start + first]))
     first, last = _moving(way, middle, config.edge)
     step = usual_step_s(time_s[before.start : after.stop])
-    off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # extrapolated to the full noise
+    off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # for a shift by the whole noise
     sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # sampling: each end lies anywhere between two frames
     return Transition(
         SIT_TO_STAND if rises else STAND_TO_SIT,

@@ -1,4 +1,4 @@
-"""Describe areas of the floor that must stay free: discs and lanes."""
+"""Describe areas of the floor that must stay free: lanes, which are strips with round ends, and discs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """All places within radius_m of the line from one place (x, z) to another; a disc if both places are the same."""
+    """All places within ``radius_m`` of the line from one place (x, z) to another; a disc if both are the same."""
 
     start_m: tuple[float, float]
     end_m: tuple[float, float]
@@ -23,7 +23,7 @@ class Lane:
         return float(np.linalg.norm(place_m - start - share * along)) - self.radius_m
 
     def crossings_m(self, z_m: float) -> tuple[float, ...]:
-        """Return the x coordinate at which the lane's centre line crosses z = z_m; empty if it does not cross."""
+        """Return the x at which the lane's centre line crosses z = z_m, as a tuple of one; empty if there is none."""
         (x0, z0), (x1, z1) = self.start_m, self.end_m
         if (z0 - z_m) * (z1 - z_m) >= 0.0:
             return ()
@@ -37,5 +37,5 @@ def disc(place_m: np.ndarray, radius_m: float) -> Lane:
 
 
 def is_free(place_m: np.ndarray, radius_m: float, taken: list[Lane]) -> bool:
-    """Return whether a disc at a place (x, z) meets none of the lanes."""
+    """Return whether a disc around a place (x, z) overlaps none of the lanes."""
     return all(lane.clear_m(place_m) > radius_m for lane in taken)

@@ -16,18 +16,18 @@ CAMERA_CLEAR_M: Final = 0.7  # m, radius around the camera that stays free of fu
 PATIENT_CLEAR_M: Final = 0.75  # m, radius around the patient that stays free for movements
 SIGHT_CLEAR_M: Final = 0.35  # m on both sides of the line of sight from the camera to the patient, free of furniture
 LEGS_CLEAR_M: Final = 0.5  # m, distance between the patient and furniture in front of the legs
-BELOW_SIGHT_M: Final = 0.04
+BELOW_SIGHT_M: Final = 0.04  # m; low furniture stays this far below the line from the camera to the patient's middle
 
 
 def first_lanes(room: RoomConfig, camera_m: np.ndarray) -> list[Lane]:
-    """Return lanes around the patient's place, the camera's place (x, z), and the line of sight between them."""
+    """Return the areas that stay free in any room: around the patient, the camera and the line of sight between."""
     here = (float(camera_m[0]), float(camera_m[1]))
     return [disc(np.zeros(2), PATIENT_CLEAR_M), disc(camera_m, CAMERA_CLEAR_M), Lane(here, (0.0, 0.0), SIGHT_CLEAR_M)]
 
 
 def lay_out(rng: np.random.Generator, room: RoomConfig, outline: Outline, taken: list[Lane]) -> list[Piece]:
-    """Place the room's clutter in the room frame. Each piece is clear of the taken lanes and is then added to them; a
-    piece without a free place is left out.
+    """Place the room's clutter in the room frame. Each piece keeps clear of the areas ``taken``, to which its own area
+    is then added. A piece without a free place is left out.
     """
     found = []
     for kind in room.clutter:
@@ -44,7 +44,10 @@ def lay_out(rng: np.random.Generator, room: RoomConfig, outline: Outline, taken:
 def stand_before(
     rng: np.random.Generator, room: RoomConfig, camera_m: np.ndarray, head_m: float, taken: list[Lane]
 ) -> list[Piece]:
-    """Place low pieces on the line of sight from camera_m (3,); they hide legs but not the patient's middle."""
+    """Place low furniture between the camera and the patient, which may hide the legs but not the patient's middle.
+
+    camera_m (3,): the camera; head_m: height of the patient's head; taken: areas that stay free.
+    """
     found = []
     away_m = float(np.linalg.norm(camera_m[[0, 2]]))
     across = np.array([-camera_m[2], camera_m[0]]) / away_m

@@ -1,4 +1,4 @@
-"""Move furniture during the recording: pushed by a person, or a door that opens."""
+"""Move furniture during the recording: a piece that a person pushes, or a door that opens."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from anchorpose.simulate.timeline import body_course, ease
 STEP_S: Final = 0.05  # s between the times for which the place of moved furniture is computed
 AHEAD_M: Final = 0.35  # m, distance between a person who pushes and the nearest part of the furniture
 OPENING_S: Final = 1.6  # s, time that a door takes to open
-BEFORE_S: Final = 3.0  # s before and after the recording for which places are computed, too
+BEFORE_S: Final = 3.0  # s before and after the recording for which places are computed as well
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mover:
-    """A piece that moves."""
+    """A piece of furniture that moves during the recording."""
 
     piece: Piece
     times_s: np.ndarray  # (k,)
-    places_m: np.ndarray  # (k, 2) x and z of the piece at these times
+    places_m: np.ndarray  # (k, 2) x and z of the piece at ``times_s``
     yaws: np.ndarray  # (k,) rad, positive to the left
 
     def figure(self, time_s: float) -> Figure:
-        """Return the piece at a time, labelled as a part of the room."""
+        """Return the piece at its place at a time, labelled as a part of the room."""
         x, z = (np.interp(time_s, self.times_s, self.places_m[:, axis]) for axis in (0, 1))
         yaw = float(np.interp(time_s, self.times_s, self.yaws))
         points = self.piece.triangles.reshape(-1, 3) @ turns_about(UP, np.array([yaw]))[0].T + np.array([x, 0.0, z])

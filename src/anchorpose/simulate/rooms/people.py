@@ -1,4 +1,4 @@
-"""Draw the patient of a room and other people, who sit, stand or walk through; and a mannequin."""
+"""Draw the people of a room: the patient, others who sit, stand or walk through, and a mannequin."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
 SEATED_MOTIONS: Final = ("reach", "arm-raise", "head")
 STANDING_MOTIONS: Final = ("standing", "weight-shift", "trunk", "head", "reach")
-BACK_REST_M: Final = 0.45
-RISING_S: Final = 2.0  # s, time in which a person rises, so that a seat is fitted to both postures
+BACK_REST_M: Final = 0.45  # m, height of a chair's back rest above the seat
+RISING_S: Final = 2.0  # s; a seat is fitted to at least this time, in which the person of ``_rising`` stands up
 
 
 def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Actor | CapturedActor:
@@ -89,7 +89,7 @@ def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor
 
 
 def _rising(patient: Actor | CapturedActor) -> Actor | CapturedActor:
-    """Return the same person, who first rises from the seat, so that a wheelchair also fits the standing legs."""
+    """Return the same person, who only rises from the seat, so that a wheelchair is also fitted to standing legs."""
     if isinstance(patient, CapturedActor):
         return patient
     rises = Movement(seated_offsets(patient.person), LONG_AGO_S, 1.0, -LONG_AGO_S - 0.7, 0.5)
@@ -125,16 +125,16 @@ def moved_actor(actor: Actor, place_m: np.ndarray, yaw: float) -> Actor:
 
 
 def over_origin(patient: Actor, seat: Piece | None, share: float) -> tuple[Actor, Piece | None]:
-    """Move a person and the seat forward. A seated pelvis is behind the origin; ``share`` is the share of this distance
-    by which both are moved.
-    """
+    """Move a person and the seat forward by a share of the distance by which sitting down moves the pelvis backward."""
     ahead_m = -share * dict(seated_offsets(patient.person))["pelvis_forward"]
     place = np.array([ahead_m, 0.0])
     return moved_actor(patient, place, 0.0), None if seat is None else seat.placed(place, 0.0)
 
 
 def walks_in(actor: Actor, from_m: np.ndarray, start_s: float) -> Actor:
-    """Let the patient walk in from a place (x, z) at ``start_s``; other movements begin after the walk."""
+    """Return the person, who walks in from a place (x, z) at ``start_s``; movements that begin before the arrival are
+    left out.
+    """
     places, yaws = final_stance(actor.footwork)
     home, facing = places.mean(axis=0), float(yaws.mean())
     standing = stand(from_m, yaw_towards(from_m, home), STANCE_M)
@@ -144,7 +144,7 @@ def walks_in(actor: Actor, from_m: np.ndarray, start_s: float) -> Actor:
 
 
 def draw_walker(rng: np.random.Generator, config: SimulationConfig, lane: Lane, at_s: float) -> Actor:
-    """Draw a person who walks along a lane and is in its middle at a time."""
+    """Draw a person who walks along a lane and is in its middle at ``at_s``."""
     person = draw_person(rng, config.clothing_m)
     start, goal = np.array(lane.start_m), np.array(lane.end_m)
     facing = yaw_towards(start, goal)
@@ -183,7 +183,7 @@ def draw_mannequin(rng: np.random.Generator, config: SimulationConfig) -> np.nda
 
 
 def turned(triangles: np.ndarray, yaw: float) -> np.ndarray:
-    """Return points (..., 3) turned to the left about the Y axis."""
+    """Return points (..., 3) turned to the left about the Y axis by ``yaw``."""
     return np.asarray(triangles @ turns_about(UP, np.array([yaw]))[0].T)
 
 

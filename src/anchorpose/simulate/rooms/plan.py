@@ -1,4 +1,4 @@
-"""Draw the plan of a room: the place of the camera, furniture and people, and the errors of the sensor."""
+"""Draw the plan of a room: place of the camera, furniture, people, and disturbances of the depth images."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import Field
 from anchorpose.settings import settings
 from anchorpose.simulate.sensor import SENSORS
 
-Framing = Literal["whole", "feet-cut-off", "head-cut-off"]  # with the head, the feet may be cut off as well
+Framing = Literal["whole", "feet-cut-off", "head-cut-off"]  # if the head is cut off, the feet may be too
 Posture = Literal["stands", "sits", "stands-up"]
 Seat = Literal["stool", "chair", "wheelchair"]
 Other = Literal["sits", "stands", "passes-before", "passes-behind"]
@@ -32,20 +32,20 @@ Clutter = Literal[
 ]
 
 NEAREST_M, FARTHEST_M = 1.2, 4.5  # m, limits of the distance from camera to patient along the floor
-# m, maximum distance of a late patient, who would otherwise not be in place before the recording ends
+# m, maximum distance from the camera to a late patient, who would otherwise walk until the recording ends
 FARTHEST_LATE_M: Final = 3.3
-RANGE_MARGIN_M: Final = 0.5  # m, distance kept from the limits of the sensor's range, for the patient's movements
-LOWEST_M, HIGHEST_M = 0.5, 2.5
-STEEPEST_RAD: Final = float(np.radians(35.0))
-UPWARD_RAD: Final = float(np.radians(8.0))  # rad, maximum upward tilt: a camera on a low shelf
-LARGEST_ROLL_RAD: Final = float(np.radians(4.0))
-AIM_RAD: Final = float(np.radians(9.0))  # rad, maximum angle, up or down, from the optical axis to the patient
-CLEARLY_RAD: Final = float(np.radians(3.0))  # rad, minimum angle beyond the image border at which a part is cut off
-INSIDE_RAD: Final = float(np.radians(1.5))
+RANGE_MARGIN_M: Final = 0.5  # m, space for movements between the patient and the end of the sensor's range
+LOWEST_M, HIGHEST_M = 0.5, 2.5  # m, limits of the camera's height
+STEEPEST_RAD: Final = float(np.radians(35.0))  # rad, maximum downward tilt of the camera
+UPWARD_RAD: Final = float(np.radians(8.0))  # rad, maximum upward tilt, as of a camera on a low shelf
+LARGEST_ROLL_RAD: Final = float(np.radians(4.0))  # rad, maximum rotation about the optical axis
+AIM_RAD: Final = float(np.radians(9.0))  # rad, maximum angle, up or down, from the optical axis to the patient's middle
+CLEARLY_RAD: Final = float(np.radians(3.0))  # rad; a head or foot at least this far outside the image is cut off
+INSIDE_RAD: Final = float(np.radians(1.5))  # rad; a head or foot at least this far inside the image is in view
 SEATED_SHARE: Final = 0.76  # height of the top of a seated person's head, as a share of the stature
 MIDDLE_SHARE: Final = 0.55  # height of the patient's middle, always in view, as a share of the head's height
 ROOM_SENSORS: Final = ("kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered")
-SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)
+SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)  # probabilities of ``ROOM_SENSORS``
 FRAMINGS: Final = get_args(Framing)
 POSTURES: Final = get_args(Posture)
 LOW: Final[tuple[Clutter, ...]] = ("table", "chair", "stool", "boxes", "wheelchair")  # furniture in front of the legs
@@ -54,7 +54,7 @@ ROOM_FOR_PASSER_M: Final = 2.2  # m, minimum distance between camera and patient
 
 @settings
 class RoomConfig:
-    """One room drawn from a seed. In the world, the patient stands at the origin and faces +X."""
+    """The plan of one room. In the world frame, the patient is at the origin and faces +X."""
 
     distance_m: Annotated[float, Field(ge=NEAREST_M, le=FARTHEST_M)]  # from camera to patient along the floor
     camera_height_m: Annotated[float, Field(ge=LOWEST_M, le=HIGHEST_M)]
@@ -68,15 +68,15 @@ class RoomConfig:
     clutter: tuple[Clutter, ...] = ()
     before: tuple[Clutter, ...] = ()  # furniture between the camera and the patient's legs
     others: tuple[Other, ...] = ()  # other people; people who walk through come last
-    # kind of moved furniture; a stool or wheelchair is pushed by the last person who walks through
+    # furniture that moves: the last person who walks through pushes a stool or wheelchair, or a door opens
     moved: Moved = "none"
     opening: Opening = "none"
     mirror: bool = False
     mannequin: bool = False
     poster: bool = False
-    dark_clothes: bool = False  # the patient's legs or trunk return little light
-    shiny: bool = False  # bare metal often has no reading
-    interference: bool = False  # another camera's light disturbs some frames
+    dark_clothes: bool = False  # whether the patient wears black cloth, which returns little light
+    shiny: bool = False  # whether bare metal often has no reading
+    interference: bool = False  # whether another camera's light disturbs some frames
 
     @property
     def passers_by(self) -> int:
@@ -90,12 +90,12 @@ class RoomConfig:
 
 
 def draw_sensor(rng: np.random.Generator) -> str:
-    """Return the name of the sensor."""
+    """Draw the name of the sensor of a room's camera."""
     return str(rng.choice(ROOM_SENSORS, p=SENSOR_CHANCES))
 
 
 def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) -> RoomConfig:
-    """Draw a room for a patient of a given height, seen by a given sensor."""
+    """Draw the plan of a room for a patient of a given stature, seen by a given sensor."""
     late = bool(rng.random() < 0.2)
     posture: Posture = "stands" if late else rng.choice(POSTURES, p=(0.5, 0.3, 0.2))
     framing: Framing = rng.choice(FRAMINGS, p=(0.45, 0.35, 0.2))
@@ -129,8 +129,8 @@ def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) ->
 
 
 def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float) -> float:
-    """Return the vertical position in the image of a height above the patient's place: its angle from the optical axis,
-    positive upwards, divided by half of the image's angle. Values beyond -1 and 1 are outside the image.
+    """Return how high in the image a point appears that is ``height_m`` above the patient's place. The value is its
+    angle above the optical axis, divided by half of the vertical field of view. Outside the image, it is beyond ±1.
 
     place: the camera's distance_m, height_m, tilt_rad.
     """
@@ -140,7 +140,7 @@ def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float
 
 def framing_of(sensor: str, place: tuple[float, float, float], head_m: float) -> Framing | None:
     """Return which parts of a person at the patient's place the image border cuts off; None if too little of the person
-    is seen, or if it is not clear what is cut off.
+    is seen, or if the border is too near to head or feet to decide.
     """
     half = _half_view_rad(sensor)
     cut, kept = 1.0 + CLEARLY_RAD / half, 1.0 - INSIDE_RAD / half
@@ -162,7 +162,7 @@ def _half_view_rad(sensor: str) -> float:
 def _draw_place(
     rng: np.random.Generator, sensor: str, framing: Framing, head_m: float, farthest_m: float
 ) -> tuple[float, float, float]:
-    """Draw the camera's distance_m, height_m and tilt_rad at which the image has the given framing."""
+    """Draw the camera's distance_m, height_m and tilt_rad so that the image has the given framing."""
     while True:
         distance_m, height_m = rng.uniform(NEAREST_M, farthest_m), rng.uniform(LOWEST_M, HIGHEST_M)
         down = np.arctan2(height_m - MIDDLE_SHARE * head_m, distance_m) + rng.uniform(-AIM_RAD, AIM_RAD)

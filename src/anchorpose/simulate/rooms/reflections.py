@@ -1,4 +1,4 @@
-"""Render a room without its people: the still room, the mirrored room, and moved furniture."""
+"""Render a room without its people: what never moves, moved furniture, and what a mirror shows."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from anchorpose.camera import Camera
 from anchorpose.simulate.render import NOTHING, Figure, TrueImage, draw_figures, first_hits, ray_directions
 from anchorpose.simulate.rooms.walls import Mirror
 
-NEARER_THAN_ALL_M: Final = 1e-3  # m, a depth that is smaller than all drawn depths
+NEARER_THAN_ALL_M: Final = 1e-3  # m, smaller than all depths; pixels with this depth are not drawn over
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoomPicture:
-    """The still room of one camera."""
+    """A room as one camera sees it, without people and without furniture that moves."""
 
     camera: Camera
     image: TrueImage  # true image; the mirrored room is as far behind the mirror as the room is in front of it
@@ -25,8 +25,8 @@ class RoomPicture:
     shiny: np.ndarray  # (height, width) bool, pixels whose ray meets bare metal
 
     def with_movers(self, movers: tuple[Figure, ...], people: tuple[Figure, ...]) -> TrueImage:
-        """Return the room with moved furniture, and with the mirror images of furniture and people. All of these have
-        the room's label.
+        """Return the room with furniture that moves (``movers``), and with the mirror images of this furniture and of
+        people. All of these have the room's label.
         """
         image = self.image
         if self.mirror is not None and self.in_mirror.any():
@@ -45,7 +45,7 @@ class RoomPicture:
 
 
 def reflected(mirror: Mirror, figure: Figure) -> Figure:
-    """Return the mirror image of a figure, labelled as room; faces behind the mirror's plane are left out."""
+    """Return the mirror image of a figure, labelled as the room. Triangles behind the mirror's plane are left out."""
     before = mirror.before_m(figure.skin_m) > 0.0
     kept = before[figure.faces].all(axis=1) if len(figure.faces) else np.zeros(0, dtype=bool)
     faces = figure.faces[kept]
@@ -53,7 +53,7 @@ def reflected(mirror: Mirror, figure: Figure) -> Figure:
 
 
 def take_picture(camera: Camera, triangles: np.ndarray, shiny: np.ndarray, mirror: Mirror | None) -> RoomPicture:
-    """Return the still room; triangles (n, 3, 3) world metres, shiny (n,) bool."""
+    """Render all that never moves: triangles (n, 3, 3), world metres; shiny (n,) bool: those of bare metal."""
     shape = (camera.height, camera.width)
     directions = ray_directions(camera)
     glass = np.zeros((0, 3, 3)) if mirror is None else mirror.triangles

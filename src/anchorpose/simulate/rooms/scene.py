@@ -46,15 +46,15 @@ from anchorpose.simulate.therapist import Therapist
 if TYPE_CHECKING:
     from anchorpose.simulate.config import SimulationConfig
 
-ROOM_KEY: Final = 1002  # key of random streams in addition to those of ``clinic`` and ``config``
+ROOM_KEY: Final = 1002  # key of a room's random streams; ``clinic`` and ``config`` use other keys
 STREAMS: Final = ("plan", "patient", "programme", "walls", "people", "furniture", "spoil", "beyond")
 ASKEW_RAD: Final = 0.35  # rad, maximum angle between the line of sight and the room's long axis
 PERSON_CLEAR_M: Final = 0.5  # m, radius around a person who sits or stands that stays free
-WALK_CLEAR_M: Final = 0.35
-TRIES: Final = 200
+WALK_CLEAR_M: Final = 0.35  # m on both sides of a walking person's path that stay free
+TRIES: Final = 200  # maximum number of places that are tried for a person
 SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "sits": 1.0}
-"""By posture: the share of a seated pelvis's backward offset by which the patient is moved forward, into the camera's
-aim.
+"""Forward shift of the patient for each posture, which brings the pelvis to the place at which the camera is aimed. The
+unit is the distance by which the pelvis is farther back in sitting than in standing.
 """
 
 
@@ -63,12 +63,12 @@ class RoomScene:
     """The content of a room in the world frame; the patient is at the origin and faces +X."""
 
     camera: Camera
-    triangles: np.ndarray  # (n, 3, 3) of everything that never moves
+    triangles: np.ndarray  # (n, 3, 3) of all that never moves
     shiny: np.ndarray  # (n,) bool, triangles of bare metal
     mirror: Mirror | None
     patient: Actor | CapturedActor
     people: tuple[Therapist, ...]  # all other people; people who walk through come last
-    movers: tuple[Mover, ...]  # moved furniture
+    movers: tuple[Mover, ...]  # furniture that moves
     spoil: Spoil  # losses of readings
 
 
@@ -82,21 +82,21 @@ class _Draft:
     outline: Outline
     back: BackWall
     camera_m: np.ndarray  # (3,)
-    taken: list[Lane]
+    taken: list[Lane]  # areas of the floor that stay free, or are occupied
     half_view: float  # tangent of half of the horizontal field of view
-    doorways: list[Lane]
+    doorways: list[Lane]  # paths of walking people; a side wall has a doorway where a path crosses it
     pieces: list[Piece]
     people: list[Actor]
     movers: list[Mover]
 
 
 def room_stream(config: SimulationConfig, name: str) -> np.random.Generator:
-    """Return the random generator for one purpose in a room, by its name in ``STREAMS``."""
+    """Return the random generator for one purpose in a room; name: one of ``STREAMS`` in this module."""
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROOM_KEY, STREAMS.index(name))))
 
 
 def draw_scene(config: SimulationConfig, room: RoomConfig) -> RoomScene:
-    """Return the room of a configuration."""
+    """Draw the room that ``config`` and ``room`` describe, with all people in it."""
     person = draw_patient_person(room_stream(config, "patient"), config)
     patient = draw_room_patient(room_stream(config, "programme"), config, person)
     draft = _draw_empty_room(room_stream(config, "walls"), config, room)
@@ -114,7 +114,7 @@ def draw_scene(config: SimulationConfig, room: RoomConfig) -> RoomScene:
 
 
 def room_camera(room: RoomConfig, sensor: str, lens: str | None) -> Camera:
-    """Return the camera at its place, its optical axis in the vertical plane through the patient."""
+    """Return the camera at its place. Its optical axis lies in the vertical plane through camera and patient."""
     spec = SENSORS[sensor]
     return Camera(
         name="room",
@@ -127,7 +127,7 @@ def room_camera(room: RoomConfig, sensor: str, lens: str | None) -> Camera:
 
 
 def camera_pose(room: RoomConfig) -> np.ndarray:
-    """Return T_world_camera (4, 4), tilted down and rolled about its optical axis."""
+    """Return T_world_camera (4, 4) of the room's camera, tilted downward and rolled about its optical axis."""
     yaw = room.azimuth_rad + np.pi  # towards the patient
     level, right = np.array([np.cos(yaw), 0.0, -np.sin(yaw)]), np.array([np.sin(yaw), 0.0, np.cos(yaw)])
     away = np.cos(room.tilt_rad) * level - np.sin(room.tilt_rad) * UP
@@ -155,7 +155,7 @@ def _draw_empty_room(rng: np.random.Generator, config: SimulationConfig, room: R
 
 
 def _late(rng: np.random.Generator, draft: _Draft, patient: Actor) -> Actor:
-    """Let the patient walk in from the border of the camera's view, across the line of sight."""
+    """Return the patient, who walks in from beside the camera's view, at right angles to the line of sight."""
     edge_m = 1.05 * draft.half_view * draft.room.distance_m + 0.5
     way = float(rng.choice([-1.0, 1.0]))
     across = np.array([-draft.camera_m[2], draft.camera_m[0]]) / draft.room.distance_m
@@ -191,7 +191,7 @@ def _add_person(rng: np.random.Generator, draft: _Draft, other: Other, pushes: b
 
 
 def _add_pusher(rng: np.random.Generator, draft: _Draft, lane: Lane) -> None:
-    """Add a person who pushes furniture from one part of a lane to another, and leaves it there."""
+    """Add a person who pushes furniture from one place on a lane to another, and leaves it there."""
     start, gap = np.array(lane.start_m), np.subtract(lane.end_m, lane.start_m)
     starts, ends = rng.uniform(0.3, 0.42), rng.uniform(0.55, 0.68)
     stop = start + ends * gap
@@ -203,7 +203,7 @@ def _add_pusher(rng: np.random.Generator, draft: _Draft, lane: Lane) -> None:
 
 
 def _walking_lane(rng: np.random.Generator, draft: _Draft, before: bool) -> Lane:
-    """Draw a lane across the room from corridor to corridor, before or behind the patient."""
+    """Draw a lane across the room, from corridor to corridor, before the patient (``before``) or behind the patient."""
     o, away_m = draft.outline, draft.room.distance_m
     x = -rng.uniform(0.8, away_m - 0.7) if before else rng.uniform(0.85, o.back_m - 0.5)
     way, beyond_m = float(rng.choice([-1.0, 1.0])), CORRIDOR_M - 0.5
@@ -223,7 +223,7 @@ def _add_mannequin(rng: np.random.Generator, draft: _Draft) -> None:
 
 
 def _free_place(rng: np.random.Generator, draft: _Draft, radius_m: float) -> np.ndarray | None:
-    """Return a free place (2,) in the camera's view, and mark it as taken; None if there is none."""
+    """Return a free place (2,), x and z, in the camera's view, and add it to ``draft.taken``; None if there is none."""
     o, camera = draft.outline, draft.camera_m[[0, 2]]
     axis = -camera / np.linalg.norm(camera)
     for _ in range(TRIES):
@@ -237,10 +237,10 @@ def _free_place(rng: np.random.Generator, draft: _Draft, radius_m: float) -> np.
 
 
 def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
-    """Add low pieces before the patient, then clutter, then the door."""
+    """Add low furniture before the patient's legs, then clutter, then a door that opens."""
     room = draft.room
     head_m = person.height_m * (SEATED_SHARE if room.posture != "stands" else 1.0)
-    free = draft.taken[3:]  # without the lanes of the patient, the camera and the line of sight
+    free = draft.taken[3:]  # without the three areas of ``first_lanes``
     draft.pieces.extend(stand_before(rng, room, draft.camera_m, head_m, free))
     draft.pieces.extend(lay_out(rng, room, draft.outline, [*draft.taken, *free]))
     if room.moved == "door" and draft.back.opening is not None:

@@ -9,11 +9,11 @@ import numpy as np
 
 from anchorpose.simulate.render import PATIENT, TrueImage
 
-BLOB_PX: Final = 2.5  # pixels, size of the patches in which readings fail
+BLOB_PX: Final = 2.5  # pixels, standard deviation of the Gaussian that shapes the patches in which readings fail
 DARK_LOSS: Final = (0.15, 0.55)  # range of the share of black cloth without a reading
 SHINY_LOSS: Final = (0.3, 0.8)  # range of the share of bare metal without a reading
 BURST_CHANCE: Final = 0.15  # probability that another camera's light disturbs a frame
-BURST_SHARE: Final = (0.08, 0.35)  # range of the share of disturbed pixels in such a frame
+BURST_SHARE: Final = (0.08, 0.35)  # range of the share of disturbed pixels in a disturbed frame
 WRONG_SHARE: Final = 0.4  # share of the disturbed pixels with a wrong reading; the others have no reading
 WRONG_M: Final = 0.25  # m, standard deviation of the error of a wrong reading
 
@@ -22,7 +22,7 @@ WRONG_M: Final = 0.25  # m, standard deviation of the error of a wrong reading
 class Spoil:
     """The losses of readings in one recording."""
 
-    dark: np.ndarray  # (b + 1,) bool, body parts of the patient in black cloth, by part number
+    dark: np.ndarray  # (b + 1,) bool, by part number as in ``TrueImage``: parts of the patient in black cloth
     dark_loss: float  # share of black cloth without a reading
     shiny_loss: float  # share of bare metal without a reading
     interference: bool  # whether another camera's light disturbs some frames
@@ -31,7 +31,7 @@ class Spoil:
 def draw_spoil(
     rng: np.random.Generator, bone_names: tuple[str, ...], dark: bool, shiny: bool, interference: bool
 ) -> Spoil:
-    """Draw the losses; with ``dark``, the patient has black trousers, a black top or both."""
+    """Draw the losses of one recording. With ``dark``, the patient has black trousers, a black top or both."""
     wears = [("Leg", "HipJoint", "Hips"), ("Spine", "Back", "Shoulder", "Arm"), ("Leg", "Hips", "Spine", "Back", "Arm")]
     chosen = wears[int(rng.integers(3))]
     parts = np.array([False, *(dark and any(name in bone for name in chosen) for bone in bone_names)])
@@ -45,7 +45,7 @@ def spoilt_mm(
     """Return a depth image (height, width) uint16 millimetres with losses on black cloth and bare metal, and with
     another camera's disturbance.
 
-    shiny (height, width) bool: pixels of bare metal that nobody hides.
+    shiny (height, width) bool: pixels that show bare metal in the room without people.
     """
     dark = (image.label == PATIENT) & spoil.dark[image.part]
     bare = shiny & (image.part == 0)
@@ -59,7 +59,7 @@ def spoilt_mm(
 
 
 def _burst(rng: np.random.Generator, reading_mm: np.ndarray) -> np.ndarray:
-    """Return one frame with disturbed patches: without a reading, or with an error of decimetres."""
+    """Return a depth image with disturbed patches, in which readings are missing or wrong by decimetres."""
     spoilt = _patches(rng, reading_mm.shape, rng.uniform(*BURST_SHARE))
     wrong = rng.random(reading_mm.shape) < WRONG_SHARE
     off_mm = 1000.0 * WRONG_M * rng.standard_normal(reading_mm.shape)

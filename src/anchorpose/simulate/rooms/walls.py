@@ -1,4 +1,4 @@
-"""Build the room: floor, walls with windows and doorways, the space behind the openings, and the mirror on a wall."""
+"""Build a room: floor, walls with windows and doorways, the space behind these openings, and a mirror on a wall."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import numpy as np
 from anchorpose.simulate.rooms.keep_out import Lane
 from anchorpose.simulate.rooms.plan import RoomConfig
 
-WALL_M: Final = 2.7
-DOOR_HEIGHT_M: Final = 2.05
-DOOR_WIDTH_M: Final = 0.95
+WALL_M: Final = 2.7  # m, height of the walls
+DOOR_HEIGHT_M: Final = 2.05  # m
+DOOR_WIDTH_M: Final = 0.95  # m
 CORRIDOR_M: Final = 1.3  # m, width of the corridors beside the room, from which people walk in
-TRIES: Final = 200
-BEHIND_MIRROR_M: Final = 0.004  # m between mirror and wall, as thick as the glass, so that rays meet the mirror first
+TRIES: Final = 200  # maximum number of places that are tried for a panel
+BEHIND_MIRROR_M: Final = 0.004  # m from wall to mirror, the glass's thickness, so that rays meet the mirror first
 
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """Places of the walls, room frame: X from the camera to the patient, the patient at 0, Z to the right, metres."""
+    """Places of the walls in the room frame, metres. The patient is at 0; X points away from the camera."""
 
-    front_m: float
-    back_m: float
-    left_m: float
-    right_m: float
+    front_m: float  # x of the wall behind the camera
+    back_m: float  # x of the wall behind the patient
+    left_m: float  # z of the wall to the left, as the camera sees it
+    right_m: float  # z of the wall to the right
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Panel:
     high_m: float  # height of the upper edge
 
     def apart(self, other: Panel) -> bool:
-        """Return whether there is at least a hand's breadth between two panels along the wall."""
+        """Return whether there is at least a hand's breadth (0.1 m) between two panels along the wall."""
         return self.to_m + 0.1 < other.from_m or other.to_m + 0.1 < self.from_m
 
 
@@ -52,7 +52,7 @@ class Mirror:
     triangles: np.ndarray  # (2, 3, 3)
 
     def reflect(self, points_m: np.ndarray) -> np.ndarray:
-        """Return the places (..., 3) at which the mirror shows the given points (..., 3)."""
+        """Return the mirror images (..., 3) of points (..., 3), as far behind the mirror as the points are in front."""
         return np.asarray(points_m - 2.0 * self.before_m(points_m)[..., None] * self.normal)
 
     def before_m(self, points_m: np.ndarray) -> np.ndarray:
@@ -73,8 +73,8 @@ class BackWall:
 def draw_outline(rng: np.random.Generator, room: RoomConfig, range_m: float) -> Outline:
     """Draw walls around the camera and the patient, with space for people who walk behind the patient.
 
-    A door that opens is within the sensor's range. If there is enough space, a mirror is so near that the mirrored
-    patient is in range, too.
+    range_m: the sensor's range. A door that opens during the recording is within this range; so is the mirror image of
+    the patient, if there is enough space.
     """
     least_m = 1.5 if "passes-behind" in room.others else 0.9
     most_m = least_m + 1.8
@@ -110,8 +110,8 @@ def draw_back_wall(rng: np.random.Generator, room: RoomConfig, outline: Outline,
 
 
 def room_triangles(rng: np.random.Generator, outline: Outline, back: BackWall, lanes: tuple[Lane, ...]) -> np.ndarray:
-    """Return triangles (n, 3, 3), room frame: floor, ceiling, walls with openings, the corridors on both sides, and the
-    room behind the opening.
+    """Return triangles (n, 3, 3), room frame: floor, ceiling, walls, the corridors on both sides, and the room behind a
+    doorway in the back wall. Side walls have doorways where ``lanes``, the paths of people, cross them.
     """
     o, beside_m = outline, CORRIDOR_M
     corners = {
@@ -174,8 +174,8 @@ def floor_triangles(x0: float, x1: float, z0: float, z1: float) -> np.ndarray:
 
 
 def wall_triangles(start: tuple[float, float], end: tuple[float, float], holes: list[Panel]) -> np.ndarray:
-    """Return triangles (n, 3, 3) of a wall from start (x, z) to end (x, z) with rectangular holes; the places of the
-    holes are distances from the start.
+    """Return triangles (n, 3, 3) of a wall from start (x, z) to end (x, z) with rectangular holes. ``from_m`` and
+    ``to_m`` of a hole are distances from the start.
     """
     a, b = np.array(start), np.array(end)
     long_m = float(np.linalg.norm(b - a))
@@ -195,7 +195,7 @@ def wall_triangles(start: tuple[float, float], end: tuple[float, float], holes: 
 
 
 def _doorways(lanes: tuple[Lane, ...], outline: Outline, side_m: float) -> list[Panel]:
-    """Return the doorways where lanes cross the wall at z = side_m; their places are distances from its front end."""
+    """Return a doorway where each lane crosses the wall at z = side_m, as distances from the wall's front end."""
     half_m = 0.5 * DOOR_WIDTH_M
     crossings = [x for lane in lanes for x in lane.crossings_m(side_m)]
     return [Panel(x - outline.front_m - half_m, x - outline.front_m + half_m, 0.0, DOOR_HEIGHT_M) for x in crossings]

@@ -16,48 +16,48 @@ from anchorpose.simulate.sessions.plan import EXTENDING_S, PAUSE_S, RESTING_DEG,
 from anchorpose.simulate.timeline import Footwork, Movement, Step, ball_ahead_m, stand
 
 HANDS_S: Final = 0.5  # s, time in which a hand leaves a rail or returns to it
-CARRY_S: Final = 0.6  # s after standing up, time over which the legs gradually determine the pelvis's height
+CARRY_S: Final = 0.6  # s, time after standing up until the bend of the knees fully sets the pelvis's height
 ALWAYS_S: Final = 1e5  # s, longer than any session
 
-BUCKLE_DEG: Final = (25.0, 50.0)  # degrees, range of a buckle's depth; a bend below the first counts as no buckle
+BUCKLE_DEG: Final = (25.0, 50.0)  # degrees, range of a buckle's depth; a smaller bend does not count as a buckle
 BUCKLE_S: Final = (0.2, 0.45)  # s, range of the time in which the knee gives way, as in ``movements.buckle``
-CAUGHT_S: Final = (0.2, 0.5)
-OTHER_KNEE: Final = 0.4  # bend of the other knee as a share of the buckle's depth; it bends since the pelvis sinks
+CAUGHT_S: Final = (0.2, 0.5)  # s, range of the time for which the knee then stays bent
+OTHER_KNEE: Final = 0.4  # bend of the other knee, which follows the sinking pelvis, as a share of the buckle's depth
 
 FAILS_AT_S: Final = 1.5  # s after the onset of the trial at which the failed stand begins
-# range of the share of the way to standing in a failed stand; from about 0.7 on, the patient would be upright
+# range of the share of the way up that a failed stand reaches; from about 0.7 on, the patient would be upright
 FAILED_SHARE: Final = (0.42, 0.62)
-FAILED_UP_S, FAILED_DOWN_S = 0.8, 0.6
-SEATED_FROM_S: Final = PAUSE_S - 0.3  # s before the onset at which the patient begins to sit down
+FAILED_UP_S, FAILED_DOWN_S = 0.8, 0.6  # s, time of rising, and of sinking back
+SEATED_FROM_S: Final = PAUSE_S - 0.3  # s from the start of sitting down to the onset of a trial with a failed stand
 
-FALL_M: Final = (0.32, 0.42)  # m, range of the body's movement; its extrapolated centre of mass then leaves the soles
-FALL_S: Final = 0.8
-# s from the loss of balance until a foot leaves the floor, and from then until it strikes
+FALL_M: Final = (0.32, 0.42)  # m, range of a fall's path; it takes the extrapolated centre of mass beyond the soles
+FALL_S: Final = 0.8  # s, duration of the fall forward
+# s from the start of the fall until a foot leaves the floor, and from then until it strikes
 STEP_AFTER_S, STEP_S = 0.45, 0.35
-STRIDE_M: Final = 0.35
-# s from the loss of balance until body and foot go back, and duration of going back
+STRIDE_M: Final = 0.35  # m, length of the recovery step
+# s from the start of the fall until body and foot begin to go back, and duration of going back
 BACK_AFTER_S, BACK_S = 2.5, 1.0
 RECOVERY_S: Final = BACK_AFTER_S + BACK_S + HANDS_S
 
-CLONUS_HZ: Final = (3.5, 7.0)
-CLONUS_DEG: Final = (2.0, 5.0)  # degrees, range of the amplitude at the knee; the ankle has half of it
-CLONUS_S: Final = 4.0  # s, duration of a clonus: at least two windows of the measure
+CLONUS_HZ: Final = (3.5, 7.0)  # Hz, range of a clonus's frequency
+CLONUS_DEG: Final = (2.0, 5.0)  # degrees, range of a clonus's amplitude at the knee; the ankle moves half as much
+CLONUS_S: Final = 4.0  # s, duration of a clonus: two analysis windows (2 s each) of the measure of tremor
 SWELLS_S: Final = 0.3  # s, time in which a clonus grows at its beginning, and subsides at its end
 
 
 @dataclass(frozen=True, slots=True)
 class Happening:
-    """An incident of the drawn programme."""
+    """An incident of the drawn movements, such as a buckle."""
 
     kind: str  # as in ``TrueEvent``
     start_s: float  # onset
-    end_s: float  # as in ``TrueEvent``: greatest depth, foot strike or end
-    side: str | None  # None for a failed stand
+    end_s: float  # when the depth is greatest, a foot strikes or a clonus ends, as in ``TrueEvent``
+    side: str | None  # left or right; None for a failed stand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionPatient(Actor):
-    """A patient in a session."""
+    """The patient of a session of trials."""
 
     happenings: tuple[Happening, ...] = ()  # incidents, sorted by time
 
@@ -69,7 +69,7 @@ class SessionPatient(Actor):
 def draw_session_patient(
     rng: np.random.Generator, person: Person, rails: HeldEquipment | None, plan: Sequence[PlannedTrial]
 ) -> SessionPatient:
-    """Draw the patient's programme; rails: None if there is nothing to hold."""
+    """Draw the patient's movements in all trials. rails: equipment that the hands hold; None = none."""
     base = resting_channels(person, rails is not None)
     feet = stand(np.array([ball_ahead_m(person.body), 0.0]), 0.0, STANCE_M)
     carried = Movement((*_both("carry", 1.0), *_both("knee", np.radians(RESTING_DEG))), LONG_AGO_S, 1.0, ALWAYS_S, 1.0)
@@ -100,8 +100,8 @@ def _holding(trial: PlannedTrial) -> Movement:
 
 
 def _hands(trial: PlannedTrial) -> list[Movement]:
-    """Return movements that take the hands off the rails: from the onset to the end of the trial, or from before
-    sitting down until the patient stands, or during a recovery step.
+    """Return movements that take the hands off the rails: for the whole trial if it is planned so, from before sitting
+    down until standing in a trial with a failed stand, or around a recovery step.
     """
     if trial.hands_off:
         return [_let_go(trial.onset_s - (SEATED_FROM_S + HANDS_S if trial.stands_s is not None else 0.0), trial.end_s)]
@@ -115,8 +115,8 @@ def _let_go(from_s: float, to_s: float) -> Movement:
 
 
 def _falls(trial: PlannedTrial) -> tuple[float, float]:
-    """Return the start and end of the time with hands off the rails for a recovery step: in the middle of the time in
-    which the knees hold.
+    """Return when the hands leave the rails for a recovery step and when they are back, in the middle of the time in
+    which the knees stay extended.
     """
     middle_s = sum(trial.holds_s) / 2.0
     return middle_s - RECOVERY_S / 2.0 - HANDS_S, middle_s + RECOVERY_S / 2.0
@@ -124,7 +124,7 @@ def _falls(trial: PlannedTrial) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """The parts that an incident adds to the programme."""
+    """The movements and steps that an incident adds to those of the trial."""
 
     happening: Happening
     movements: tuple[Movement, ...]
@@ -151,7 +151,7 @@ def _clonus(rng: np.random.Generator, person: Person, trial: PlannedTrial, feet:
 
 
 def _recovery(rng: np.random.Generator, person: Person, trial: PlannedTrial, feet: Footwork) -> Drawn:
-    """Move the body forward until a step catches it; then move body and foot back."""
+    """Draw a fall forward, the step that catches it, and the return of body and foot."""
     foot, start_s, to_s = int(rng.integers(2)), _falls(trial)[0] + HANDS_S, _falls(trial)[1]
     fall = Movement(
         (("pelvis_forward", float(rng.uniform(*FALL_M)) - STRIDE_M / 2.0),),
@@ -170,7 +170,7 @@ def _recovery(rng: np.random.Generator, person: Person, trial: PlannedTrial, fee
 
 
 def _failed_stand(rng: np.random.Generator, person: Person, trial: PlannedTrial, feet: Footwork) -> Drawn:
-    """Let the patient sit down before the trial, rise by a part of the way, sink back, and then stand up."""
+    """Draw movements in which the patient sits down before the trial, half rises, sinks back, and then stands up."""
     assert trial.stands_s is not None
     seated, lean = seated_offsets(person), (("trunk_flex", float(rng.uniform(0.3, 0.6))), ("pelvis_flex", 0.25))
     sits_s, fails_s = trial.onset_s - SEATED_FROM_S, trial.onset_s + FAILS_AT_S

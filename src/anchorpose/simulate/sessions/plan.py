@@ -1,4 +1,4 @@
-"""Plan the times of all trials and incidents in a session with and without stimulation, from its settings and seed."""
+"""Plan all trials and incidents of a session with and without stimulation, from its settings and seed."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ OFF, ON = "off", "on"
 Incident = Literal["buckle", "failed-stand", "recovery-step", "clonus"]
 INCIDENTS: Final[tuple[Incident, ...]] = ("buckle", "failed-stand", "recovery-step", "clonus")
 
-SHORTEST_TRIAL_S: Final = 10.0  # s, enough for a failed stand, standing up, and holding for two seconds
+SHORTEST_TRIAL_S: Final = 10.0  # s, enough for a failed stand, standing up, and two seconds with extended knees
 PAUSE_S: Final = 4.0  # s before every trial and after the last, in which the patient sits down or bends the knees
 BLOCK: Final = 2  # number of trials of each condition in a block; their order within the block is random
 
-# degrees, flexion at rest, at which a patient still stands; it is above 25 degrees, at which an extension ends
+# degrees, knee flexion between extensions. The patient still stands; it is above 25 degrees, at which an extension ends
 RESTING_DEG: Final = 30.0
-HELD_DEG: Final = (9.0, 15.0)  # degrees, range of the flexion of knees that hold without stimulation
+HELD_DEG: Final = (9.0, 15.0)  # degrees, range of the flexion of extended knees without stimulation
 SIDES_DEG: Final = 2.0  # degrees, maximum difference between a patient's left and right knee
-# degrees, standard deviation of knee flexion from trial to trial; it is an assumption, for knees that repeat well
+# degrees, standard deviation of held knee flexion from trial to trial; assumed for a patient whose trials are alike
 SCATTER_DEG: Final = 1.5
-LEAST_DEG: Final = 1.0  # degrees, flexion of a straight knee
+LEAST_DEG: Final = 1.0  # degrees, minimum knee flexion: that of a straight knee
 LATENCY_S: Final = (0.8, 1.6)  # s, range of the time from the onset until knees begin to extend
 EXTENDING_S: Final = 1.0  # s, time in which the knees extend, and in which they bend again
 # share of the trial that is left when the knees begin to bend again, unless stimulation holds them longer
@@ -41,7 +41,7 @@ class SessionConfig:
     trial_s: Annotated[float, Field(ge=SHORTEST_TRIAL_S, le=3600)] = 20.0
     amplitude_v: Positive = 4.0  # V, amplitude of the stimulation in the trials that have it
     effect_deg: Annotated[float, Field(ge=0, le=10)] = 5.0  # degrees by which stimulated knees are straighter
-    effect_s: NotNegative = 0.0  # s by which stimulated knees hold longer, at most until the end of the trial
+    effect_s: NotNegative = 0.0  # s by which stimulated knees stay extended longer, at most until the trial's end
     helped: When = "off"  # trials in which therapists hold knees and hips, from beginning to end
     hands_off: When = "on"  # trials in which the hands are off the rails, from beginning to end
     # number of incidents of each kind in ``INCIDENTS``; they are in random trials, at most one per trial
@@ -68,7 +68,7 @@ class PlannedTrial:
     block: int
     helped: bool
     hands_off: bool
-    held_deg: tuple[float, float]  # flexion of the left and the right knee while they hold
+    held_deg: tuple[float, float]  # flexion of the left and the right knee while they stay extended
     extends_s: float  # when the knees begin to extend
     lets_go_s: float  # when the knees begin to bend again
     stands_s: float | None = None  # when the patient stands up after a failed stand; None without a failed stand
@@ -86,17 +86,17 @@ class PlannedTrial:
 
     @property
     def holds_s(self) -> tuple[float, float]:
-        """Return the times between which the knees hold."""
+        """Return start and end of the time in which the knees stay extended."""
         return self.extends_s + EXTENDING_S, self.lets_go_s
 
 
 STANDS_AT_S: Final = 5.0  # s from the onset until the patient stands up in a trial with a failed stand
-STANDING_UP_S: Final = 1.8
-UP_S: Final = STANDS_AT_S + STANDING_UP_S
+STANDING_UP_S: Final = 1.8  # s, duration of standing up, and of sitting down
+UP_S: Final = STANDS_AT_S + STANDING_UP_S  # s from the onset until the patient is upright after a failed stand
 
 
 def draw_plan(rng: np.random.Generator, config: SessionConfig) -> tuple[PlannedTrial, ...]:
-    """Draw the trials in the order of time. The random draws do not depend on the size of the effects."""
+    """Draw the trials in the order of time. The random draws do not depend on the stimulation's effects."""
     stimulated, blocks = _draw_order(rng, config.trials)
     base_deg = rng.uniform(*HELD_DEG) + rng.uniform(-0.5, 0.5) * SIDES_DEG * np.array([1.0, -1.0])
     scatter_deg = rng.normal(0.0, SCATTER_DEG, config.trials)
@@ -126,8 +126,8 @@ def draw_plan(rng: np.random.Generator, config: SessionConfig) -> tuple[PlannedT
 
 
 def _draw_order(rng: np.random.Generator, trials: int) -> tuple[list[bool], list[int]]:
-    """Draw which trials are stimulated, and number their blocks from 1. The first trial has no stimulation, so that its
-    condition is the reference.
+    """Draw which trials are stimulated, and number their blocks from 1. The first trial has no stimulation, because
+    its condition is the reference for comparisons.
     """
     order, blocks = list[bool](), list[int]()
     edges = [*range(0, trials, 2 * BLOCK), trials]

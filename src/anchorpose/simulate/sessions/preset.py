@@ -1,4 +1,4 @@
-"""Define the preset ``stimulation``: a patient between parallel bars with a therapist on either side, in trials."""
+"""Define the preset ``stimulation``: trials of a patient between parallel bars, with a therapist on either side."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from anchorpose.simulate.sessions.plan import SessionConfig
 
 
 def stimulation(seed: int, session: SessionConfig, fps: float = 15.0) -> SimulationConfig:
-    """Return the preset: three cameras, and a recording that is as long as the session."""
+    """Return the preset's settings: three cameras, and a recording that is as long as the session."""
     return SimulationConfig(
         seed=seed,
         seconds=session.seconds,

@@ -16,10 +16,10 @@ from anchorpose.simulate.sessions.plan import PlannedTrial
 from anchorpose.simulate.therapist import STANCE_M, Therapist, choose_spot, crouch_offsets, grasp
 from anchorpose.simulate.timeline import Movement, stand
 
-GRASP_S: Final = 0.4  # s, time in which hands come to the patient before a trial's onset, and go after its end
-# offsets of a therapist who does not help, so that the therapist does not touch the patient
+GRASP_S: Final = 0.4  # s, time in which hands reach the patient before a trial's onset, and leave after its end
+# channel offsets that keep a therapist who does not help away from the patient
 AWAY: Final = (("pelvis_forward", -0.30), ("trunk_flex", -0.35))
-COMES_S: Final = 0.8  # s, time in which a therapist comes nearer before the grasp, and goes back after it
+COMES_S: Final = 0.8  # s, time in which a therapist moves nearer before the hands reach out, and away at the end
 
 
 def draw_session_therapists(
@@ -46,7 +46,9 @@ def _draw(
 
 
 def _help(trial: PlannedTrial) -> tuple[Movement, Movement]:
-    """Return movements of hands that hold during the whole trial; after a failed stand, only once the knees extend."""
+    """Return movements with which a therapist holds the patient for the whole trial, or from the time at which the
+    knees extend if a failed stand comes first.
+    """
     from_s = trial.onset_s if trial.stands_s is None else trial.extends_s
     lasts_s, near = trial.end_s - from_s, tuple((channel, -amount) for channel, amount in AWAY)
     comes = Movement(near, from_s - GRASP_S - COMES_S, COMES_S, lasts_s + 2.0 * GRASP_S, COMES_S)

@@ -15,11 +15,11 @@ from anchorpose.rotations import unit
 from anchorpose.simulate.sessions.patient import CLONUS_S, Happening, SessionPatient
 from anchorpose.simulate.sessions.plan import PlannedTrial
 
-TRUTH_HZ: Final = 100.0  # Hz, rate at which a fall is sampled
+TRUTH_HZ: Final = 100.0  # Hz, rate at which movements are sampled to measure an incident
 GRAVITY_M_S2: Final = 9.81
-SOLE_M: Final = 0.03  # m; skin of the feet lower than this is on the floor; this includes the soles of shoes
+SOLE_M: Final = 0.03  # m; skin, or a shoe's sole, below this height counts as on the floor
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
-DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])  # (2, 72) directions in which an outline is measured
+DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])  # (2, 72) directions in which soles' extents are measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,14 +29,15 @@ class TrueEvent:
     kind: str  # knee_buckle, recovery_step or clonus, each with _left or _right; or failed_stand
     start_s: float  # onset
     end_s: float  # greatest depth of a buckle or a failed stand, foot strike of a recovery step, end of a clonus
-    # in ``unit``: degrees of a buckle, amplitude in degrees of a clonus, share of the way of a failed stand,
-    # millimetres beyond the soles before a recovery step
+    # in ``unit``. Buckle: bend in degrees. Clonus: amplitude in degrees. Failed stand: share of the way from seat to
+    # straight legs. Recovery step: greatest distance (mm) of the extrapolated centre of mass beyond the soles before
+    # the step
     depth: float
     unit: str
 
 
 def true_events(patient: SessionPatient) -> tuple[TrueEvent, ...]:
-    """Return each incident of the programme, with its depth measured on the patient's bones."""
+    """Return each of the patient's incidents, with its depth measured on the patient's bones."""
     return tuple(_event(patient, happening) for happening in patient.happenings)
 
 

@@ -28,12 +28,13 @@ PAPER_SUBSET: Final = 3  # number of anchors in a subset, N_S: "three anchor nod
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorSetting:
-    """Settings of the match. For ``unclipped`` and ``squared`` see ``features.psi``."""
+    """Settings of matching by psi, the set of nodes with similar distances to the anchors (see ``features.psi``)."""
 
-    gate: GateConfig = PAPER_GATE  # the paper's authors chose it by hand
+    gate: GateConfig = PAPER_GATE  # largest difference in distance of a node and its psi; the authors chose it by hand
     unclipped: bool = True
     squared: bool = False
-    pieces: bool = True  # whether the anchors that reach a cut-off piece of the surface form a subset for this piece
+    # whether the anchors with paths to a piece of surface that a hole cuts off from other anchors also form a subset
+    pieces: bool = True
 
 
 GATES: Final = tuple(
@@ -55,16 +56,16 @@ def _as_seen(seen: Observation) -> np.ndarray:
 
 
 def _by_edges(seen: Observation) -> np.ndarray:
-    """Return (n, 5) distances by Dijkstra's shortest paths along edges, as in the paper."""
+    """Return the distances (n, 5) to the anchors by Dijkstra's shortest paths along mesh edges, as in the paper."""
     along_edges = partial(solve_distance, solver=Solver.DIJKSTRA)
     return anchor_descriptor(seen.whole, seen.anchors, along_edges)[: len(seen.surface)]
 
 
 def by_psi(describe: Callable[[Observation], np.ndarray], size: int, setting: AnchorSetting) -> Associate:
-    """Return the association that makes a hypothesis for every subset of ``size`` anchors found in both frames.
+    """Return a function that matches two frames: each node gets one hypothesis per subset of ``size`` anchors.
 
-    describe: function that returns the distances (n, 5) of a frame's seen nodes to the anchors; the column of a missed
-    anchor is NaN.
+    Subsets contain only anchors that both frames have. describe: function that returns the distances (n, 5) of a
+    frame's seen nodes to the anchors; the column of a missed anchor is NaN.
     """
     distances = cached(describe, whole_content)
 

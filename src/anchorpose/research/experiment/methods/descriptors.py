@@ -1,4 +1,7 @@
-"""Provide the descriptors of the paper's comparison and related work. Matches are nearest neighbours."""
+"""Define methods with the descriptors of the paper's comparison and related work.
+
+A node is matched with the node of the next frame that has the nearest descriptor.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ from anchorpose.research.features.spectral_signatures import (
 from anchorpose.surface.mesh import faces
 from anchorpose.tracker.observation import Observation
 
-RADII_M = (0.20, 0.15, 0.05, 0.10, 0.30)
+RADII_M = (0.20, 0.15, 0.05, 0.10, 0.30)  # m, radii to be tried, within which a node's descriptor is computed
 
 
 def _fpfh(seen: Observation, config: FpfhConfig) -> np.ndarray:
@@ -43,10 +46,11 @@ def _shot(seen: Observation, config: ShotConfig) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContextSetting:
-    """Settings of the shape context and of its comparison."""
+    """Settings of the 3D shape context, and of how two shape contexts are compared."""
 
     config: ShapeContextConfig
-    unit_length: bool  # whether contexts are scaled to unit length, so that the amount of surface has no effect
+    # whether square roots of the values are scaled to unit length, so that the amount of seen surface has no effect
+    unit_length: bool
 
 
 def _shape_context(seen: Observation, setting: ContextSetting) -> np.ndarray:
@@ -63,7 +67,7 @@ def _rops(seen: Observation, config: RopsConfig) -> np.ndarray:
 
 
 USUAL_RADIUS_M = 0.05
-"""Radius in metres that is usual for objects on a table, and that is also used for people."""
+"""Radius in metres around a node that is usual for objects on a table, and that is also used for people."""
 
 
 def _both(
@@ -75,9 +79,10 @@ def _both(
     frame_ms: float,
     first_m: float = RADII_M[0],
 ) -> tuple[Method, Method]:
-    """Return two methods: the descriptor with the best of all settings, and with the usual radius.
+    """Return two methods with one descriptor: with the best of all tried settings, and with ``USUAL_RADIUS_M``.
 
-    The comparison of both shows the effect of tuning. first_m: the radius that is tried first, and used without tuning.
+    Their difference shows the effect of tuning. setting: returns the setting for a radius and a variant (0 or 1).
+    first_m: the radius that is tried first, and used without tuning.
     """
     radii = sorted(RADII_M, key=lambda radius: radius != first_m)
     chosen = tuple(setting(radius, variant) for radius in radii for variant in (0, 1))
@@ -196,11 +201,11 @@ MESH = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpectralConfig:
-    """Settings of a spectral signature and of its comparison."""
+    """Settings of a spectral signature (a node's descriptor from eigenpairs of the surface's Laplacian)."""
 
-    signature: Any  # the signature's own configuration
+    signature: Any  # settings of the function that computes the signature, such as ``hks``
     pairs: int = 100  # number of eigenpairs; with more, matching takes longer and is not better
-    logarithm: bool = False  # whether logarithms of signatures are compared
+    logarithm: bool = False  # whether the logarithms of signatures are compared, instead of signatures
 
 
 Signature = Callable[[Spectrum, Any], np.ndarray]
@@ -271,6 +276,6 @@ SPECTRAL = (
 _SHOT = next(method for method in LOCAL if method.key == "shot")
 
 FILTERED = (replace(_SHOT, key="shot-filter", title="SHOT with a Kalman filter", update=Update.KALMAN),)
-"""SHOT with the filter that the next generation also uses, to show the effect of the filter alone."""
+"""SHOT with the Kalman filter that the method "next generation" also uses, to show what this filter alone changes."""
 
 METHODS = (*LOCAL, *FILTERED, *MESH, *SPECTRAL)

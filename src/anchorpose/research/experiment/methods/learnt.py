@@ -1,4 +1,4 @@
-"""Match by the learnt descriptor, alone and with SHOT.
+"""Match nodes by the learnt descriptor, alone and together with SHOT.
 
 The learnt descriptor is the place on the complete body that a network assigns to a node.
 """
@@ -16,7 +16,7 @@ from anchorpose.research.experiment.method import DescriptorSetting, Family, Met
 from anchorpose.research.features.shot import ShotConfig, shot
 from anchorpose.tracker.observation import Observation
 
-SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for SHOT alone
+SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for the method SHOT
 SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VI (future work)"
 
 
@@ -24,11 +24,11 @@ SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VI (future work)"
 class LearntConfig:
     """Settings of the learnt descriptor."""
 
-    local: float = 0.0  # weight of SHOT's signature relative to places in statures; 0 = only places
+    local: float = 0.0  # weight of SHOT's signature relative to the place in body heights; 0 = only the place
 
 
 def _describe(seen: Observation, config: LearntConfig) -> np.ndarray:
-    """Return the descriptors (n, 3) or, with SHOT, (n, 3 + 352).
+    """Return the descriptors of the seen nodes: (n, 3) or, with SHOT, (n, 3 + 352).
 
     A row is NaN if the network finds no person at the node, or if SHOT is undefined.
     """
@@ -40,7 +40,7 @@ def _describe(seen: Observation, config: LearntConfig) -> np.ndarray:
 
 
 def _places(seen: Observation) -> np.ndarray:
-    """Return (n, 3) float32 places of the seen nodes on the mean adult of stature 1."""
+    """Return (n, 3) float32: each seen node's place on the mean adult's body, in body heights; NaN if unknown."""
     surface, evidence = seen.surface, seen.evidence
     places = np.full((len(surface), 3), np.nan, np.float32)
     for number, (view, camera) in enumerate(zip(evidence.views, evidence.cameras, strict=True)):

@@ -1,7 +1,7 @@
-"""Combine anchors with a local descriptor, the paper's future work.
+"""Match nodes by distances to anchors together with the local descriptor SHOT, which the paper calls future work.
 
-Both contain different information about the place of a node: a local descriptor distinguishes neighbours but confuses
-distant places; distances to anchors distinguish distant places but confuse neighbours.
+The two complement each other. A local descriptor distinguishes a node from its neighbours but confuses distant places.
+Distances to anchors distinguish distant places but confuse neighbours.
 """
 
 from __future__ import annotations
@@ -24,22 +24,26 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
-SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for SHOT alone
-MOST: Final = 9.0  # maximum squared deviation of a distance, since occlusions change it; also for unknown distances
-MOST_SHOT: Final = 18.0  # maximum squared deviation of a signature, since a hole beside a node changes it
-GIVEN_UP_M: Final = 0.30  # m, distance of a hand at 3 m/s from its prediction; its descriptor still identifies it
-ROWS: Final = 500  # number of source nodes compared at once; with 2,000 nodes in the other frame: 4 MB per anchor
-SUBSET: Final = 3  # number of anchors in a subset
+SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for the method SHOT
+# sigma^2, maximum squared deviation of a distance or place, since occlusions change distances; greater deviations, and
+# those of unknown distances, count as this
+MOST: Final = 9.0
+MOST_SHOT: Final = 18.0  # sigma^2, the same for a signature, which changes if a hole is beside its node
+# m, distance from the predicted place beyond which a match is rejected: a hand at 3 m/s may move as far between two
+# frames, and its descriptor still identifies it
+GIVEN_UP_M: Final = 0.30
+ROWS: Final = 500  # number of nodes matched at once, to save memory; with 2,000 possible matches each, 4 MB
+SUBSET: Final = 3  # number of anchors in a subset, N_S in the paper
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextSetting:
-    """The sigmas and the cost of the next generation's matches."""
+    """The sigmas by which two nodes are compared, and the cost of a match in the track tree."""
 
-    anchor_sigma_m: float = 0.04  # m, sigma of a distance to an anchor
-    shot_sigma: float = 0.15  # sigma of the distance between two signatures of unit length
-    place_sigma_m: float = 0.03  # m, sigma of a node's movement, small since most skin hardly moves
-    cost_m: float = 0.01  # m, cost of a branch of the tree per deviation of its nodes' descriptors
+    anchor_sigma_m: float = 0.04  # m, sigma of the change of a node's distance to an anchor between two frames
+    shot_sigma: float = 0.15  # sigma of the distance between a node's signatures (of unit length) in two frames
+    place_sigma_m: float = 0.03  # m, sigma of a node's movement between two frames, small since most skin hardly moves
+    cost_m: float = 0.01  # m, cost in the track tree of a match whose nodes deviate by one sigma
 
 
 SETTINGS: Final = (
@@ -53,14 +57,17 @@ SETTINGS: Final = (
 
 
 def _configure(config: TrackConfig, setting: NextSetting) -> TrackConfig:
-    """Return the configuration in which the expected body closes holes in the mesh, as in this project's tracker."""
+    """Return the configuration in which the expected body closes holes in the mesh, as in this project's tracker.
+
+    If bad matches are rejected, these are the matches farther than ``GIVEN_UP_M`` from the predicted place.
+    """
     tree = config.tree if config.tree.missed_cost_m == NEVER_M else TreeConfig(missed_cost_m=GIVEN_UP_M)
     hypotheses = HypothesisConfig(trusted_only=False)
     return replace(config, surface=SurfaceConfig(), hypotheses=hypotheses, tree=tree)
 
 
 def _signatures(seen: Observation) -> np.ndarray:
-    """Return the signatures (n, 352); an undefined signature is zero, which is far from every signature."""
+    """Return SHOT's signatures (n, 352). An undefined signature is zero, which is far from every other signature."""
     return np.nan_to_num(shot(seen.surface.points_m, seen.surface.normals, SHOT))
 
 
@@ -76,7 +83,8 @@ def _associate(setting: NextSetting) -> Associate:
         source = now.descriptor - jitter_m(now, following, unlike(now, following))
 
         def find(nodes: np.ndarray) -> np.ndarray:
-            local = unlike(now, following)  # not cached with the matches, since it is 16 MB for 2,000 nodes
+            # deviations of signatures, from the cache instead of this closure, since they take 16 MB for 2,000 nodes
+            local = unlike(now, following)
             match = np.empty((len(nodes), len(subsets)), np.int32)
             per2 = (setting.anchor_sigma_m**-2, setting.place_sigma_m**-2)
             for first in range(0, len(nodes), ROWS):
@@ -94,31 +102,32 @@ def _associate(setting: NextSetting) -> Associate:
 
 
 def _unlike(source: np.ndarray, target: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (m, n) float32: squared distances between signatures in units of sigma, each at most ``MOST_SHOT``.
+    """Return (m, n) float32: squared distances between signatures, in units of sigma^2, each at most ``MOST_SHOT``.
 
-    Signatures have unit length.
+    Since signatures have unit length, a squared distance is 2 minus twice their scalar product.
     """
     apart2 = 2.0 * source @ target.T
-    np.subtract(2.0, apart2, out=apart2)  # in place: new arrays of this size cost more than the arithmetic
+    np.subtract(2.0, apart2, out=apart2)  # in place: making new arrays of this size takes longer than the arithmetic
     np.maximum(apart2, 0.0, out=apart2)
     apart2 /= np.float32(sigma**2)
     return np.asarray(np.minimum(apart2, np.float32(MOST_SHOT), out=apart2))
 
 
 Nodes = tuple[np.ndarray, np.ndarray]
-"""Distances to the anchors (n, 5) and places (n, 3)."""
+"""The nodes of a frame: their distances to the anchors (n, 5) and their places (n, 3), metres."""
 
 
 @njit(cache=True)
 def most_similar(
     local: np.ndarray, seen: Nodes, others: Nodes, subsets: np.ndarray, per2: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the most similar node of the other frame under each subset (k, s) int32, and its squared deviations.
+    """Return (k, s) int32: for each node and subset of anchors, the most similar node of the other frame.
 
-    The squared deviations are (k, s) float32. local (k, n): squared deviations of the signatures. seen: distances to
-    the anchors (k, 5) and places (k, 3) of the nodes; others: the same of the other frame's nodes, (n, 5) and (n, 3).
-    per2: factors that turn the squared metres of both into squared deviations. The squared deviation of a distance is
-    at most ``MOST``, also if it is unknown. Of equally similar nodes, the node with the lower number is chosen.
+    Also return (k, s) float32: how much the two nodes deviate, the sum of the squared deviations of signature, place
+    and distances to the subset's anchors. A squared deviation is in units of sigma^2. That of a place or a distance is
+    at most ``MOST``, as for an unknown distance. local (k, n): squared deviations of the signatures. seen: the k nodes;
+    others: the n nodes of the other frame. per2: 1 / sigma^2 of distances and of places, 1/m2. Of equally similar
+    nodes, the node with the lower number is chosen.
     """
     match = np.zeros((len(local), len(subsets)), np.int32)
     total = np.full((len(local), len(subsets)), np.inf, np.float32)
@@ -126,7 +135,7 @@ def most_similar(
     for node in range(len(local) if local.shape[1] else 0):
         likely = local[node].argmin()
         _add_up(_base(local, seen, others, per2, node, likely), seen, others, subsets, per2, node, likely, each, sums)
-        worst = sums.max()  # a node whose signature and place already deviate more is not the most similar
+        worst = sums.max()  # a node that deviates more than this in signature and place alone is not the best
         for other in range(local.shape[1]):
             if local[node, other] > worst:
                 continue
@@ -145,7 +154,7 @@ def most_similar(
 def _base(
     local: np.ndarray, seen: Nodes, others: Nodes, per2: tuple[float, float], node: int, other: int
 ) -> np.float32:
-    """Return the squared deviations of signature and place."""
+    """Return the sum of the squared deviations of signature and place between a node and one of the other frame."""
     base = np.float32(0.0)
     for axis in range(3):
         off = seen[1][node, axis] - others[1][other, axis]
@@ -165,9 +174,9 @@ def _add_up(
     each: np.ndarray,
     sums: np.ndarray,
 ) -> None:
-    """Fill ``sums`` (s,) with base plus the squared deviations of the distances to each subset's anchors.
+    """Fill ``sums`` (s,), per subset, with base plus the squared deviations of the distances to the subset's anchors.
 
-    ``each`` (5,) is filled with the squared deviation for each anchor.
+    ``each`` (5,) is filled with the squared deviation of the distance to each anchor.
     """
     for anchor in range(len(each)):
         off = seen[0][node, anchor] - others[0][other, anchor]
@@ -180,10 +189,10 @@ def _add_up(
 
 
 def jitter_m(now: Observation, following: Observation, local: np.ndarray) -> np.ndarray:
-    """Return e_1, (5,) float32 metres: the change of all nodes' distances to an anchor by the movement of this anchor.
+    """Return e_1 (5,) float32, m: how much an anchor's jitter changes all nodes' distances to it, for each anchor.
 
-    It is the median difference of distance between nodes and their matches by the local descriptor alone. It is 0 for
-    an anchor that no path reaches in one of the frames.
+    It is estimated as the median, over nodes, of the node's distance minus the distance of its match by the local
+    descriptor alone. It is 0 for an anchor that no path reaches in one of the frames. local: as in ``most_similar``.
     """
     jitter = np.zeros(len(ANCHOR_NAMES), np.float32)
     if len(now.surface) == 0 or len(following.surface) == 0:

@@ -1,4 +1,7 @@
-"""Define the references of the comparison: no feature at all, GMDS, and this project's own tracker."""
+"""Define the methods that serve as references: methods without a descriptor, GMDS, and this project's tracker.
+
+GMDS (generalised multi-dimensional scaling) matches all nodes at once by the distances between them.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +71,7 @@ BASELINES = (
 
 def _gmds(setting: Any) -> Associate:
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-        @cache  # all nodes are matched at once, even if only a few matches are requested
+        @cache  # GMDS matches all nodes at once, even if only a few matches are requested
         def match() -> np.ndarray:
             return match_by_gmds(now.surface, following.surface, setting)
 
@@ -105,7 +108,7 @@ ABLATION: Final[Mapping[str, tuple[str, TrackConfig]]] = {
     "own-mean-body": ("without the learnt body", TrackConfig(learning=LearningConfig(own_shape=False))),
     "own-parts": ("every part by itself", TrackConfig(method=Registration.PARTS)),
 }
-"""Title and configuration of each variant of the tracker; each lacks one component of the tracker."""
+"""Title and configuration, by key, of variants of this project's tracker that lack one component each."""
 
 
 def _own(key: str, title: str, config: TrackConfig) -> Method:

@@ -1,6 +1,6 @@
 """Provide what all figures share: colours, and lines and marks that distinguish methods without colour.
 
-The same tables give the same bytes.
+The same tables always give the same bytes of a figure.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ INK: Final = "#15191d"
 FAINT: Final = "#8a9299"
 LINE: Final = "#d5dbe0"
 GROUND: Final = "#ffffff"
-ON_DARK: Final = "#fefefe"  # a white other than GROUND, since the page in dark colours replaces GROUND
+ON_DARK: Final = "#fefefe"  # text on dark cells; not equal to GROUND, which turns dark on the page in dark colours
 
 LOOK: Final = {
     Family.PROPOSED: (as_hex(Ink.VERMILLION), "solid"),
@@ -35,12 +35,12 @@ LOOK: Final = {
     Family.NONE: (FAINT, (0, (2, 2))),
     Family.TRACKER: (INK, "solid"),
 }
-"""Colour, from Okabe and Ito's palette, and line of each kind of method."""
+"""Colour, mostly from Okabe and Ito's palette, and line style of each family of methods."""
 
-PALE: Final = 0.35  # opacity of intervals, low so that the intervals of twenty methods do not hide the means
+PALE: Final = 0.35  # 0 to 1, opacity of confidence intervals, low so that those of twenty methods hide no means
 
 MARKS: Final = "osD^vP*X"
-"""Matplotlib's markers for the methods of one kind, in their order."""
+"""Matplotlib's markers for the methods of one family, in the order of the methods."""
 
 FAMILY_NAMES: Final = {
     Family.PROPOSED: "anchor geodesics",
@@ -56,7 +56,7 @@ FAMILY_NAMES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class DrawnFigure:
-    """A drawn figure."""
+    """A figure drawn from tables, as SVG and PNG."""
 
     key: str  # name of its files
     caption: str  # caption, with the figure's name in the paper
@@ -66,22 +66,22 @@ class DrawnFigure:
 
 @dataclass(frozen=True, slots=True)
 class FigureSpec:
-    """A figure to be drawn."""
+    """A figure to be drawn from tables."""
 
     key: str
     caption: str
     tables: tuple[str, ...]  # keys of the tables that it needs
-    draw: Callable[[Sequence[Table]], Any]  # draws it, even if methods or columns are missing
+    draw: Callable[[Sequence[Table]], Any]  # function that draws it from these tables, even if methods are missing
 
 
 def new_figure(width: float, height: float, **grid: Any) -> tuple[Any, Any]:
-    """Return a figure (inches) and its axes, without global state. Raises MissingPackage."""
+    """Return a figure (size in inches) and its axes, without pyplot's global state. Raises MissingPackage."""
     canvas = _matplotlib("matplotlib.figure").Figure(figsize=(width, height), layout="constrained")
     return canvas, canvas.subplots(**grid)
 
 
 def as_picture(figure: FigureSpec, tables: Sequence[Table]) -> DrawnFigure:
-    """Return the figure as SVG and PNG; the same tables give the same bytes."""
+    """Draw the figure from its tables as SVG and PNG; the same tables give the same bytes."""
     with _settings(figure.key):
         canvas = figure.draw(tables)
         svg, png = io.StringIO(), io.BytesIO()
@@ -127,7 +127,10 @@ def _settings(salt: str) -> Any:
 
 
 def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
-    """Return the method's mark, with colour and line of its kind. The proposed method and anchorpose stand out."""
+    """Return matplotlib's style of a method: its mark, with colour and line of its family.
+
+    The proposed method and this project's tracker have thick lines and filled marks.
+    """
     colour, line = LOOK[method.family]
     alike = [one.key for one in methods if one.family is method.family]
     strong = method.key == PROPOSED or method.family is Family.TRACKER
@@ -144,7 +147,7 @@ def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
 
 
 def bounds_of(values: Sequence[Estimate]) -> np.ndarray:
-    """Return (2, n) distances from the means down and up to the ends of the intervals; 0 without an interval."""
+    """Return (2, n) the distances from each mean down and up to the ends of its interval; 0 without an interval."""
     below = [value.mean - value.low for value in values]
     above = [value.high - value.mean for value in values]
     return np.maximum(np.nan_to_num(np.array([below, above])), 0.0)
@@ -157,7 +160,7 @@ def place_legend(canvas: Any, axes: Any) -> None:
 
 
 def draw_lines(axes: Any, table: Table, places: Sequence[float], bars: bool = True) -> None:
-    """Draw one line per method over the columns of a table, with intervals; places: x of each column."""
+    """Draw one line per method over the columns of a table. places: x of each column. bars: also draw the intervals."""
     for number, method in enumerate(table.methods):
         values = [table.value(method.key, column.key) for column in table.columns]
         look = look_of(method, table.methods)
@@ -175,7 +178,7 @@ def draw_lines(axes: Any, table: Table, places: Sequence[float], bars: bool = Tr
 
 
 def draw_dots(axes: Any, table: Table, column: str, methods: Sequence[Method], **change: Any) -> None:
-    """Draw one dot per method, from top to bottom, with its interval."""
+    """Draw one dot with its interval per method, a method per row. change: replaces entries of ``look_of``."""
     for row, method in enumerate(methods):
         value = table.value(method.key, column)
         if np.isnan(value.mean):
@@ -192,7 +195,7 @@ def name_rows(axes: Any, methods: Sequence[Method]) -> None:
 
 
 def draw_heat(axes: Any, table: Table, most: float, text: Callable[[float], str]) -> Any:
-    """Draw a cell for each method and column, with its number."""
+    """Draw a table as coloured cells, a row per method, with numbers. most: value at the end of the colour scale."""
     columns, methods = table.columns, table.methods
     values = np.array([[table.value(m.key, c.key).mean for c in columns] for m in methods])
     image = axes.imshow(np.ma.masked_invalid(values), cmap="cividis", vmin=0, vmax=most, aspect="auto")
@@ -208,6 +211,6 @@ def draw_heat(axes: Any, table: Table, most: float, text: Callable[[float], str]
 
 
 def most_of(table: Table) -> float:
-    """Return the largest mean of a table; 1 without a mean."""
+    """Return the largest mean of a table, the end of a scale; 1 if it has no mean or only zeros."""
     means = [row.value.mean for row in table.rows if np.isfinite(row.value.mean)]
     return max(means, default=1.0) or 1.0

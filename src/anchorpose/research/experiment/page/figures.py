@@ -1,4 +1,4 @@
-"""Define all figures in the order of the page: the paper's "result1", "sd1", "result2" and "sd2", and more."""
+"""Define all figures in the order of the page: the paper's figures "result1", "sd1", "result2", "sd2" and others."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PANELS = (
 
 
 def _draw_by_joint(tables: Sequence[Table], what: str) -> Any:
-    """Draw a panel for each kind of method. For comparison, every panel also has the proposed method."""
+    """Draw errors by joint in a panel for each of ``PANELS``; all panels show the proposed method, for comparison."""
     table = tables[0]
     present = {method.family for method in table.methods}
     panels = [panel for panel in PANELS if present & set(panel)]
@@ -185,7 +185,7 @@ REGIONS_FIGURES = (
 
 
 def _draw_scenes(tables: Sequence[Table]) -> Any:
-    """Draw a panel for each scene."""
+    """Draw a panel for each column of the table, which is a scene with or without holes, and a dot per method."""
     table = tables[0]
     methods, columns = table.methods, table.columns
     wide = min(len(columns), 5)
@@ -246,7 +246,7 @@ def _draw_times(tables: Sequence[Table]) -> Any:
 
 
 def _limits(table: Table, column: str) -> tuple[float, float]:
-    """Return the limits of an axis, from half of the shortest time to twice the longest."""
+    """Return the limits in s of an axis of times, from half of the shortest time to twice the longest."""
     means = [row.value.mean for row in table.rows if row.column.key == column and row.value.mean > 0]
     return (min(means) / 2, max(means) * 2) if means else (0.01, 1.0)
 

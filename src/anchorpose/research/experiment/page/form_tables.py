@@ -1,6 +1,6 @@
-"""Make tables by form of the framework and by gap between frames, and compare the next generation with other rows.
+"""Make tables by form of the framework and by gap between frames; compare "next generation" with the other methods.
 
-The forms differ in whether the surface corrects the matches and whether bad matches are rejected.
+Forms differ in whether registration to the surface corrects the matches, and in whether bad matches are rejected.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def form_tables(results: ExperimentResults) -> list[Table]:
 
 
 def _columns(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return two columns for each form: one for no hole, and one for the largest hole."""
+    """Return form, hole's radius and table's column, for all forms with no hole and with the largest hole."""
     found = []
     for form in results.config.forms:
         holes = Tracking(results, form).holes(Scene.PAPER)
@@ -78,7 +78,7 @@ def _by_form(results: ExperimentResults, key: str, title: str, note: str, summar
 
 
 def _gap_tables(results: ExperimentResults) -> list[Table]:
-    """Return tables of matches over increasing gaps, of all nodes and of nodes that moved."""
+    """Return tables of matches by gap between the two frames, for all nodes and for nodes that moved."""
     resamples = results.config.resamples
 
     def share(take: Take) -> Take:
@@ -126,7 +126,7 @@ def _by_gap(results: ExperimentResults, key: str, title: str, unit: Unit, summar
 
 
 def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable[[np.ndarray], np.ndarray]) -> Table:
-    """Return the error of the next generation minus the error of each other row, in the same frames."""
+    """Return a table: joint error of the next generation minus that of each other method, in the same frames."""
     rows = dict[str, list[Row]]()
     for form, hole, column in [*_columns(results), *_all_sizes(results)]:
         tracking = Tracking(results, form)
@@ -146,7 +146,7 @@ def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable
 
 
 def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return the columns of the sizes between no hole and the largest hole, for the forms with the surface."""
+    """Return form, hole's radius and table's column, for the forms that fit parts to the surface, with other holes."""
     return [
         (form, hole, Column(f"{form} {hole:g}", f"{FORM_NAMES[form]}, {hole:.2f} m"))
         for form in results.config.forms
@@ -156,7 +156,7 @@ def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
 
 
 def _others(methods: Sequence[Method]) -> list[Method]:
-    """Return all methods except the next generation; no methods if it did not run."""
+    """Return the methods to be compared with the next generation: all others; none if it is not among ``methods``."""
     keys = {method.key for method in methods}
     return [method for method in methods if method.key != NEXT] if NEXT in keys else []
 
@@ -193,7 +193,7 @@ def _minus(results: ExperimentResults, key: str, what: str, take: Take) -> Table
 
 
 def _window_means(matching: Matching, method: str, take: Take, hole_m: float) -> list[np.ndarray]:
-    """Return, per recording, the mean error of each window; NaN for a window without a match."""
+    """Return, per recording, the mean error of each window (pair of frames); NaN for a window without a match."""
 
     def mean(match: Matched) -> np.ndarray:
         values = take(match)

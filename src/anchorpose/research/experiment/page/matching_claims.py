@@ -1,4 +1,4 @@
-"""Judge the paper's claims about matches (Figs. "appearance" and "mesh", Sections II, III and V-A)."""
+"""Judge the paper's claims about matches of nodes and times (Figs. "appearance" and "mesh", Sections II, III and V)."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
 COMPARABLE: Final = 0.8  # minimum number of nodes, relative to the paper's; a smaller mesh proves nothing about time
-CLEARLY_LESS: Final = 0.8  # maximum ratio of an error to the error elsewhere that counts as clearly less
-# minimum share of the matches of hands and feet on the opposite limb that counts as often; by chance, it is 1 in 40
+CLEARLY_LESS: Final = 0.8  # up to this ratio, the error at head and neck counts as clearly less than elsewhere
+# share of the matches of hands or feet that must be on the opposite side to count as "often"; by chance it is 1 in 40
 OFTEN: Final = 0.1
-INACCURATE_MM: Final = 100.0  # mm, twice the paper's bound on an anchor's error
+INACCURATE_MM: Final = 100.0  # mm, minimum median error to be called inaccurate: twice the paper's bound for anchors
 SYMMETRIC: Final = ("hand", "foot")
 NAMES: Final = tuple(REGIONS)
 RIVALS: Final = (Family.LOCAL, Family.SPECTRAL)
@@ -56,7 +56,10 @@ class MatchingClaims:
         ]
 
     def local_distinctive(self) -> Claim:
-        """Judge the claim of Fig. result2 by matches, not by joints, which the surface corrects with any feature."""
+        """Judge the claim of Fig. result2 that local features are accurate only at distinctive places.
+
+        It is judged by matches. Joints depend less on the feature, since registration to the surface corrects them.
+        """
         inside = [NAMES.index("head")]
         outside = [index for index in range(len(NAMES)) if index not in inside]
         checks = []
@@ -191,7 +194,7 @@ class MatchingClaims:
         return checks
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
-        """Return the shares of nodes with a match, since a method that matches only easy nodes has smaller errors."""
+        """Return texts with each method's share of matched nodes: matching only the easy nodes lowers the error."""
         lines = []
         for key in keys:
             if key in self._methods:
@@ -201,7 +204,7 @@ class MatchingClaims:
         return tuple(lines)
 
     def _joint_ratio(self, one: str, other: str) -> Estimate:
-        """Return the ratio of the joint errors over all sizes of hole."""
+        """Return the ratio of two methods' mean joint errors, over all sizes of hole together, in the same frames."""
         above: dict[str, list[np.ndarray]] = {}
         below: dict[str, list[np.ndarray]] = {}
         for hole in self._tracking.holes(Scene.PAPER):
@@ -216,7 +219,7 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return all methods of these families except control methods, whose matches a filter uses."""
+        """Return all methods of these families, without those with a filter, which only show the filter's effect."""
         every = self._methods.values()
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 
@@ -227,7 +230,7 @@ def _ratio_check(what: str, value: Estimate) -> Check:
 
 
 def paper_times(results: ExperimentResults) -> Claim:
-    """Judge the claim about the paper's times (Section V-B)."""
+    """Judge the paper's claim about its times for the mesh and the feature (Section V-B)."""
     checks, times = [], results.times
     if times is not None:
         enough = times.nodes >= COMPARABLE * PAPER_NODES

@@ -31,7 +31,7 @@ from anchorpose.research.experiment.page.tracking_tables import hole_column
 from anchorpose.research.experiment.results import ExperimentResults, Matched, PaperTimes
 
 CURVE_MM = tuple(range(0, 501, 20))
-CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # distances as shares of the body's height
+CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # limits of the error, as shares of the body's height
 
 NOTE = (
     "The same nodes for every method, of the paper’s scene. “Direct” is the nearest descriptor; a method with several "
@@ -43,7 +43,7 @@ Take = Callable[[Matched], np.ndarray]
 
 
 def matching_tables(results: ExperimentResults) -> list[Table]:
-    """Return all tables of matches; no tables without matches."""
+    """Return all tables of matches; an empty list if no matches were compared."""
     matching, resamples = Matching(results), results.config.resamples
     if not matching.windows:
         return []
@@ -120,7 +120,7 @@ def _by_region(
     unit: Unit,
     take: Take | None,
 ) -> Table:
-    """Return the table by region of the body. take: the quantity; None = the error of each method's matches."""
+    """Return a table by region of the body. take: returns the quantity of each node; None = the error of its match."""
     rows = []
     for method in matching.methods:
         of_method = take or error_of(matching, method.key)
@@ -141,7 +141,10 @@ def _by_size(matching: Matching, resamples: int, key: str, title: str, take: Tak
 
 
 def _curve(matching: Matching, resamples: int, key: str, title: str, places: Sequence[float], by_height: bool) -> Table:
-    """Return the share of all nodes with a match within each distance. A node without a match is within no distance."""
+    """Return a table of the share of nodes whose match is within each distance (``places``) of the truth.
+
+    A node without a match is within no distance. by_height: distances are shares of the body's height, not mm.
+    """
     rows = []
     for method in matching.methods:
         within = list(matching.values(method.key, partial(_counts, matching, np.array(places), by_height)).values())
@@ -154,7 +157,7 @@ def _curve(matching: Matching, resamples: int, key: str, title: str, places: Seq
 
 
 def _counts(matching: Matching, places: np.ndarray, by_height: bool, match: Matched) -> np.ndarray:
-    """Return (1, places): how many nodes of a window have a match within each distance along the skin."""
+    """Return (1, places): how many nodes of a pair of frames have a match within each distance along the skin."""
     distance = match.direct_skin_mm if matching.has_direct(match.method) else match.tree_skin_mm
     known = np.sort(distance[np.isfinite(distance)])
     reach = places * 1000 * match.body_m if by_height else places
@@ -165,11 +168,11 @@ PAPER_MESH_S: Final = 0.72
 PAPER_FEATURE_S: Final = 0.23
 PAPER_NODES: Final = 15549
 PAPER_EDGES: Final = 36185
-"""The paper's times and its mesh, from Section V-B. The times are for one core of an Intel i7-6700."""
+"""The paper's times (s) and the size of its mesh, from Section V-B. The times are for one core of an Intel i7-6700."""
 
 
 def time_tables(results: ExperimentResults) -> list[Table]:
-    """Return the seconds per method."""
+    """Return the table of the seconds that each method needs; an empty list if no times were measured."""
     rows = _matching_rows(results)
     note = (
         "On one core, for the descriptors of one pair of frames and their matches, with the nodes of that mesh. The "
@@ -179,7 +182,7 @@ def time_tables(results: ExperimentResults) -> list[Table]:
 
 
 def paper_time_lines(times: PaperTimes) -> list[tuple[str, str, str]]:
-    """Return rows of the table of times: the step, the time here, the time in the paper."""
+    """Return rows that compare the times of the paper's steps: the step, its value here, its value in the paper."""
     return [
         ("image", times.image, "512 x 424"),
         ("nodes of the mesh", f"{times.nodes}", f"{PAPER_NODES}"),

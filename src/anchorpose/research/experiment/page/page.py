@@ -1,4 +1,4 @@
-"""Present an experiment from its results: tables, figures, and index.html with all of them."""
+"""Write the files that present an experiment's results: tables, figures, claims, and index.html with all of them."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ UNFOLDED = (
     "scenes",
     "ablation",
 )
-"""Tables that are unfolded when the page is opened."""
+"""Keys of the tables that are unfolded when the page is opened."""
 
 MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
 
 
 def judge_claims(results: ExperimentResults) -> list[Claim]:
-    """Return all claims; the claims of the paper's figures come first."""
+    """Return all claims with their verdicts; claims about joints come first."""
     of_joints = [*TrackingClaims(results).all(), *literal_claims(results)]
     return [*of_joints, *MatchingClaims(results).all(), paper_times(results)]
 
@@ -71,7 +71,7 @@ def compose_page(
     figures: Sequence[DrawnFigure],
     shown: Sequence[PagePicture],
 ) -> str:
-    """Return the whole page, which needs no other files; the same input gives the same text."""
+    """Return the whole page as HTML, which needs no other files; the same input gives the same text."""
 
     def part(drawn: Sequence[str], listed: Sequence[str], pictures: Sequence[str] = ()) -> str:
         images = [drawing_html(figure) for key in drawn for figure in figures if figure.key == key]

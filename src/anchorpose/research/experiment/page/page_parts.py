@@ -1,6 +1,6 @@
 """Make parts of the page as HTML: tables, claims, figures, and the PNG pictures of a folder with their captions.
 
-All text from outside is escaped here.
+All text that does not come from this module, such as captions, is escaped here.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ MOST_NAMED: Final = 3
 
 
 def table_html(table: Table, unfolded: bool = False) -> str:
-    """Return the table with a row per method and a column per quantity; intervals are in brackets."""
+    """Return a table as HTML, with a row per method; intervals are in brackets. unfolded: whether it starts open."""
     head = "".join(f"<th scope='col'>{escape(column.label)}</th>" for column in table.columns)
     values = {(row.method.key, row.column): row.value for row in table.rows}
     rows = []
@@ -118,7 +118,7 @@ def table_html(table: Table, unfolded: bool = False) -> str:
 
 
 def text_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of text; the first cell of each row is its name."""
+    """Return a table of texts as HTML; the first cell of each row is the name of the row."""
     top = "".join(f"<th scope='col'>{escape(name)}</th>" for name in head)
     body = "".join(
         f"<tr><th scope='row'>{escape(row[0])}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in row[1:])}</tr>"
@@ -131,7 +131,7 @@ def text_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]])
 
 
 def claims_html(claims: Sequence[Claim]) -> str:
-    """Return the first table of the page: verdict, claim, how it was judged, and every comparison."""
+    """Return the page's first table as HTML: each claim with its verdict, how it was judged, and every comparison."""
     rows = "".join(_claim_row(claim) for claim in claims)
     return (
         "<div class='scroll' tabindex='0' role='region' aria-label='Claims'><table class='text claims'><thead><tr>"
@@ -154,7 +154,10 @@ def _claim_row(claim: Claim) -> str:
 
 
 def _figures(claim: Claim) -> str:
-    """Return the answers of the comparisons and their range. If few comparisons answer no, list these."""
+    """Return a claim's comparisons in short: how many have each answer, and the range of their values.
+
+    If at most ``MOST_NAMED`` comparisons answer no, they are listed.
+    """
     checks = claim.checks
     if len(checks) < 2:
         return checks[0].text() if checks else "no data"
@@ -180,7 +183,7 @@ def drawing_html(picture: DrawnFigure) -> str:
 
 
 def inline_svg(picture: DrawnFigure) -> str:
-    """Return the drawing without the parts that only a file needs, with ids that are unique on the page."""
+    """Return a figure's SVG as part of the page: without header and metadata, and with ids unique on the page."""
     svg = picture.svg[picture.svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page sets the font; this saves a tenth of the length
@@ -194,7 +197,7 @@ def inline_svg(picture: DrawnFigure) -> str:
 
 
 def pictures_html(pictures: Sequence[PagePicture], sections: Sequence[str]) -> str:
-    """Return the pictures of some sections, each section with its title; an empty text without pictures."""
+    """Return the pictures of some sections as HTML, each section with its title; an empty text without pictures."""
     parts = []
     for section in sections:
         shown = "".join(_picture(picture) for picture in pictures if picture.section == section)

@@ -1,4 +1,4 @@
-"""Write the text of the page: summary, what was run, settings tried, limits, and how to run it again."""
+"""Write the texts of the page: summary, what was run, which settings were tried, limits, and how to run it again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SETTINGS_KEY = "settings"
 
 
 def tried_settings(results: ExperimentResults) -> list[tuple[str, TriedSetting]]:
-    """Return each tried setting with the title of its method, in order of methods, the best setting first."""
+    """Return each tried setting with the title of its method, method by method, the chosen setting first."""
     titles = {method.key: method.title for method in results.methods}
     return [
         (titles.get(key, key), one)
@@ -32,7 +32,7 @@ def tried_settings(results: ExperimentResults) -> list[tuple[str, TriedSetting]]
 
 
 def settings_csv(results: ExperimentResults) -> str:
-    """Return one line per setting."""
+    """Return the tried settings as CSV, one line per setting."""
     out = io.StringIO()
     lines = csv.writer(out, lineterminator="\n")
     lines.writerow(["method", "setting", "score_mm", "chosen"])
@@ -70,7 +70,7 @@ LIMITS: Final = (
 
 
 def summary_html(results: ExperimentResults, claims: Sequence[Claim], tables: Sequence[Table]) -> str:
-    """Return one sentence on the claims and one on the errors."""
+    """Return how many claims have each verdict, and the errors of the best methods, as HTML."""
     counts = Counter(claim.verdict for claim in claims)
     verdicts = ", ".join(
         f"{counts[verdict]} {_plural(verdict, counts[verdict])}" for verdict in Verdict if counts[verdict]
@@ -84,9 +84,9 @@ def _plural(verdict: Verdict, count: int) -> str:
 
 
 def _errors(results: ExperimentResults, tables: Sequence[Table]) -> str:
-    """Return the errors of the proposed method, its next generation, and the best method of each other kind.
+    """Return the joint errors of the proposed method, its next generation, and the best method of each other family.
 
-    The best method is the best with the largest hole.
+    The best method of a family is the method with the smallest mean error at the largest hole.
     """
     errors = next((table for table in tables if table.key == "result1"), None)
     if errors is None:
@@ -114,7 +114,7 @@ def _best(errors: Table, column: str, family: Family) -> str | None:
 
 
 def run_html(results: ExperimentResults) -> str:
-    """Return the recordings, holes, methods with their sources, and how settings were chosen."""
+    """Return what was run, as HTML: recordings, holes, methods with their sources, and how settings were chosen."""
     config = results.config
     others = ", ".join(scene for scene in config.scenes if scene is not Scene.PAPER)
     holes = ", ".join(f"{hole:g} m" for hole in config.holes_m if hole)
@@ -172,7 +172,7 @@ def _settings(results: ExperimentResults) -> str:
 
 
 def limits_html(results: ExperimentResults) -> str:
-    """Return the limits of these results."""
+    """Return the limits of these results (``LIMITS``, and the short duration of a segment) as HTML."""
     config = results.config
     seconds = (config.segment_frames - 1) / config.fps
     own = f"A segment lasts {seconds:.2g} s: slower drift is not visible."
@@ -180,7 +180,7 @@ def limits_html(results: ExperimentResults) -> str:
 
 
 def again_html(results: ExperimentResults) -> str:
-    """Return the command, and the configuration as the file that it reads."""
+    """Return the command that repeats the run, and the text of the configuration file that it reads, as HTML."""
     real = " --real FOLDER" if results.real is not None else ""
     lines = [
         f"{field.name} = {_toml(getattr(results.config, field.name))}" for field in dataclasses.fields(results.config)

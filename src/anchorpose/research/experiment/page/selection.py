@@ -15,7 +15,7 @@ from anchorpose.research.experiment.method import OWN, Family, Method
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults, Matched, Tracked
 
 Kept = Mapping[tuple[str, float], np.ndarray]
-"""The frames that are kept, in order, by recording and size of hole."""
+"""The frames on which methods are compared, in ascending order, by recording and size of hole (m)."""
 
 
 def compared(methods: Iterable[Method]) -> list[Method]:
@@ -47,9 +47,9 @@ def without_hands(error_mm: np.ndarray) -> np.ndarray:
 
 
 class Tracking:
-    """All frames tracked in one form, by scene, method and size of hole.
+    """All frames tracked in one form of the framework, by scene, method and size of hole.
 
-    Recordings are sorted by name. This project's tracker has the same frames in every form.
+    Recordings are sorted by name. This project's tracker has no forms, so its frames are in every form.
     """
 
     def __init__(self, results: ExperimentResults, form: Form = Form.REFINED) -> None:
@@ -73,7 +73,7 @@ class Tracking:
         return [method for method in methods if method.key in keys]
 
     def runs(self, scene: Scene, method: str, hole_m: float) -> dict[str, Tracked]:
-        """Return the tracked joints by recording."""
+        """Return the tracked joints of a method by recording, for one scene and size of hole."""
         return self._runs.get((scene, method, hole_m), {})
 
     def shared(self, scene: Scene, methods: Iterable[Method]) -> Kept:
@@ -90,7 +90,7 @@ class Tracking:
     def errors(
         self, scene: Scene, method: str, hole_m: float, kept: Kept | None = None, occluded: bool = False
     ) -> dict[str, np.ndarray]:
-        """Return the errors (f, 21) in millimetres by recording, for all frames or only for the kept frames.
+        """Return a method's joint errors (f, 21) in millimetres by recording. kept: only these frames; None = all.
 
         occluded: only frames with a hole.
         """
@@ -110,9 +110,10 @@ class Tracking:
         occluded: bool = False,
         kept: Kept | None = None,
     ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Return the errors (f, 21) of two runs in the same frames, by recording; a run is a method and a size of hole.
+        """Return the errors (f, 21) in millimetres of two runs in the same frames, by recording.
 
-        occluded: only frames that have a hole in the first run. Recordings that either run lacks are left out.
+        A run is a method and a size of hole. occluded: only frames that have a hole in the first run. kept: only these
+        frames; None = all. Recordings that either run lacks are left out.
         """
         found = {}
         ones, others = self.runs(scene, *one), self.runs(scene, *other)
@@ -128,7 +129,7 @@ class Tracking:
 
 
 def left_out(results: ExperimentResults) -> tuple[int, int]:
-    """Return how many segments of the simulated recordings have no pose to start from, and how many there are."""
+    """Return how many segments of the simulated recordings have no pose to start from, and how many segments exist."""
     config, ran = results.config, dict[tuple[Scene, str], int]()
     for run in results.tracked:
         if run.scene is not Scene.REAL:
@@ -146,11 +147,11 @@ def _in_order(run: Tracked) -> Tracked:
 
 
 WindowKey = tuple[str, float, int]
-"""Key of a window: recording, size of hole and frame."""
+"""Key of a window (pair of frames whose matches are compared): recording, size of hole and first frame."""
 
 
 class Matching:
-    """All matches of the paper's scene over one gap, in the windows that all methods have."""
+    """All matches in the paper's scene between frames that are a given time apart, in windows that all methods ran on."""
 
     def __init__(self, results: ExperimentResults, gap_s: float | None = None) -> None:
         """Select the matches of one gap. gap_s: None = the shortest gap."""
@@ -178,7 +179,7 @@ class Matching:
     def values(
         self, method: str, take: Callable[[Matched], np.ndarray], hole_m: float | None = None
     ) -> dict[str, np.ndarray]:
-        """Return, by recording, the values of ``take`` for all windows, or only for windows with this hole."""
+        """Return what ``take`` returns for a method's matches, by recording; hole_m: None = for all sizes of hole."""
         parts: dict[str, list[np.ndarray]] = defaultdict(list)
         for window in self.windows:
             if hole_m in (None, window[1]):
@@ -187,40 +188,39 @@ class Matching:
 
 
 def direct_mm(match: Matched) -> np.ndarray:
-    """Return the straight distance of the method's own match."""
+    """Return the straight distances (mm) of the direct matches from the truth, one per node; NaN without a match."""
     return match.direct_mm
 
 
 def tree_mm(match: Matched) -> np.ndarray:
-    """Return the straight distance of the match that the track tree chose."""
+    """Return the straight distances (mm) from the truth to the track tree's matches; NaN without a match."""
     return match.tree_mm
 
 
 def every_mm(match: Matched) -> np.ndarray:
-    """Return the distances (mm) of the matches after a tree that assigns a match to every node."""
+    """Return the straight distances (mm) from the truth to the track tree's matches if it rejects none."""
     return match.every_mm
 
 
 def of_moved(take: Callable[[Matched], np.ndarray]) -> Callable[[Matched], np.ndarray]:
-    """Restrict a quantity to the nodes that moved by more than ``MOVED_MM``, which most nodes do not."""
+    """Return ``take`` restricted to the nodes that moved by more than ``MOVED_MM``, since most nodes hardly move."""
     return lambda match: take(match)[match.moved_mm > MOVED_MM]
 
 
-MOVED_MM: Final = 30.0
+MOVED_MM: Final = 30.0  # mm, movement between the two frames above which a node counts as moved
 
 
 def penalised_mm(match: Matched) -> np.ndarray:
-    """Return the distance of the match after the tree.
-
-    It is ``MISSED_MM`` for a node without a match, so that a method is not better if it matches fewer nodes.
+    """Return the distances of ``tree_mm``, with ``MISSED_MM`` for a node without a match, so that a method gains
+    nothing by matching fewer nodes.
     """
     return np.where(np.isfinite(match.tree_mm), match.tree_mm, MISSED_MM)
 
 
 def error_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
-    """Return the error of a method's direct matches, as in the paper.
+    """Return the function that takes the error of a method's direct matches, as the paper does.
 
-    For a method without direct matches, it is the error of its matches after the tree.
+    For a method without direct matches, it takes the error of the matches that the track tree chose.
     """
     return direct_mm if matching.has_direct(method) else tree_mm
 
@@ -232,5 +232,5 @@ def mirrored_of(match: Matched) -> np.ndarray:
 
 
 def in_regions(take: Callable[[Matched], np.ndarray], regions: Sequence[int]) -> Callable[[Matched], np.ndarray]:
-    """Restrict a quantity to the nodes in some regions of the body."""
+    """Return ``take`` restricted to the nodes in some regions of the body (indices into ``REGIONS``)."""
     return lambda match: take(match)[np.isin(match.region, regions)]

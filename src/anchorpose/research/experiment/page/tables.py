@@ -1,7 +1,7 @@
-"""Define tables: each row has a method, a column and a mean with its interval.
+"""Define tables of values, and compute the values: means, medians and ratios with confidence intervals.
 
-Tables are written as CSV files; the page shows them with one row per method. Confidence intervals are by the bootstrap
-over recordings, not over frames.
+A row of a table is one value: that of one method in one column. In CSV files it is a line; on the page, all rows of a
+method are one line. Confidence intervals are by the bootstrap over recordings, not over frames.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from scipy.stats import t as student
 from anchorpose.recording.document import cell_text
 from anchorpose.research.experiment.method import Method
 
-NORMAL_TAIL = 1.959964
-BOOTSTRAP_KEY = 13
-MEDIAN_STEPS = 1024  # number of ranks to which a median's interval is rounded: a tenth of a per cent
+NORMAL_TAIL = 1.959964  # standard deviations, half the width of the normal distribution's 95 % interval
+BOOTSTRAP_KEY = 13  # seed of the bootstrap's random draws
+MEDIAN_STEPS = 1024  # number of quantiles, 0.1 % of the values apart, to which a median's interval is rounded
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A mean and its 95 % confidence interval; NaN without values."""
+    """A mean, median, ratio or standard deviation (field ``mean``), and its 95 % interval; NaN without values."""
 
     mean: float
     low: float
@@ -36,8 +36,8 @@ class Estimate:
 def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
     """Return the mean of all values of all groups; NaN values are left out.
 
-    A group has the values of one recording, since the frames of a recording are correlated. Source: Efron 1979
-    (doi:10.1214/aos/1176344552).
+    A group has the values of one recording. The bootstrap draws groups instead of values, since the frames of a
+    recording are correlated. Source: Efron 1979 (doi:10.1214/aos/1176344552).
     """
     sums, counts = _sums(groups)
     if counts.sum() == 0:
@@ -51,7 +51,7 @@ def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples: int) -> Estimate:
     """Return the ratio of two means over the same recordings; NaN if the denominator is 0.
 
-    above, below: one group per recording. The bootstrap draws the groups of a recording together.
+    above, below: one group of values per recording. The bootstrap draws the two groups of a recording together.
     """
     if len(above) != len(below):
         raise ValueError(f"a ratio needs the same recordings above and below, got {len(above)} and {len(below)}")
@@ -64,13 +64,13 @@ def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples
     if known.sum() < 2:
         return Estimate(ratio, np.nan, np.nan, int(known.sum()))
     draws = _draws(len(a), resamples)
-    with np.errstate(divide="ignore", invalid="ignore"):  # if the denominator of a draw is 0, the interval is open
+    with np.errstate(divide="ignore", invalid="ignore"):  # the denominator of a draw may be 0
         each = (a[draws].sum(1) / n[draws].sum(1)) / (b[draws].sum(1) / m[draws].sum(1))
     return _with_interval(ratio, each, len(a))
 
 
 def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """Return the standard deviation of all values, for groups as in ``mean_over``."""
+    """Return the standard deviation of all values of all groups, which are as in ``mean_over``."""
     sums, counts = _sums(groups)
     squares, _ = _sums([np.asarray(group, dtype=np.float64) ** 2 for group in groups])
     if counts.sum() == 0:
@@ -88,9 +88,9 @@ def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """Return the median of all values, for groups as in ``mean_over``.
+    """Return the median of all values of all groups, which are as in ``mean_over``.
 
-    The median is exact; its interval is rounded to ``MEDIAN_STEPS`` ranks.
+    The median is exact; the ends of its interval are rounded to ``MEDIAN_STEPS`` quantiles of the values.
     """
     finite = [np.asarray(group, dtype=np.float64).ravel() for group in groups]
     finite = [kept for group in finite if len(kept := group[np.isfinite(group)])]
@@ -109,12 +109,12 @@ def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def _with_interval(value: float, drawn: np.ndarray, count: int) -> Estimate:
-    """Return the estimate with its percentiles, widened for a small number of recordings.
+    """Return a value with the percentiles of its bootstrap draws as interval, widened for ``count`` recordings.
 
     The bootstrap's interval of n values is too narrow by sqrt((n - 1) / n), and has the tails of the normal
-    distribution instead of Student's (Hesterberg 2015, doi:10.1080/00031305.2015.1089789). For four recordings, 95 %
-    would be 82 %. If all draws are positive, the interval is widened on a logarithmic scale, so that intervals of
-    errors and ratios stay above zero.
+    distribution instead of Student's (Hesterberg 2015, doi:10.1080/00031305.2015.1089789). With four recordings, a 95 %
+    interval that is not widened contains the truth in 82 % of cases. If all draws are positive, the interval is
+    widened on a logarithmic scale, so that intervals of errors and ratios stay above zero.
     """
     low, high = (float(bound) for bound in np.quantile(drawn, [0.025, 0.975]))
     wider = float(np.sqrt(count / (count - 1)) * student.ppf(0.975, count - 1) / NORMAL_TAIL)
@@ -174,7 +174,7 @@ class Row:
 class Table:
     """A table of the experiment."""
 
-    key: str  # name of the file
+    key: str  # name of the table's file
     title: str
     across: str  # name of the quantity by which columns differ
     note: str  # sentences that a reader of the table must know
@@ -200,7 +200,7 @@ class Table:
 
 
 def csv_text(table: Table) -> str:
-    """Return one line per value; an unknown number is empty."""
+    """Return the table as CSV, one line per value; an unknown number is an empty cell."""
     out = io.StringIO()
     lines = csv.writer(out, lineterminator="\n")
     lines.writerow(["method", "title", "family", table.across, "unit", "mean", "low", "high", "recordings"])
@@ -232,7 +232,7 @@ def format_estimate(value: Estimate, unit: Unit) -> str:
 
 
 def format_number(number: float, unit: Unit) -> str:
-    """Return a number with its useful digits and without its unit, except for per cent."""
+    """Format a number with the digits that matter in its unit; the unit is not written, except for per cent."""
     match unit:
         case Unit.MM:
             return f"{number:.1f}".replace("-", "−")

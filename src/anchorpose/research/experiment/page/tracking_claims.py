@@ -1,4 +1,4 @@
-"""Judge the claims about the errors of joints (Figs. "result1" to "sd2")."""
+"""Judge the paper's claims, and this project's, about the errors of tracked joints (Figs. "result1" to "sd2")."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from anchorpose.research.experiment.page.tracking_tables import errors_of_all_si
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_most, between
 from anchorpose.research.experiment.results import ExperimentResults
 
-CONSTANT: Final = 1.1  # maximum ratio that counts as "almost constant"
-SIMILAR: Final = 2.0  # maximum ratio of the worst joint's error to the best joint's that counts as "similar"
-ADEQUATE_MM: Final = 100.0  # mm, about the width of a forearm; a joint with a smaller error is on the right limb
+CONSTANT: Final = 1.1  # up to this ratio of the errors with and without a hole, the error counts as "almost constant"
+SIMILAR: Final = 2.0  # up to this ratio of the worst joint's error to the best joint's, errors count as "similar"
+ADEQUATE_MM: Final = 100.0  # mm, about the width of a forearm; a joint with a smaller error is on the correct limb
 
 
 FILTERS: Final = {PROPOSED: ("anchors-filter",), LITERAL: ("paper-kalman", "paper-particles")}
-"""Methods with a filter instead of the tree, by the key of the method whose matches they use."""
+"""Keys of methods with a filter instead of the track tree, by the key of the method whose matches they use."""
 
 
 def literal_claims(results: ExperimentResults) -> list[Claim]:
-    """Return the paper's claims about its feature, judged by the literal method without rejection.
+    """Return the paper's claims about its feature, judged by the method ``LITERAL`` and the form that rejects nothing.
 
     There are no claims if this method did not run.
     """
@@ -44,7 +44,7 @@ def literal_claims(results: ExperimentResults) -> list[Claim]:
 class TrackingClaims:
     """The claims about joints, each judged by the results.
 
-    proposed: key of the method that represents the paper's. form: form of the framework in which all methods run.
+    proposed: key of the method that stands for the paper's method. form: form of the framework whose results are used.
     """
 
     def __init__(self, results: ExperimentResults, proposed: str = PROPOSED, form: Form = Form.REFINED) -> None:
@@ -54,7 +54,7 @@ class TrackingClaims:
         self._holes = self._tracking.holes(Scene.PAPER)
 
     def of_the_feature(self) -> list[Claim]:
-        """Return the claims about the proposed feature itself."""
+        """Return only the claims about the feature that the paper proposes, distances to anchors."""
         return [
             self.proposed_constant(),
             self.proposed_below("local", (Family.LOCAL,)),
@@ -125,7 +125,7 @@ class TrackingClaims:
         )
 
     def helps_at_all(self) -> Claim:
-        """Judge how well the framework tracks without any feature."""
+        """Judge whether the proposed feature tracks better than the framework without any feature."""
         return Claim(
             "helps-at-all",
             "this project’s own question",
@@ -146,7 +146,7 @@ class TrackingClaims:
         )
 
     def next_below_all(self) -> Claim:
-        """Judge a claim about the paper's future work."""
+        """Judge the claim about the paper's future work that anchors with a local descriptor are the most accurate."""
         checks = []
         for form in self._results.config.forms:
             tracking = Tracking(self._results, form)
@@ -162,7 +162,7 @@ class TrackingClaims:
         )
 
     def next_constant(self) -> Claim:
-        """Judge a claim about the paper's future work: "greater invariance"."""
+        """Judge the claim of "greater invariance": the paper's future work has almost the same error at every hole."""
         return Claim(
             "next-constant",
             "Section VI (future work)",
@@ -172,7 +172,7 @@ class TrackingClaims:
         )
 
     def own_below_all(self) -> Claim:
-        """Judge a claim about this project's tracker."""
+        """Judge the claim that this project's tracker is more accurate than every method in the paper's framework."""
         others = [method for method in self._methods if method.key != OWN]
         return Claim(
             "own-below-all",
@@ -261,7 +261,7 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return all methods of these families except control methods, whose matches a filter uses."""
+        """Return all methods of these families, without those with a filter, which only show the filter's effect."""
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 
@@ -269,9 +269,9 @@ class TrackingClaims:
 def difference(
     tracking: Tracking, one: str, other: str, hole_m: float, resamples: int, occluded: bool = False
 ) -> Estimate:
-    """Return the mean joint error of one method minus the other's, in mm.
+    """Return the mean joint error of the method ``one`` minus that of the method ``other``, in mm.
 
-    Only joints that both methods have in the same frames count.
+    Only joints count that both methods have in the same frame.
     """
     pairs = tracking.pairs(Scene.PAPER, (one, hole_m), (other, hole_m), occluded).values()
     return mean_over([frame_means(first - second) for first, second in pairs], resamples)

@@ -1,4 +1,4 @@
-"""Make tables of the joints' errors: by size of hole, by joint, by scene, and relative to no hole."""
+"""Make tables of tracked joints' errors: by size of hole, by joint, by scene, and as ratios to errors without holes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ OTHER_HOLES = (Scene.LOOSE, Scene.REAL)
 
 
 def tracking_tables(results: ExperimentResults) -> list[Table]:
-    """Return tables of the paper's scene, of all scenes and of the ablation."""
+    """Return tables of the paper's scene, of all scenes, and of the variants of this project's tracker."""
     tracking = Tracking(results)
     tables = [*_paper_tables(results, tracking), _unrejected(results), _scene_table(results, tracking)]
     tables += [_other_holes(results, tracking, scene) for scene in OTHER_HOLES]
@@ -110,7 +110,7 @@ def _paper_tables(results: ExperimentResults, tracking: Tracking) -> list[Table]
 
 
 def _unrejected(results: ExperimentResults) -> Table:
-    """Return the paper's table "result1" for the paper's form of the framework."""
+    """Return the paper's table "result1" for the paper's form of the framework, which rejects no matches."""
     tracking = Tracking(results, Form.REFINED_ALL)
     methods = tracking.ran(Scene.PAPER, compared(results.methods))
     kept = tracking.shared(Scene.PAPER, methods)
@@ -120,12 +120,12 @@ def _unrejected(results: ExperimentResults) -> Table:
 
 
 def of_body(summarise: Summary) -> Summary:
-    """Return the summary of the joints without hands and wrists."""
+    """Return the function that summarises errors as ``summarise`` does, but without hands and wrists."""
     return lambda groups: summarise([without_hands(group) for group in groups])
 
 
 def note_on(kept: Kept) -> str:
-    """Return what a reader must know about the frames of a table."""
+    """Return the note below a table: which frames it is made from, and how many."""
     sizes = {hole for _, hole in kept}
     count = sum(len(chosen) for chosen in kept.values()) // max(len(sizes), 1)
     return f"{SAME_NOTE} {count} frames for each size of hole."
@@ -142,7 +142,7 @@ def _other_holes(results: ExperimentResults, tracking: Tracking, scene: Scene) -
 
 
 def hole_column(hole_m: float, unit: Unit = Unit.MM) -> Column:
-    """Return the column of a size of hole."""
+    """Return the column of a table for a size of hole."""
     return Column(f"{hole_m:g}", f"{hole_m:.2f} m" if hole_m else "none", unit)
 
 
@@ -155,7 +155,7 @@ def by_size_rows(
     unit: Unit = Unit.MM,
     scene: Scene = Scene.PAPER,
 ) -> tuple[Row, ...]:
-    """Return a row for every method and size of hole of a scene."""
+    """Return a row (value) for every method and size of hole of a scene. occluded: only frames with a hole."""
     return tuple(
         Row(
             method,
@@ -223,7 +223,7 @@ def _scene_table(results: ExperimentResults, tracking: Tracking) -> Table:
 
 
 def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept, resamples: int) -> list[Row]:
-    """Return the method's rows without a hole and, if holes are cut in the scene, with the largest hole."""
+    """Return a method's rows (values) in a scene: without a hole and, if holes are cut, with the largest hole."""
     holes = tracking.holes(scene)
     return [
         Row(

@@ -1,4 +1,4 @@
-"""Judge claims. Each comparison is answered by yes, no or open, and the verdict is computed from the answers."""
+"""Judge claims by comparisons of errors. A comparison is answered by yes, no or open; the answers give the verdict."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from anchorpose.research.experiment.page.tables import Estimate, Unit, format_es
 
 
 class Answer(StrEnum):
-    """The answer of one comparison. It is open if the interval contains the threshold, or if there is no interval."""
+    """The answer of a comparison. It is open if the value's interval contains the threshold, or is unknown."""
 
     YES = "yes"
     NO = "no"
@@ -55,19 +55,19 @@ class Claim:
     text: str  # the claim in our words
     rule: str  # condition under which a comparison is answered by yes
     checks: tuple[Check, ...]  # every comparison
-    context: tuple[str, ...] = ()  # related values, which are not compared
+    context: tuple[str, ...] = ()  # related values for the reader, which do not affect the verdict
 
     @property
     def verdict(self) -> Verdict:
-        """Return the verdict; see ``judge``."""
+        """Return the verdict from the answers of all comparisons, by the rule of ``judge``."""
         return judge([check.answer for check in self.checks])
 
 
 def judge(answers: Sequence[Answer]) -> Verdict:
     """Judge a claim: it holds if all comparisons answer yes.
 
-    It holds in part if at least half answer yes, or if some answer no but more answer yes. Otherwise it does not hold
-    if any comparison answers no, and is undecided if no comparison does.
+    It holds in part if at least half answer yes, or if more answer yes than no and at least one answers no. Otherwise
+    it does not hold if any comparison answers no, and is undecided if none does.
     """
     yes, no = answers.count(Answer.YES), answers.count(Answer.NO)
     if not yes + no:
@@ -102,14 +102,14 @@ def between(value: Estimate, low: float, high: float) -> Answer:
 
 
 def measured(value: float, bound: float) -> Answer:
-    """Return the answer for one measurement without an interval, such as a time."""
+    """Return yes if a measurement without an interval, such as a time, is at most the bound, no if not, open if NaN."""
     if np.isnan(value):
         return Answer.OPEN
     return Answer.YES if value <= bound else Answer.NO
 
 
 def claims_json(claims: Sequence[Claim]) -> str:
-    """Return all claims with every comparison; unknown numbers are null."""
+    """Return all claims with every comparison as JSON; unknown numbers are null."""
     return json.dumps([_claim(claim) for claim in claims], indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""Make the pictures of one training recording, and measure the time of the paper's steps."""
+"""Draw the page's pictures from one training recording, and measure the time of the paper's steps."""
 
 from __future__ import annotations
 
@@ -50,23 +50,24 @@ from anchorpose.versions import code_digest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sources:
-    """The data of the pictures."""
+    """The data from which pictures are drawn."""
 
     view: View
     skin: Skin
-    whole: Moment  # the frame before the hole and the next frame, without the hole
-    hole: Moment  # the same frames with the hole in the second
+    whole: Moment  # two successive frames, both without a hole
+    hole: Moment  # the same frames, with a hole in the second
     holed: Trial  # the recording with holes
 
 
 def write_pictures(
     folder: Path, prepared: PreparedClip, whole: Trial, holed: Trial, hole_frame: int, plan: Plan
 ) -> None:
-    """Write *.png and pictures.json into a folder.
+    """Draw all pictures of a recording, and write them as *.png and pictures.json into a folder.
 
-    pictures.json is a list of {"file", "caption", "section"} in the order of the page. prepared: clip of a simulated
-    recording. holed: the recording with holes. hole_frame: position of a frame with a hole whose previous frame has no
-    hole. Raises ValueError if the patient was not found in this previous frame, and MissingPackage without matplotlib.
+    pictures.json is a list of {"file", "caption", "section"} in the order of the page. prepared: a simulated recording.
+    whole, holed: this recording without and with holes. hole_frame: position of a frame with a hole whose previous
+    frame has none. Raises ValueError if the patient was not found in this previous frame, and MissingPackage without
+    matplotlib.
     """
     with default_style():
         sources, centre_m = _prepare_sources(prepared, whole, holed, hole_frame), prepared.reference.centre_m
@@ -83,7 +84,7 @@ def write_pictures(
 
 
 def write_picture(folder: Path, picture: Picture) -> dict[str, str]:
-    """Write the PNG, and return its entry in pictures.json."""
+    """Write a picture as PNG, and return its entry for pictures.json."""
     (folder / picture.file).write_bytes(as_png(picture.figure))
     return {"file": picture.file, "caption": picture.caption, "section": picture.section}
 
@@ -108,7 +109,7 @@ def _matches(sources: _Sources, methods: Sequence[Method], settings: Mapping[str
 
 
 def _on_these_meshes(method: Method, moment: Moment, settings: Mapping[str, object]) -> bool:
-    """Return whether the method matches nodes of the drawn meshes. A method that closes holes matches other meshes."""
+    """Return whether the method matches nodes of the drawn meshes; a method that closes holes uses other meshes."""
     if method.associate is None:
         return False
     config = moment.window.config
@@ -128,13 +129,13 @@ def _proposed(
                 yield from hypothesis_pictures(sources.view, moment, method, setting)
 
 
-ROUNDS: Final = 5  # number of rounds that are timed; the median is reported
+ROUNDS: Final = 5  # number of times that each step is timed; the median is reported
 
 
 def measure_times(frame: int, given: GivenFrames, run: Run) -> PaperTimes | None:
-    """Return the times of the paper's own steps on one frame, measured after everything was compiled.
+    """Return the times of the paper's steps (mesh and distances) on one frame, measured after everything was compiled.
 
-    None if nobody was found in the frame.
+    Return None if nobody was found in the frame.
     """
     fine = replace(run.config.surface, step=1)
     window = take_window(frame, given, run)
@@ -175,19 +176,19 @@ def _median_s(work: Callable[[], object]) -> float:
     return float(np.median(took))
 
 
-SHOWN: Final = "shown.json"  # file beside the pictures with a digest of their inputs, and the times
+SHOWN: Final = "shown.json"  # file beside the pictures: the measured times, and a digest of the inputs of the pictures
 OWN_FILES: Final = ("*.png", "pictures.json", SHOWN)
 
 Shown = tuple[PaperTimes | None, tuple[str, ...]]
 
 
 def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
-    """Write ``out / pictures``; return the times, and a sentence for each recording that failed.
+    """Write the folder ``out / pictures``; return the times, and a sentence for each recording that failed.
 
-    The folder is empty if nothing can be shown. Pictures are made from the last training recording, which has the
-    fastest movements; if this fails, from the recording before it. Times are measured on another image, see
-    ``_paper_size_times``. If settings are not tuned, the run is only a check, and no times are measured. Pictures that
-    an earlier run made from the same inputs are kept.
+    The folder is empty if nothing can be drawn. Pictures are made from the last training recording, which has the
+    fastest movements; if this fails, from the recording before it. Times are measured on a larger image
+    (``_paper_size_times``). If settings are not tuned, the run is only a check, and no times are measured. Pictures
+    that an earlier run made from the same inputs are kept.
     """
     plan = spec.plan()
     known = shown_before(out, plan, trainers)
@@ -212,7 +213,7 @@ def _made_of(plan: Plan, trainers: Sequence[Clip]) -> str:
 
 
 def shown_before(out: Path, plan: Plan, trainers: Sequence[Clip]) -> Shown | None:
-    """Return what ``show`` returned when it made the pictures; None if there are no pictures from the same inputs."""
+    """Return the result of the call of ``show`` that made the pictures; None without pictures from the same inputs."""
     try:
         account = json.loads((out / "pictures" / SHOWN).read_text(encoding="utf-8"))
         if account["made_of"] != _made_of(plan, trainers):
@@ -247,9 +248,9 @@ PAPER_SIZE: Final = "azure-kinect"  # camera in whose image a person has as many
 
 
 def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
-    """Return the times on an image in which a person has as many pixels as in the paper's images.
+    """Return the times on a depth image in which a person has as many pixels as the paper's mesh has nodes.
 
-    The image is from a camera with a finer resolution.
+    The image is from a simulated camera with a finer resolution (``PAPER_SIZE``). None if it cannot be made.
     """
     if clip.simulation is None or not plan.config.tuned:
         return None
@@ -265,7 +266,7 @@ def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
 def _moving_frame(prepared: PreparedClip, cut: np.ndarray) -> int | None:
     """Return the frame with the fastest motion among the frames with a hole whose previous frame has no hole.
 
-    None if there is no such frame.
+    cut (t,) bool: frames with a hole. Return None if there is no such frame.
     """
     found = prepared.reference.found
     fits = np.flatnonzero(cut[1:-3] & ~cut[:-4] & found[1:-3] & found[:-4]) + 1

@@ -1,4 +1,4 @@
-"""Provide what pictures have in common: frames with truth, reproducible figures, a level view and shaded meshes."""
+"""Provide what all pictures use: pairs of frames with the truth, reproducible figures, a level view, shaded meshes."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """A level view with parallel rays, from the side of the camera."""
+    """A level view with parallel rays, from the side of the patient on which the camera stands."""
 
     axes: np.ndarray  # (3, 3), world; the rows are the directions to the right, up and towards the viewer
 
     def flat_m(self, points_m: np.ndarray, shift_m: float = 0.0) -> np.ndarray:
-        """Return (..., 2) metres to the right and up; ``shift_m`` is added to the metres to the right."""
+        """Return (..., 2) the points' places in the picture: metres to the right (plus ``shift_m``) and up."""
         return np.asarray(points_m @ self.axes[:2].T + np.array([shift_m, 0.0]))
 
     def near_m(self, points_m: np.ndarray) -> np.ndarray:
-        """Return (...) metres towards the viewer."""
+        """Return (...) how near the points are to the viewer: metres towards the viewer from the world's origin."""
         return np.asarray(points_m @ self.axes[2])
 
 
@@ -75,7 +75,7 @@ def upright_view(camera: Camera) -> View:
 
 @contextmanager
 def default_style() -> Iterator[None]:
-    """Make figures within the block independent of the user's matplotlib settings.
+    """Make figures that are drawn within the ``with`` block independent of the user's matplotlib settings.
 
     Raises MissingPackage without matplotlib.
     """
@@ -94,7 +94,7 @@ def _defaults(matplotlib: Any) -> Any:
 
 
 def blank_figure(width_in: float, height_in: float) -> Figure:
-    """Return a figure without a window."""
+    """Return an empty matplotlib figure that opens no window; its size is in inches."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width_in, height_in), dpi=DOTS_PER_INCH, layout="constrained")
@@ -111,7 +111,7 @@ def as_png(figure: Figure) -> bytes:
     canvas, buffer = FigureCanvasAgg(figure), io.BytesIO()
     canvas.draw()
     drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-    # this method of quantisation keeps the colours of small marks
+    # MAXCOVERAGE keeps the colours of small marks, which other methods of quantisation may replace
     palette = drawn.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
     palette.save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
@@ -132,7 +132,7 @@ def draw_mesh(axes: Axes, view: View, surface: Surface, colour: np.ndarray = BAR
 
 
 def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) -> None:
-    """Set equal scales and limits that contain all shifted surfaces, and draw no frame."""
+    """Set equal scales, and limits that contain all surfaces, each moved right by its metres (float); draw no frame."""
     places = [view.flat_m(surface.points_m, shift_m) for surface, shift_m in surfaces if len(surface)]
     if places:
         together = np.concatenate(places)
@@ -145,7 +145,7 @@ def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) ->
 
 
 def apart_m(view: View, one: Surface, other: Surface) -> float:
-    """Return the shift to the right that puts the other surface beside the first."""
+    """Return the shift to the right in metres that puts the other surface beside the first in a picture."""
     if len(one) == 0 or len(other) == 0:
         return 1.0
     return float(view.flat_m(one.points_m)[:, 0].max() - view.flat_m(other.points_m)[:, 0].min()) + 0.15
@@ -153,9 +153,9 @@ def apart_m(view: View, one: Surface, other: Surface) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
-    """Two successive frames to be drawn."""
+    """Two successive frames to be drawn side by side, with the true correspondence of their nodes."""
 
-    name: str  # name in file names
+    name: str  # the moment's name in file names
     title: str  # title in captions
     window: Window
     truth: TruePlaces  # places of the first frame's nodes in the second
@@ -167,9 +167,9 @@ class Moment:
 
 
 def take_moment(frame: int, trial: Trial, skin: Skin, name: str, title: str) -> Moment:
-    """Return a frame and the next frame.
+    """Return a frame and the next frame of a trial.
 
-    Raises ValueError if the patient was not found in the first or is not seen in the next.
+    Raises ValueError if the patient was not found in the first frame or is not seen in the next.
     """
     window = take_window(frame, trial.given, trial.runs[Form.REFINED])
     if window is None:

@@ -1,4 +1,4 @@
-"""Draw the paper's figure "hypothesis": the subset of anchors by which each node found its match."""
+"""Draw the paper's figure "hypothesis": the subset of anchors by which each node was matched with the next frame."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ COLOURS: Final = (
     "#117733",
     "#aa4499",
 )
-"""Colours of the ten subsets of three of the five anchors, and of two subsets for pieces that a hole cuts off.
+"""Colours of subsets of anchors: ten of three anchors, and two of fewer, for surface cut off from the other anchors.
 
-They are Okabe and Ito's colours, and two of Paul Tol's muted colours.
+The first eight are Okabe and Ito's colours, the last four are of Paul Tol's muted colours.
 """
 MARKERS: Final = "os^vD<>PX*ph"
 SHORT: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left foot", "right foot"), strict=True))
@@ -44,7 +44,9 @@ def name_subset(subset: np.ndarray) -> str:
 
 
 def hypothesis_pictures(view: View, moment: Moment, method: Method, setting: object) -> list[Picture]:
-    """Draw every node in the colour of the subset that the track tree chose, and all hypotheses of a few nodes."""
+    """Return two pictures: all nodes in the colour of the subset that the track tree chose, and a few nodes with all of
+    their hypotheses (possible matches).
+    """
     found = match_window(method, setting, moment.window)
     figure = blank_figure(8.4, 4.4)
     draw_chosen(figure.add_subplot(), view, moment, found)
@@ -72,7 +74,7 @@ def hypothesis_pictures(view: View, moment: Moment, method: Method, setting: obj
 
 
 def draw_chosen(axes: Axes, view: View, moment: Moment, found: Matches) -> None:
-    """Draw the nodes of both frames in the colour of the chosen subset."""
+    """Draw the nodes of both frames, each in the colour of the subset of anchors that the track tree chose for it."""
     before, after = moment.surfaces
     shift_m = apart_m(view, before, after)
     start, end = view.flat_m(before.points_m), view.flat_m(after.points_m, shift_m)
@@ -123,7 +125,10 @@ def draw_possible(axes: Axes, view: View, moment: Moment, found: Matches) -> Non
 
 
 def draw_rows(found: Matches, seen: np.ndarray) -> np.ndarray:
-    """Return rows (k,) of the tree's nodes, drawn at random from nodes with a hypothesis and a known true place."""
+    """Return up to ``NODES`` rows (k,) of ``found.tree``, random nodes with a hypothesis and a seen true place.
+
+    seen (n,) bool: nodes of the first frame whose true place is seen in the second.
+    """
     node = found.tree.node
     usable = np.flatnonzero((found.links[0].match[node] >= 0).any(axis=1) & seen[node])
     rng = np.random.default_rng(DRAW_SEED)

@@ -1,4 +1,4 @@
-"""Draw the paper's figures "appearance" and "mesh": one per cent of each method's matches, right and wrong."""
+"""Draw the paper's figures "appearance" and "mesh": one per cent of each method's matches, right and wrong ones."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 
 SECTION: Final = "matches"
-ALONE = "match"  # section of the pictures of single methods, which are only files: the page shows sheets of them
+ALONE = "match"  # section of pictures of one method each; the page has only the picture of all methods
 DRAWN_SHARE: Final = 0.01  # share of the matches that are drawn, as in the paper; more lines would hide each other
 RIGHT_M: Final = 0.05  # m, maximum error of a right match: the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17
 PAPER_ORDER: Final = ("fpfh", "rops", "shot", "shape-context", "hks", "si-hks", "wks", "anchors")
 COLUMNS: Final = 4
-TITLE_LETTERS: Final = 36  # maximum number of letters of a title on the sheet
+TITLE_LETTERS: Final = 36  # maximum number of letters of a method's title in the picture of all methods
 BY_TREE: Final = (
     " A method with several hypotheses per node is shown with the one that its track tree chooses, which uses the"
     " predicted movement; all others with the nearest descriptor."
@@ -47,7 +47,7 @@ class Pairs:
 
     key: str
     title: str
-    match: np.ndarray  # (n,), node of the second surface, -1 = none
+    match: np.ndarray  # (n,), for each node of the first surface, its match among the nodes of the second, -1 = none
     error_m: np.ndarray  # (n,), distance of the match from the true place, seen or hidden; NaN without a match or truth
     by_tree: bool = False  # whether the track tree chose the matches from several hypotheses
 
@@ -58,7 +58,7 @@ class Pairs:
 
 
 def pairs_of(method: Method, setting: object, moment: Moment) -> Pairs | None:
-    """Return a method's matches; None for a method that intentionally has no matches."""
+    """Return a method's matches; None for a method that makes none by design, such as "no association"."""
     if method.associate is None:
         return None
     found = match_window(method, setting, moment.window)
@@ -73,7 +73,7 @@ def pairs_of(method: Method, setting: object, moment: Moment) -> Pairs | None:
 
 
 def chosen_match(found: Matches) -> tuple[np.ndarray, bool]:
-    """Return (n,) one match per node, and whether the tree chose it from several hypotheses."""
+    """Return (n,) one match per node (-1 = none), and whether the track tree chose it from several hypotheses."""
     if len(found.links[0].subsets) <= 1:
         return found.direct, False
     match = np.full(len(found.direct), -1, np.int32)
@@ -97,13 +97,13 @@ def draw_nodes(known: np.ndarray) -> np.ndarray:
 
 
 def in_paper_order(pairs: Sequence[Pairs]) -> list[Pairs]:
-    """Return the pairs in the order of the paper's two figures, then all others."""
+    """Sort methods' matches in the order in which the paper's two figures show the methods; other methods come last."""
     rank = {key: number for number, key in enumerate(PAPER_ORDER)}
     return sorted(pairs, key=lambda each: rank.get(each.key, len(rank)))
 
 
 def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[Picture]:
-    """Return one picture per method, and a sheet of all of them."""
+    """Return one picture per method, and one picture in which all methods are side by side."""
     about = (
         f"{moment.title}: the frame on the left, the next one on the right. Lines lead from one per cent of the frame's"
         " nodes, drawn at random, the same for all methods, to their matches: blue and solid within"
@@ -136,7 +136,7 @@ def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[P
 
 
 def draw_pairs(axes: Axes, view: View, moment: Moment, pairs: Pairs) -> None:
-    """Draw both surfaces side by side, and the lines."""
+    """Draw both surfaces side by side, with lines from nodes of the first to their matches in the second."""
     from matplotlib.collections import LineCollection
 
     before, after = moment.surfaces
@@ -168,7 +168,7 @@ def describe_pairs(pairs: Pairs, moment: Moment) -> str:
 
 
 def percent(share: float) -> str:
-    """Format whole per cent; 0 and 100 only if exact, so that a single wrong line among right lines is not hidden."""
+    """Format whole per cent; 0 and 100 only if exact, so that a single wrong match among right ones is not hidden."""
     if 0.0 < share < 0.01:
         return "< 1 %"
     if 0.99 < share < 1.0:

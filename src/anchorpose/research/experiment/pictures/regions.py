@@ -1,6 +1,7 @@
-"""Draw bright and shadow regions of the hole (paper, Definitions 4 and 5) on the mesh of a frame.
+"""Draw how a hole in a frame's mesh distorts geodesic distances from an anchor (paper, Definitions 4 and 5).
 
-Distortion of distances from an anchor is shown as colour; the bright and the shadowed border are shown as lines.
+Colour shows the distortion: by how much a distance is longer with the hole. Lines show where distances to the hole's
+border are undistorted (the bright region) and where they are distorted (the shadowed boundary).
 """
 
 from __future__ import annotations
@@ -28,19 +29,20 @@ from anchorpose.surface.surface import Surface
 
 SHOWN_M: Final = 0.10  # m, distortion at the upper end of the colour scale
 ANCHOR: Final = VERMILLION  # colour of the anchor, which is red in the paper
-BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"  # bright is yellow in the paper, shadowed is black
-LEAST_BLUE: Final = 0.25  # place in the colour map where the scale starts; even a small distortion is visible there
-CUT_OFF: Final = (0.80, 0.47, 0.65)
+# colours of a hole's border: its bright part, its shadowed part (both as in the paper), and the rest
+BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"
+LEAST_BLUE: Final = 0.25  # 0 to 1, where the scale starts in the colour map, so that a small distortion is visible
+CUT_OFF: Final = (0.80, 0.47, 0.65)  # colour of nodes that the hole disconnects from the anchor
 
 
 def draw_light(axes: Axes, view: View, light: Light, node: int, title: str) -> None:
-    """Draw distortion as colour, the border in the colour of its region, and the anchor as a star."""
+    """Draw distortion as colour, the hole's border in the colour of its region, and the anchor ``node`` as a star."""
     occlusion = light.occlusion
     _draw_distortion(axes, view, occlusion, light.distortion_m)
     for edges, colour, width in (
         (occlusion.boundary.edges, NEITHER, 1.5),
         (light.shadowed_boundary.edges, SHADOWED, 2.6),
-        (light.bright.edges, SHADOWED, 4.2),  # a dark rim, so that yellow is visible on grey
+        (light.bright.edges, SHADOWED, 4.2),  # a dark rim, so that the yellow edges are visible on the grey mesh
         (light.bright.edges, BRIGHT, 2.6),
     ):
         _draw_edges(axes, view, occlusion, edges, colour, width)
@@ -49,7 +51,7 @@ def draw_light(axes: Axes, view: View, light: Light, node: int, title: str) -> N
 
 
 def draw_together(axes: Axes, view: View, lights: Sequence[Light]) -> None:
-    """Draw the smallest distortion over all anchors, and the union of the bright regions."""
+    """Draw, for each node, the smallest distortion over all anchors, and the union of the anchors' bright regions."""
     occlusion = lights[0].occlusion
     with np.errstate(invalid="ignore"):
         least = np.min([light.distortion_m for light in lights], axis=0)
@@ -68,8 +70,8 @@ def _draw_distortion(axes: Axes, view: View, occlusion: Occlusion, distortion_m:
 def colour_of(distortion_m: np.ndarray, tolerance_m: float) -> np.ndarray:
     """Return the colours (n, 3), 0 to 1, of nodes with these distortions.
 
-    Up to the tolerance, nodes have the colour of the bare mesh; then they are blue, the deeper the greater the
-    distortion, up to ``SHOWN_M``. Nodes that are cut off have another colour.
+    Up to the tolerance, nodes have the colour of the bare mesh. Above it they are blue, darker for a greater distortion
+    up to ``SHOWN_M``. Nodes that the hole disconnects from the anchor have the colour ``CUT_OFF``.
     """
     from matplotlib import colormaps
 
@@ -89,7 +91,7 @@ def _draw_edges(axes: Axes, view: View, occlusion: Occlusion, edges: np.ndarray,
 
 
 def explain(figure: Figure, *axes: Axes) -> None:
-    """Draw the scale and the legend."""
+    """Draw the colour scale and the legend of a figure."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize, to_hex
@@ -109,7 +111,7 @@ def explain(figure: Figure, *axes: Axes) -> None:
 
 
 SECTION: Final = "regions"
-TOLERANCE_M: Final = 0.004  # m, difference between fast marching on two meshes of the same surface
+TOLERANCE_M: Final = 0.004  # m, largest distortion that counts as none: fast marching differs by as much between meshes
 TITLES: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left foot", "right foot"), strict=True))
 COLUMNS: Final = 3
 COLOURS: Final = (
@@ -122,7 +124,7 @@ COLOURS: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HoledFrame:
-    """A frame with the whole patient, and what the hole removes from it."""
+    """A frame without a hole, and the pixels that a hole removes from it."""
 
     title: str
     surface: Surface
@@ -149,9 +151,9 @@ class HoledFrame:
 
 
 def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
-    """Return the effect of hiding nodes (n,) bool on distances from each anchor that was found and is seen.
+    """Return, by anchor, how hiding some nodes (n,) bool distorts distances from this anchor.
 
-    The result is empty if no node or every node is hidden.
+    Anchors that were not found or are hidden are left out. The result is empty if no node or every node is hidden.
     """
     if not hidden.any() or hidden.all():
         return {}
@@ -161,7 +163,7 @@ def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
 
 
 def region_pictures(view: View, holed: HoledFrame) -> list[Picture]:
-    """Return pictures of the anchor with the most distorted distances, of all anchors, and of the paper's holes."""
+    """Return three pictures of distorted distances: to the most affected anchor, to all anchors, by size of hole."""
     lights = lights_of(holed, holed.hidden)
     if not lights:
         return []
@@ -219,7 +221,7 @@ def _sizes(view: View, holed: HoledFrame, name: str) -> Picture:
 
 
 def describe_distortion(light: Light, radius_m: float) -> str:
-    """Return the shares of the seen nodes whose distance the hole lengthens, and of the nodes that it disconnects."""
+    """Format the hole's radius, and the shares of seen nodes with a longer path to the anchor, or without a path."""
     seen = light.distortion_m[~light.occlusion.hidden]
     cut = np.isposinf(seen).mean()
     longer = (seen > light.occlusion.tolerance_m).mean() - cut

@@ -31,28 +31,29 @@ if TYPE_CHECKING:
 
 SECTION: Final = "tracked"
 MOMENTS: Final = 4
-APART: Final = 3  # number of frames between two moments; at ten frames per second, the body has then moved visibly
+# number of frames from one drawn frame to the next; at ten frames per second, the body has moved visibly
+APART: Final = 3
 KINDS: Final = (("tracked", GREEN, "^", 5.0), ("predicted", VERMILLION, "x", 5.0), ("truth", BLUE, "o", 7.0))
-"""Kind of joints, colour, marker and size. Marks of the truth are hollow and are drawn above the others."""
+"""Kinds of joints, with colour, marker and size of their marks. Marks of the truth are hollow, and drawn on top."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedFrame:
-    """The joints of one frame over its surface."""
+    """A frame to be drawn: its surface, and its true, predicted and tracked joints."""
 
     frame: int
     surface: Surface
     joints_m: dict[str, np.ndarray]  # (21, 3), world, by kind: truth, predicted, tracked
 
     def error_m(self, kind: str) -> float:
-        """Return the mean error of a kind of joints."""
+        """Return the mean distance in metres of a kind of joints from the true joints."""
         return float(np.linalg.norm(self.joints_m[kind] - self.joints_m["truth"], axis=1).mean())
 
 
 def follow(
     start: int, given: GivenFrames, run: Run, method: Method, setting: object, truth_m: np.ndarray
 ) -> list[TrackedFrame]:
-    """Return a method's joints in the frame after the start, and in every ``APART``-th frame from there.
+    """Return a method's joints in ``MOMENTS`` frames: the frame after the start, and every ``APART``-th from there.
 
     truth_m (t, 21, 3): true joints, world.
     """
@@ -85,7 +86,7 @@ def _joints(tracker: PatientTracker) -> np.ndarray:
 
 
 def tracked_picture(view: View, method: Method, frames: list[TrackedFrame], rate_hz: float, start: int) -> Picture:
-    """Draw the moments side by side."""
+    """Draw frames side by side, each with its joints. start: the frame in which the pose was given."""
     figure = blank_figure(2.9 * len(frames), 5.2)
     for number, each in enumerate(frames):
         axes = figure.add_subplot(1, len(frames), number + 1)
@@ -104,7 +105,7 @@ def tracked_picture(view: View, method: Method, frames: list[TrackedFrame], rate
 
 
 def draw_tracked(axes: Axes, view: View, frame: TrackedFrame) -> None:
-    """Draw one moment."""
+    """Draw the mesh of one frame, and its true, predicted and tracked joints."""
     from matplotlib.collections import LineCollection
 
     draw_mesh(axes, view, frame.surface)
