@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import functools
 import hashlib
 import inspect
 import json
@@ -169,14 +171,26 @@ def digest_of(*parts: str) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:DIGITS]
 
 
+def code_of(path: Path) -> bytes:
+    """Return the content of a file on which results depend; of a Python file, the code without its prose."""
+    if path.suffix != ".py":
+        return path.read_bytes()
+    tree = ast.parse(path.read_bytes())
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node, clean=False):
+            del node.body[0]
+    return ast.dump(tree).encode()
+
+
+@functools.cache
 def simulator_digest() -> str:
-    """Return the SHA-256 of the files that a simulated recording depends on."""
+    """Return the SHA-256 of the code and data that a simulated recording depends on."""
     root, digest = Path(anchorpose.__file__).parent, hashlib.sha256()
     for source in SOURCES:
         place = root / source
         for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
             if path.is_file() and path.suffix in (".py", ".npz"):
-                digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+                digest.update(path.relative_to(root).as_posix().encode() + b"\0" + code_of(path))
     return digest.hexdigest()
 
 

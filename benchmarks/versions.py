@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from recordings import DIGITS, digest_of
+from recordings import DIGITS, code_of, digest_of
 
 from anchorpose.body.config import Source
 
@@ -79,5 +79,5 @@ def _digest(source: Path) -> str:
     for path in sorted(package.rglob("*")):
         place = path.relative_to(package).as_posix()
         if path.is_file() and path.suffix in (".py", ".npz", ".weights") and not place.startswith(NOT_MEASURED):
-            digest.update(place.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+            digest.update(place.encode() + b"\0" + hashlib.sha256(code_of(path)).digest())
     return digest.hexdigest()[:DIGITS]

@@ -301,7 +301,8 @@ def test_ci_runs_the_commands_of_the_readme() -> None:
     demo, tests = commands_of(ROOT / "README.md")
     in_ci = commands_of(ROOT / ".ci" / "run")
     assert tests in in_ci
-    assert f"{tests.split(' && ')[-1]} -m thorough" in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    lines = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    assert f"    {tests.split(' && ')[-1]} -m thorough" in lines
     assert demo.endswith("anchorpose demo")
     assert any(command.startswith(demo) for command in in_ci)
 

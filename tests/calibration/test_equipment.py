@@ -182,6 +182,20 @@ def test_the_outline_is_known_to_a_fraction_of_a_pixel():
     assert outline.row[upward] - outline.beyond_px[upward] == pytest.approx(top, abs=0.08)
 
 
+def test_equipment_that_ends_beyond_the_valid_radius_is_rendered_as_far_as_it_is_seen():
+    """Its corners have no pixel there; a calibration once stopped with an error of OpenCV."""
+    bar = EquipmentModel((box("bar", (0.0, 0.8, 0.0), (0.05, 0.1, 6.0)),))
+    there = camera_at((2.0, 0.8, 0.0), (0.0, 0.8, 0.0), 512, 424)
+    there = replace(there, intrinsics=replace(there.intrinsics, distortion=(-0.3, 0.0, 0.0, 0.0, 0.0)))
+    caster, T = EquipmentCaster(bar), invert_rigid(there.T_world_camera)
+    assert np.isnan(there.project(transform_points(T, caster.vertices_m))).any()
+    rendering = caster.render(there, T)
+    assert rendering.depth_m[212 - rendering.top, 256 - rendering.left] == pytest.approx(1.975, abs=1e-3)
+    outline = caster.outline(there, T, rendering)
+    assert len(outline.row) > 50
+    assert np.isfinite(outline.beyond_px).all()
+
+
 def test_cameras_agree_only_in_the_right_pose():
     left, right = camera_at((2.3, 1.3, 0.8), (0, 0.8, 0)), camera_at((1.5, 1.3, -1.9), (0, 0.8, 0))
     people = (*ROOM, *body(0.3, 0.2), *body(-0.5, -0.6))

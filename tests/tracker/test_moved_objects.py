@@ -123,7 +123,7 @@ def test_from_a_picture_of_the_empty_room_everything_stands_out():
     assert learnt(stool_pushed, empty=True).layers == ()
 
 
-@pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize("backward", [False, pytest.param(True, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize(
     ("person", "sway_m"), [(stands, 0.008), (sits, 0.004), (on_the_floor, 0.0), (child_squats, 0.0)]
 )

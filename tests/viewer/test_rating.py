@@ -133,6 +133,7 @@ def test_the_order_is_that_of_the_seed_and_raters_have_files_of_their_own(sessio
     assert {path.name for path in session[0].parent.glob("*.tsv")} == {"results.rating_AB.tsv", "results.rating_CD.tsv"}
 
 
+@pytest.mark.thorough
 def test_orders_are_drawn_evenly(session):
     """Each trial comes first in a fifth of all orders: 5 sigma of 400 draws."""
     first = []

@@ -145,9 +145,9 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
     """
     if points_m[:, 2].max() < 0.1:
         return None
-    if points_m[:, 2].min() < 0.1:
-        return 0, camera.height, 0, camera.width
     pixels = camera.project(points_m)
+    if points_m[:, 2].min() < 0.1 or not np.isfinite(pixels).all():
+        return 0, camera.height, 0, camera.width
     left, top = np.floor(pixels.min(axis=0)).astype(int) - MARGIN_PX
     right, bottom = np.ceil(pixels.max(axis=0)).astype(int) + MARGIN_PX + 1
     top, bottom = max(top, 0), min(bottom, camera.height)

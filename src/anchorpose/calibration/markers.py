@@ -401,7 +401,7 @@ def _judged(
         return NoMarkers.AMBIGUOUS
     off = camera.project(transform_points(T_camera_world, seen.world_m)) - seen.pixel
     rms = float(np.sqrt(np.mean((off**2).sum(axis=1))))
-    if rms > WORST_RMS_PX:
+    if not rms <= WORST_RMS_PX:  # NaN: a corner beyond the lens's valid radius
         return NoMarkers.INCONSISTENT
     jacobian = least_squares(lambda x: _rows(_moved(T_camera_world, x), seen, camera), np.zeros(6), max_nfev=1).jac
     information = jacobian.T @ jacobian

@@ -258,7 +258,7 @@ def _borders(seen: SeenPatient, index: int, camera: Camera, floor_m: float | Non
         x, z = seen.person.ground_xz_m
         place = transform_points(invert_rigid(camera.require_pose()), np.array([[x, floor_m, z]]))
         pixel = camera.project(place)[0]
-        below |= bool(pixel[1] > camera.height - 1)
+        below |= not pixel[1] <= camera.height - 1  # NaN: beyond the lens's valid radius
     return above, below, left, right
 
 

@@ -43,10 +43,6 @@ class FolderKind:
         """Return whether ``folder`` is of this kind."""
         return all((folder / mark).is_file() for mark in self.marks)
 
-    def owns(self, file: str) -> bool:
-        """Return whether the command writes this file, given by its path in the folder."""
-        return _is_own_file(file, self.own)
-
 
 CALIBRATION: Final = FolderKind("a calibration", ("calibration.json",), ("calibration.json", "*.png"))
 

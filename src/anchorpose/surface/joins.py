@@ -60,7 +60,7 @@ def _facing_pairs(
     margin: int,
     max_width: float,
 ) -> np.ndarray:
-    """Compute ``bridge_pairs`` across ``longest`` + 2 ``margin`` cells, up to 2 ``margin`` of them without a reading."""
+    """Compute ``bridge_pairs`` across ``longest`` + 2 ``margin`` cells; up to 2 ``margin`` may be without a reading."""
     rows, cols = index.shape
     pairs = np.empty((4 * len(points), 2), np.int32)
     count = 0

@@ -43,7 +43,7 @@ class FollowConfig:
     tree_nodes: Count = 800  # number of nodes that the track tree follows, about 40 per body part
     history: Count = 12  # number of past frames kept for predicting the next pose (motion dynamics)
     samples: Count = 16  # number of frames read before tracking, to learn the empty room and to choose the patient
-    lost_sigma_m: Positive = 0.25  # m; a joint with a larger standard deviation (sigma) is reported as lost
+    lost_sigma_m: Positive = 0.25  # m, a forearm; a joint with a larger sigma (standard deviation) is lost
     lost_after_s: Positive = 1.0  # s; if no frame shows the patient for longer, the whole patient is searched for again
     # whether each bystander is followed with a fitted body; False = only each bystander's last seen skin is kept
     bystanders: bool = True

@@ -35,7 +35,7 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 
-TOO_UNCERTAIN: Final = "every joint is more uncertain than half a forearm's length"
+TOO_UNCERTAIN: Final = "every joint is more uncertain than a forearm's length"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -339,7 +339,7 @@ def test_a_method_can_come_from_a_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="the key of two methods"):
         load_methods((str(tmp_path / "mine.py"),))
     (tmp_path / "none.py").write_text("METHODS = ()\n")
-    with pytest.raises(InputError, match="has no METHODS"):
+    with pytest.raises(InputError, match="does not define METHODS"):
         load_methods((str(tmp_path / "none.py"),))
 
 

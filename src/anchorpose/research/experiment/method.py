@@ -216,6 +216,8 @@ def _from_file(name: str, keys: Sequence[str]) -> Method:
     methods = getattr(module, "METHODS", None)
     if not (isinstance(methods, tuple) and len(methods) == 1 and isinstance(methods[0], Method)):
         raise InputError(
-            path, "has no METHODS with at least one Method", "see anchorpose/research/experiment/methods for examples"
+            path,
+            "does not define METHODS, one Method in a tuple",
+            "see anchorpose/research/experiment/methods for examples",
         )
     return replace(methods[0], content=hashlib.sha256(path.read_bytes()).hexdigest())
