@@ -39,7 +39,7 @@ _KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # indices in a lens array: kind, valid 
 _SIZE: Final = 27  # length of a lens array
 _STEPS: Final = 20  # maximum number of steps of Newton's method; inside the valid radius, five are enough
 _EXACT_PX: Final = 1e-6  # pixels, error of a ray's projection below which Newton's method has found the ray
-# column and row of a ray without a pixel, outside of every image; not NaN, since compiled code makes it an integer
+# column and row of a ray without a pixel, outside every image; not NaN, since compiled code converts it to an integer
 NOWHERE: Final = -1e6
 _SLOPE: Final = 1e-6  # step, in units of x/z, by which the derivative is computed numerically
 
@@ -101,7 +101,7 @@ def _tilt(about_x: float, about_y: float) -> np.ndarray:
 
 
 def _turning_point(array: np.ndarray) -> float:
-    """Return the radius of rays beyond which pixels move inward again; ``WIDEST`` where there is no such radius."""
+    """Return the radius beyond which rays farther out have pixels farther in; ``WIDEST`` if there is no such radius."""
     if array[_KIND] == _PLAIN:
         return WIDEST
     radius = np.linspace(0.0, WIDEST, 8001)
@@ -168,7 +168,8 @@ def rays_of_pixels(lens: Intrinsics, width: int, height: int) -> np.ndarray:
     """Return the ray (height, width, 2) float64 of each pixel, exact to a millionth of a pixel; NaN where a pixel has
     no ray.
 
-    OpenCV's own fixed-point iteration is 4 mm off at 2.5 m for a real rational lens, and 68 mm in the image's corners.
+    For a real rational lens, rays by OpenCV's own fixed-point iteration are 4 mm off at 2.5 m, and 68 mm in the
+    corners.
     """
     array = lens_array(lens)
     if array[_KIND] == _PLAIN:

@@ -122,7 +122,7 @@ class ConvertOptions:
 
 
 class HipCentre(StrEnum):
-    """The source of hip centres if the other system gives none."""
+    """The way in which hip centres are found if another system's files lack them."""
 
     HARRINGTON = "harrington"
     FUNCTIONAL = "functional"

@@ -25,7 +25,7 @@ EXTRAS: Final = {
 }
 """For each kind of address, the Python package that reads it and the extra of anchorpose that installs this package."""
 
-OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))  # kinds of addresses; these stores have no folders
+OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))  # addresses of object stores, which have no folders
 
 
 def is_address(text: object) -> bool:
@@ -127,7 +127,7 @@ def _rename(system: Any, source: str, target: str) -> None:
 @contextmanager
 def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
     """Yield the file system of an address and the path in it; any error becomes an AnchorposeError. use: "read" or
-    "written", for its message.
+    "written", a word for the error's message.
     """
     kind = address.partition("://")[0]
     try:

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 Result = TypeVar("Result")
 
-_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # None: no thread besides the caller's
+_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # None: only the caller's thread works
 
 
 @contextmanager

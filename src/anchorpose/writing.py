@@ -255,7 +255,9 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
 
 
 def _about_depth(room: Room) -> list[str]:
-    """Return a sentence on each camera whose filters blur edges, then on each camera that shows no still background."""
+    """Return a sentence on each camera whose filters blur depth edges, then one on each camera whose noise was not
+    measured.
+    """
     sensors = [(f"camera {scene.camera.name}", scene.background.sensor) for scene in room.scenes]
     coarse = [
         f"{camera}: its filters draw depth edges out over {sensor.edge_px:.0f} pixels: farther than "

@@ -27,14 +27,14 @@ to 4 Hz, and most movements of people are slower.
 """
 
 LONGEST_GAP_S: Final = 0.15
-"""Duration, in s, up to which gaps in a signal are interpolated; where 1.5 frame intervals are longer, up to those."""
+"""Gaps in a signal are interpolated if they last at most this time in s, or at most 1.5 frame intervals."""
 
 MOST_SIGNALS: Final = 40  # maximum number of signals that are compared: those that vary most
 
 LEAST_MOVEMENT_M: Final = 0.02
 LEAST_MOVEMENT_DEG: Final = 4.0
-"""Minimum standard deviation, over the recording, of a distance between joints (m, ``LEAST_MOVEMENT_M``) or an angle
-(degrees) that is used as a signal. Below it, the signal is mostly noise.
+"""A distance between joints or an angle is used as a signal if its standard deviation over the recording is at least
+``LEAST_MOVEMENT_M`` (m) or ``LEAST_MOVEMENT_DEG`` (degrees). Below it, the signal is mostly noise.
 """
 
 LEAST_KNOWN: Final = 0.2
@@ -110,14 +110,15 @@ def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHI
     width = smoothing_s * GRID_HZ
     weight = gaussian_filter1d(known.astype(np.float64), width, axis=0, mode="constant")
     smooth = gaussian_filter1d(np.nan_to_num(found), width, axis=0, mode="constant")
-    # near a gap or an end the kernel is one-sided, which would shift the movement in time: such values are left out
+    # near a gap or an end of the signal the kernel is one-sided, which would shift the movement in time: values there
+    # are left out
     whole = known & (weight > 0.95)
     return Signals(grid_s, np.where(whole, smooth / np.where(whole, weight, 1.0), np.nan))
 
 
 def at_times(time_s: np.ndarray, values: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Interpolate values (n,) linearly at other times (m,). The result is NaN before the first and after the last known
-    value, and in gaps that are longer than both ``LONGEST_GAP_S`` and 1.5 frame intervals.
+    """Interpolate values (n,) linearly at the times wanted_s (m,). The result is NaN before the first and after the
+    last known value, and in gaps that are longer than both ``LONGEST_GAP_S`` and 1.5 frame intervals.
     """
     known = np.isfinite(values)
     if known.sum() < 2:
@@ -273,8 +274,8 @@ def offset_of_peak(
 ) -> tuple[float, float]:
     """Return the offset in seconds at which the correlation is best, and this correlation.
 
-    r, overlap: correlation and number of common samples at each lag, where every ``COARSE``-th sample is used, as
-    ``_correlations`` returns them. least_s: only lags at which both recordings cover at least this time in s are
+    r, overlap: correlation and number of common samples at each lag, as ``_correlations`` returns them for every
+    ``COARSE``-th sample of the signals. least_s: only lags at which both recordings cover at least this time in s are
     considered. near_s: an offset within ``RIVAL_DISTANCE_S`` of the right one; None if unknown. Raises NoCommonMovement
     if the best correlation is too small, or another offset explains as much of the movement.
     """
@@ -334,8 +335,8 @@ def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def _normal_equations(
     ours: Signals, theirs: Signals, offset_s: float, drift: float, middle_s: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
-    """Return the normal equations of a least-squares step in the offset at the centre of the overlap and the drift,
-    separately for each of ``BLOCKS`` stretches of equal duration.
+    """Return the normal equations of a least-squares step, separately for each of ``BLOCKS`` stretches of equal
+    duration. The step changes the drift, and the offset at the centre of the overlap.
 
     Return matrices (b, 2, 2), right sides (b, 2), the times of common samples, and the centre of these times; None if
     there are too few common samples.

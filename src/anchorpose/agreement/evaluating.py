@@ -1,6 +1,7 @@
 """Compare results folders with the recordings of another system (``anchorpose evaluate --reference``).
 
-Each coordinate of a joint and each angle gets a row per joint state, as measured and with constant offset removed.
+Each coordinate of a joint and each angle gets two rows per joint state: as measured, and with a constant offset
+removed.
 """
 
 from __future__ import annotations
@@ -122,7 +123,7 @@ class Quantity:
 
 
 def quantities(matches: Sequence[Match]) -> list[Quantity]:
-    """Return what can be compared: coordinates of joints, angles computed from joints, angles in the other's file."""
+    """Return what can be compared: coordinates and angles of joints, and angles in the other system's file."""
     given = dict.fromkeys(name for match in matches for name in match.given_names)
     return [
         *(
@@ -136,7 +137,7 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Return the table's rows, each over all recordings. subjects: one text per match, equal for the same person."""
+    """Return the rows of agreement, each over all recordings. subjects: one text per match, the same for one person."""
     rows = list[Agreement]()
     for quantity in quantities(matches):
         taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]
@@ -150,7 +151,9 @@ def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Ag
 
 
 Parts = Sequence[tuple[Compared, str, np.ndarray]]
-"""What one row compares, one entry per recording: the compared values, the subject, and the chosen frames (n,) bool."""
+"""What one row of the table of agreement compares, one entry per recording: the compared values, the subject, and the
+chosen frames (n,) bool.
+"""
 
 
 def _row(quantity: Quantity, parts: Parts, state: str, offset: str) -> Agreement:
@@ -212,8 +215,8 @@ def _shape(parts: Parts, offset: str) -> dict[str, Any]:
 
 
 def _units(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
-    """Return the number of the stretch of time to which each frame belongs. A stretch lasts twice the correlation time
-    of the errors, at least one second, so that errors of different stretches are independent.
+    """Return the index (n,) of the stretch of time to which each frame belongs. A stretch lasts twice the correlation
+    time of the errors, at least one second, so that errors of different stretches are independent.
     """
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     centred = difference - difference.mean()

@@ -120,7 +120,7 @@ def place(
 
 
 def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> np.ndarray:
-    """Return weights (n, 21) with mean 1: 0 where one system lacks the joint, else the smaller, the larger sigma is."""
+    """Return weights (n, 21) with mean 1: 0 where one system lacks the joint, smaller where sigma is larger."""
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2) & np.isfinite(sigma_m)
     both[:, both.sum(axis=0) < LEAST_FRAMES] = False
     weight = np.where(both, 1.0 / (np.where(both, sigma_m, 0.0) ** 2 + ERROR_M**2), 0.0)

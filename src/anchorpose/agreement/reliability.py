@@ -76,7 +76,7 @@ def mean_squares(values: np.ndarray) -> MeanSquares:
     for one unknown per subject, which takes gigabytes for some thousand subjects.
     """
     subjects, repeats = values.shape
-    centred = values - values.mean()  # the squares of values with a large mean would lose digits
+    centred = values - values.mean()  # without this, squares of values with a large mean would lose digits
     by_subject, by_repeat = centred.mean(axis=1), centred.mean(axis=0)
     rest = centred - by_subject[:, None] - by_repeat
     return MeanSquares(

@@ -132,8 +132,8 @@ def _sigma_of_bias(mean: np.ndarray, size: np.ndarray, bias: float) -> float:
 
 
 def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple[float, float]:
-    """Return the 95 % interval of ``variance``, a sum of independent variances, computed from the intervals of these.
-    parts: each of them with its degrees of freedom.
+    """Return the 95 % interval of ``variance``, a sum of independent variances, computed from the interval of each
+    summand. parts: each summand with its degrees of freedom.
     """
     below, above = 0.0, 0.0
     for part, freedom in parts:

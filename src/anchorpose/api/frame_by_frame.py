@@ -1,7 +1,7 @@
 """Track frame by frame: take depth images while they arrive, and return the joints in each frame.
 
 The first seconds are analysed before tracking starts, as in ``anchorpose live``: they determine clocks and camera
-poses, the room, the patient and the patient's body. Until tracking starts, their images are kept in a temporary folder.
+poses, the room, the patient and the patient's body. Until tracking starts, all images are kept in a temporary folder.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Tracker:
     """A tracker that finds the patient in successive depth images, and then gives the pose in each frame.
 
     why: the reason why the last ``step`` returned None, in words; empty if it returned a pose. Use a tracker in a
-    ``with`` block, or call ``close``: the first seconds are kept in a temporary folder until the patient is found.
+    ``with`` block, or call ``close``: the first images are kept in a temporary folder until the patient is found.
     """
 
     why: str

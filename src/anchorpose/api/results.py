@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATIENT: Final = "patient"
-WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of a smaller error; larger errors affect measures
+WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability that the error is smaller; larger errors affect measures
 EVEN: Final = 0.01  # frames count as evenly spaced if their intervals differ by less than this share of an interval
 
 

@@ -75,7 +75,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     jobs: maximum number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
     """
     import dask
-    import distributed  # noqa: F401  before ``dask.config.set``, at whose end defaults loaded inside it would be lost
+    import distributed  # noqa: F401  before ``dask.config.set``: its end would drop the defaults that the import sets
 
     with dask.config.set(SCHEDULING):
         logging.getLogger("distributed").setLevel(logging.ERROR)  # no warnings; why a job failed is part of its outcome
@@ -183,7 +183,7 @@ def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambd
         try:
             yield from _run(client, jobs, group, tick)
         except BaseException:
-            with suppress(Exception):  # an error while stopping them would hide the first one
+            with suppress(Exception):  # an error while stopping the jobs would hide the first error
                 client.run(stop_children, group)
             raise
 

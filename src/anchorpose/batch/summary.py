@@ -48,7 +48,7 @@ class SessionRow:
     fields from ``frames`` on are None unless the session is done.
 
     length_s: time from the first frame to the last. The shares (observed, inferred, lost) refer to all joints in all
-    frames. work_s: computing time of tracking, by run.json.
+    frames. work_s: computing time of tracking, as in run.json.
     """
 
     session: str

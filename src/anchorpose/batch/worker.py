@@ -6,8 +6,8 @@ is killed.
 
 The child reads the work, a pickled call, from its standard input. Unpickling it adds no risk: anyone who may submit a
 job to dask can run anything on its workers. Nothing is unpickled from a disk. The input stays open as long as the
-worker lives. If the worker is killed, the input ends, and the child stops itself as by SIGTERM. It thereby keeps its
-stored state, from which the work can be resumed elsewhere.
+worker lives. If the worker is killed, the input ends, and the child stops itself as by SIGTERM. What it has stored so
+far is kept, so the work can be resumed elsewhere.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class Pace:
 
 
 PATIENT_PACE: Final = Pace(turn_sigma=15.0 * DEGREE, root_sigma_m=0.08)
-"""Pace of the patient. After 1/15 s, the standard deviations are 4 degrees (bones) and 2 cm (pelvis) per axis."""
+"""Pace of the patient. For example, after 1/15 s the added sigma per axis is 4 degrees (bones) and 2 cm (pelvis)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,10 +69,10 @@ def vague_belief(pose: Pose, unseen_s: np.ndarray | None = None) -> PoseBelief:
     """Return the belief in a frame's pose before the frame's images are used. Standard deviations are half a radian per
     bone and a quarter of a metre for the pelvis, or less for parts that earlier frames showed.
 
-    unseen_s (PARTS, 2): seconds since each part was last seen. Row 0 is the trunk, each other row a limb; the columns
-    are its part up to elbow or knee, and its part beyond. The shorter this time, the smaller the part's standard
-    deviation. inf: the part was never seen. 0: this frame shows the part, and earlier frames are not used. None: 0 for
-    all parts.
+    unseen_s (PARTS, 2): seconds since each part was last seen. Row 0 is the trunk (columns: lower part; chest, neck and
+    head), each other row a limb (columns: part up to elbow or knee; part beyond). The shorter this time, the smaller
+    the part's standard deviation. inf: the part was never seen. 0: this frame shows the part, and earlier frames are
+    not used. None: 0 for all parts.
     """
     sigma = np.full(POSE_SIZE, 0.5)
     sigma[-3:] = 0.25

@@ -20,7 +20,7 @@ class Source(StrEnum):
     SURFACE = "surface"  # seen skin that no part of the posed body covers
     ANCHORS = "anchors"  # ends of limbs, found by geodesic distances: named as hand or foot, or without a name
     DESCRIPTOR = "descriptor"  # the learnt descriptor: the place on the body that a network predicts for each pixel
-    # left and right limbs exchanged, or the body turned round; it cannot show that a pose is in doubt
+    # left and right limbs exchanged, or the body turned round; this source cannot show that a pose is in doubt
     SIDES = "sides"
 
 
@@ -54,7 +54,8 @@ class LearningConfig:
     own_shape: bool = True  # whether the shape is learnt; False = use the mean adult of the given or visible height
     # s, length of a time window whose frames are fitted together; patients move enough in it to show where limbs bend
     window_s: Positive = 4.0
-    longest_s: Positive = 30.0  # s of the recording to learn from, later tracked again; more do not improve the shape
+    # s of recording to learn from, tracked again later; more seconds do not improve the shape
+    longest_s: Positive = 30.0
     frame_count: Count = 12  # number of frames of the first window used in the fit; more frames only repeat poses
     height_sigma_m: Positive = 0.01  # m, sigma of the measured standing height, which varies with shoes and time of day
 

@@ -16,7 +16,7 @@ from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors
 from anchorpose.surface.surface import Nodes
 
-NORMAL_WEIGHT_M: Final = 0.10  # m; an angle of 60 degrees between two normals counts as much as this distance
+NORMAL_WEIGHT_M: Final = 0.10  # m; in the search for the nearest skin, 60 degrees between normals count as this
 UNCOVERED_M: Final = 0.03  # m, spacing of skin points; a node farther than this from all of them is not covered by skin
 
 
@@ -70,8 +70,9 @@ def surface_constraints(
     """Return rows by which each node of the surface pulls the nearest skin point that faces the node's camera.
 
     The skin point is pulled onto a plane through the node. The plane's normal is the mean of the normals of node and
-    skin point, so that errors due to curvature cancel (Rusinkiewicz 2019, doi:10.1145/3306346.3323037). A node farther
-    than ``UNCOVERED_M`` pulls the skin point straight to itself: by planes alone, limbs could slide along their axis.
+    skin point, so that errors due to curvature cancel (Rusinkiewicz 2019, doi:10.1145/3306346.3323037). A node more
+    than ``UNCOVERED_M`` away pulls the skin point straight to itself: by planes alone, limbs could slide along their
+    axis.
     """
     return rows_of_nodes(posed, surface, cameras, reach_m, config)[0]
 
@@ -94,7 +95,7 @@ def rows_of_nodes(
     return rows, chosen[node]
 
 
-@lru_cache(maxsize=8)  # all steps of a registration use the same nodes
+@lru_cache(maxsize=8)  # cached, since all steps of a registration use the same nodes
 def _nodes_for_kernels(surface: Nodes, count: int) -> tuple[np.ndarray, Oriented, np.ndarray]:
     """Return the indices of up to ``count`` nodes, their places and normals, and the camera (index) that saw each."""
     chosen = thin(len(surface), count)

@@ -99,7 +99,7 @@ def area_of_point(points: SkinPoints) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nearness:
-    """Pairs of a skin point of the patient and another person within ``HAND_M`` of it, sorted by person, then point."""
+    """Pairs of a skin point of the patient and a person within a hand's length of it, sorted by person, then point."""
 
     person: np.ndarray  # (n,) uint8, pixel label of the other person
     point: np.ndarray  # (n,) int32, skin point of the patient
@@ -151,7 +151,7 @@ def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
 
 
 SIDES = ("Left", "Right")
-PLACES: Final = 6  # number of skin points that hold a standing foot, enough for its place and rotation
+PLACES: Final = 6  # number of skin points by which a standing foot is held, enough for its place and rotation
 STILL_S: Final = 0.4  # s; a foot stands if it was seen at rest for about this time; in a step, the sole rests for less
 STILL_M: Final = 0.03  # m, maximum movement of the ankle of a foot at rest: the error of a visible ankle's place
 SIGMA_M: Final = 0.02  # m, standard deviation of a standing foot's place when the foot becomes hidden
@@ -193,7 +193,7 @@ class StandingFeet:
         time_s: float,
         floor_m: float | None = None,
     ) -> None:
-        """Update where the feet stand by one more registered frame: posed skin points (p, 3), joints (21, 3) and their
+        """Use one more registered frame to update where feet stand: posed skin points (p, 3), joints (21, 3), their
         states. A visible foot stands if its ankle was at rest.
 
         floor_m: height of the floor, None if unknown. A hidden foot stays where it stood, unless cameras see past this

@@ -14,7 +14,7 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 
 NEAR_M: Final = 0.12  # m, maximum gap that is stored; all gaps that decide about a contact are far smaller
-# m, standard deviation of the equipment model's surface; docs/guide/equipment.md asks users to measure to a centimetre
+# m, standard deviation of the equipment model's surface; docs/guide/equipment.md allows errors of two sigma (0.01 m)
 MODEL_SIGMA_M: Final = 0.005
 SAMPLING_M: Final = 0.005
 """Metres that are subtracted from each gap: the nearest skin point is farther from the equipment than the continuous
@@ -58,7 +58,8 @@ class EquipmentGaps:
     region: np.ndarray  # (n,) uint8, index into ``REGIONS``
     gap_m: np.ndarray  # (n,) float32, minimum distance from the region's skin to the part's surface, negative inside it
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
-    area_m2: np.ndarray  # (n,) float32, area of the region's skin within ``reach_m`` of the part
+    # (n,) float32, area of the region's skin near the part (``reach_m`` of ``find_equipment_gaps``)
+    area_m2: np.ndarray
     # (n,) float32, share of this skin's camera-facing points that are seen; 0 if no point faces a camera
     shown: np.ndarray
 

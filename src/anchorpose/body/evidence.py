@@ -212,7 +212,7 @@ def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
 
     There is a row for each skin point of a forearm or hand inside the trunk. Shanks may touch. So a skin point of the
     left shank or foot gets a row only if the place ``_FLESH_M`` below this skin lies inside the right shank or foot.
-    Without these rows, both shanks could lie in the same place and explain the same surface.
+    Without these rows, both shanks could be fitted to the seen surface of one shank.
     """
     (trunk, arms), (left, right) = trunk_and_arms(body.points), shanks(body.points)
     return join([_pushed_out(body, posed, arms, trunk, 0.0), _pushed_out(body, posed, left, right, _FLESH_M)])
@@ -244,7 +244,7 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
 
 def standing_rows(body: Body, posed: PosedPoints, floor_m: float, rows_per_observation: float) -> Constraints:
     """Return a row for each foot that pulls its lowest skin point to the floor. The row counts as one observation, or
-    as less if the foot is far above the floor. A leg that no camera sees then keeps its foot on the floor.
+    as less if the foot is far above the floor. By this row, a leg that no camera sees keeps its foot on the floor.
     """
     feet = [_lowest(posed, foot) for foot in _feet(body.points, body.shape.missing) if len(foot)]
     target = posed.points_m[feet].copy()

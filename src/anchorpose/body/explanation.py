@@ -44,7 +44,7 @@ class Explanation:
     covering: np.ndarray  # (p,) bool, whether the skin point covers a node
 
 
-@lru_cache(maxsize=2)  # registration and the frame's estimate need the same explanation
+@lru_cache(maxsize=2)  # cached, since registration and the frame's estimate both need it
 def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Explanation:
     """Measure how well a posed body explains one frame."""
     chosen = thin(len(evidence.surface), NODES)
@@ -109,7 +109,7 @@ def _seen_past_counts(
 
 @njit(cache=True, nogil=True)
 def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, per limb (PARTS,), how many points the camera sees past, and how many face it where it has a reading."""
+    """Return, per limb (PARTS,), how many points the camera sees past, and how many face it at pixels with readings."""
     past, counted = np.zeros(PARTS, np.int64), np.zeros(PARTS, np.int64)
     for p in range(len(limb)):
         if facing[p] and reason[p] != SkinReason.OUTSIDE and reason[p] != SkinReason.HOLE:
@@ -131,7 +131,7 @@ def segment_of_points(points: SkinPoints) -> np.ndarray:
 
 
 def _bone_of_points(points: SkinPoints) -> np.ndarray:
-    """Return (p,) the row in ``MOVING_BONES`` of each skin point's bone, or of the nearest ancestor of this bone."""
+    """Return (p,) the row in ``MOVING_BONES`` of each skin point's bone, or of its nearest ancestor that is listed."""
     found, parents = np.zeros(len(points.part), np.int64), points.asset.bone_parents
     row = {int(bone): number for number, bone in enumerate(points.moving)}
     for bone in np.unique(points.part):

@@ -36,7 +36,7 @@ class NormalEquations:
 
     hessian: np.ndarray
     gradient: np.ndarray
-    cost: float  # sum of squared deviations of observations and priors, in their standard deviations
+    cost: float  # sum, over observations and priors, of squared deviations divided by their variances
 
 
 def pose_equations(
@@ -101,7 +101,7 @@ def prior_equations(
 
 
 def range_information(points: SkinPoints, pose: Pose, hidden: tuple[int, ...]) -> np.ndarray:
-    """Return the inverse covariance (POSE_SIZE, POSE_SIZE) by joint range and hinge limits alone, at a pose."""
+    """Return the inverse covariance (POSE_SIZE, POSE_SIZE) that joint range and hinge limits alone give to a pose."""
     return prior_equations(points, pose, None, hidden).hessian
 
 

@@ -51,12 +51,12 @@ class FirstPose:
 
     def ahead_of(self, turned: FirstPose) -> float:
         """Return by how many nats this pose is likelier than a pose with the opposite facing. The difference of their
-        ``log`` counts less than in full, since it has an error (``believed``).
+        ``log`` has an error, so it is reduced (``believed``).
         """
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 
     def facing_as(self, pose: Pose) -> FirstPose:
-        """Return the first pose with the same body that faces the same way as another pose; ``self`` if none does."""
+        """Return this first pose, or one of ``others`` with its body, whichever faces as ``pose``; else ``self``."""
         alike = (one for one in self.others if one.shape is self.shape and not pose.faces_away(one.pose))
         other = next(alike, None) if pose.faces_away(self.pose) else None
         return self if other is None else replace(other, others=(self,))

@@ -1,4 +1,4 @@
-"""Find poses whose joints are at places predicted (paper, Section IV), proposed by a search or set by a reviewer."""
+"""Find poses whose joints are at given places: predicted (paper, Section IV), proposed by a search, or a reviewer's."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 
 # m, sigma of given joints; predicted joints are means over whole body parts, so a closer fit would have no meaning
 JOINT_SIGMA_M: Final = 0.01
-# maximum distance of a joint from its corrected place, in combined sigmas of both. Random errors exceed it in 1 of 500
+# maximum distance of a joint from its corrected place, in combined sigmas of both. Random errors exceed it in 1 of 400
 # cases, so if a joint is farther away, its limb is taken as misplaced
 CONTRADICTED: Final = 3.8
 _STEPS: Final = 3  # number of solver steps from a pose nearby

@@ -51,7 +51,7 @@ _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 
 # rad, maximum extension of a hip: mean of 9.4 degrees plus 3 standard deviations (Roaas and Andersson 1982)
 HIP_EXTENSION: Final = 25.0 * DEGREE
-# minimum share of a joint's variance that is independent of other joints, so that raising one leg alone stays probable
+# minimum share of a joint's variance that is independent of other joints, so that raising only one leg stays probable
 OWN_VARIANCE: Final = 0.5
 KNEE_EXTENSION: Final = 3.0 * DEGREE  # rad, maximum extension of a knee; 0 is the straight leg of the rest pose
 SEEN_SPREAD: Final = 35.0 * DEGREE
@@ -191,7 +191,8 @@ def _where_seen(asset: BodyAsset) -> np.ndarray:
 
 @cache
 def _as_captured(asset: BodyAsset) -> JointRange:
-    """Return the joint range: ``captured_turns`` by motion capture, all other turns by the textbooks.
+    """Return the joint range in which the turns of ``captured_turns`` have the statistics of motion capture, and all
+    other turns have the ranges of the textbooks.
 
     Motion capture does not show how hips and spine share the flexion between trunk and thighs. By the textbooks'
     ranges, the spine takes a quarter of this flexion, with the variance of the spine's own range. (When people sit
@@ -214,7 +215,8 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
     """Return the covariance (k, k) of ``captured_turns`` in people: by motion capture, plus an independent variance of
-    each turn, since other people move differently. The sum is at least the variance by the textbooks.
+    each turn, since other people move differently from those captured. The sum is at least the variance by the
+    textbooks.
 
     expected (k, k): covariance of the same turns by the textbooks.
     """

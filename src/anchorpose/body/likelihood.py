@@ -23,16 +23,16 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import pixel_of_ray
 
-FOOTPRINT_M: Final = 0.02  # m on the body, width of a rendered pixel at the reduced resolution: half of a wrist's width
+FOOTPRINT_M: Final = 0.02  # m on the body, width of a rendered pixel at the reduced resolution; a wrist spans two
 # m, typical depth difference between rendered skin and reading, due to clothes and the coarse sampling of the skin
 SKIN_SIGMA_M: Final = 0.02
 ALIKE_M: Final = 0.05  # m, side of a patch whose readings share one error; clothes and folds cause it, not the sensor
 RANGE_M: Final = 4.0  # m, range of a depth camera; an unknown object may be anywhere within it
 CLUTTER: Final = 0.1  # share of the person's pixels that show an unknown object instead of the skin
 PAST: Final = 0.05  # share of skin that cameras see past even in a correct pose, as the body's outline is inexact
-# minimum number of explained observations for a part of a limb to count as seen: 25 cm2, or three fingers
+# minimum number of observations that show the skin of a part of a limb, for it to count as seen: 25 cm2, three fingers
 LEAST_SEEN: Final = 1.0
-# minimum share of a limb part's observations that must be explained for it to count as seen; for example, a strip of
+# minimum share of a limb part's observations that must show its skin, for it to count as seen; for example, a strip of
 # thigh does not show the knee
 LEAST_SHARE: Final = 0.15
 
@@ -62,7 +62,7 @@ class Likelihood:
         return float(self.log.sum())
 
 
-@lru_cache(maxsize=2)  # registration and the frame's estimate need the same likelihood
+@lru_cache(maxsize=2)  # cached, since registration and the frame's estimate both need it
 def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
     """Compute the likelihood of all cameras' readings of the person, given a body in a pose."""
     skin_m = pose_points(body, pose).points_m
@@ -188,7 +188,7 @@ def _scored(
     own: int,
     step: int,
 ) -> np.ndarray:
-    """Return (4, 2 PARTS): log likelihood ratio, then the numbers of pixels explained, seen past and hidden."""
+    """Return (4, 2 PARTS): log likelihood ratio, then numbers of pixels with the skin, something behind or in front."""
     sums = np.zeros((4, 2 * PARTS))
     past = np.log(PAST)
     for r in range(skin_m.shape[0]):

@@ -289,5 +289,5 @@ def anchor_poses(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[Pose]:
 
 
 def _ends_in(chain: Chain, anchor: str) -> bool:
-    """Return whether a limb ends in an anchor of this name, of either side."""
+    """Return whether the limb ends in the kind of anchor (hand or foot) that ``anchor`` names, on either side."""
     return anchor.startswith(("Hand", "Foot")) and chain.joints[0][:4] == anchor[:4]

@@ -26,7 +26,7 @@ from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
 
-# m2, area of seen skin that the body leaves uncovered, from which a search starts: half a hand, more than clothes and
+# m2; a search starts if the body leaves at least this area of seen skin uncovered: half a hand, more than clothes and
 # gripping hands leave uncovered
 LOOK_AGAIN_M2: Final = 0.005
 ROUNDS: Final = 4  # maximum number of rounds, one for each limb
@@ -96,8 +96,9 @@ def expected_joints(body: Body, belief: PoseBelief) -> Expected:
 
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
-    """Return whether so much seen skin is uncovered that a limb may be misplaced. hidden: whether some limb covers no
-    node; if so, half of ``LOOK_AGAIN_M2`` is enough.
+    """Return whether so much seen skin is uncovered that a limb may be misplaced. The area must be at least
+    ``LOOK_AGAIN_M2``. hidden: whether some limb covers no node, so that uncovered skin may be that limb's; half of the
+    area is then enough.
     """
     return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
 
@@ -110,7 +111,7 @@ def search_limbs(
     config: RegistrationConfig,
     anchors: SeenAnchors | None = None,
 ) -> Search:
-    """Move limbs to where they are seen, as long as that explains the frame better; return the best registration.
+    """Move limbs to where they are seen, while that makes the pose clearly likelier; return the best registration.
 
     predicted: the expected pose. A limb that is found in another place shows that the expected pose was wrong. So in
     the search, the expected pose has the low weight that it would have after ``UNSEEN_S`` seconds without a view of the
@@ -171,7 +172,7 @@ def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidenc
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
-    """Return the poses without those that are so close to an earlier one that registration would make them equal."""
+    """Return the poses, without each that is so close to an earlier one that registration would make both equal."""
     kept, joints = list[Pose](), np.empty((len(poses), JOINT_COUNT, 3))
     for pose in poses:
         at = body.joints(pose)
@@ -200,7 +201,7 @@ def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, 
 def _best_few(
     expected: Expected, tried: Sequence[Tried], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """Return the first pose unchanged and the best other poses after a finer registration, the best first."""
+    """Return, sorted from the best: the first pose unchanged, and the best other poses after a finer registration."""
     body, refining = expected.body, replace(config, reaches_m=REFINED_REACHES_M)
     others = sorted(tried[1:], key=lambda one: -one.log)[:BEST]
     refined = each(lambda one: _settled(body, one.pose, uncertain, evidence, refining), others)

@@ -31,8 +31,9 @@ LEAST_SIGMA_M: Final = 0.03  # m, minimum error of a match, due to clothes and t
 # number of matches that count as one observation, since all matches of a body part have similar errors
 MATCHES_PER_OBSERVATION: Final = 10.0
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
-"""Distance (m) at which the weight of a match has fallen to a quarter, one value per solver step. It decreases from a
-limb's length to a limb's width."""
+"""Distance (m) between the two places of a match, on the skin and in the image, at which its weight has fallen to a
+quarter, one value per solver step. It decreases from a limb's length to a limb's width.
+"""
 
 # m, mean and standard deviation of an unknown person's stature, adult or child
 MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20
@@ -40,9 +41,10 @@ STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a th
 # number of times that the body is scaled; the stature's median error after each is 4, 3 and 2 %
 _SCALINGS: Final = 3
 _AGAIN: Final = 4  # number of solver steps from a pose that was fitted before
-# m, scale so large that the robust kernel has no effect; rows of distant targets have a larger sigma anyway
+# m, scale so large that the robust kernel has no effect; instead, sigma grows with a skin point's distance from its
+# target
 _NO_KERNEL_M: Final = 1e3
-_ALIGNING: Final = 8  # number of steps of the reweighted alignment of the trunk
+_ALIGNING: Final = 8  # number of steps of the trunk's alignment; each step computes new weights of the matches
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +108,7 @@ def match_person(matches: Matches) -> MatchedPerson:
     return MatchedPerson(matches, stature_m, pose)
 
 
-@lru_cache(maxsize=24)  # all people in every sampled frame need bodies of a few statures
+@lru_cache(maxsize=24)  # cached, since a few statures serve all people in all frames
 def _adult(points: SkinPoints, stature_cm: int) -> Body:
     return build_body(points, shape_of_height(points.asset, stature_cm / 100.0))
 
@@ -151,7 +153,7 @@ def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.nd
 def _rows(
     posed_m: np.ndarray, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray, scale_m: float
 ) -> Constraints:
-    """Return three rows per match; they share a robust weight (Geman and McClure), lower for a distant target."""
+    """Return three rows per match, with one robust weight (Geman and McClure), lower if target and skin are apart."""
     away_m = np.linalg.norm(posed_m[point] - target_m, axis=1)
     spread_m = np.repeat(sigma_m * (1.0 + (away_m / scale_m) ** 2), 3)
     direction = np.tile(np.eye(3), (len(point), 1))
@@ -174,8 +176,8 @@ def _skin_at(points: SkinPoints, place: np.ndarray) -> np.ndarray:
 
 
 def _aligned(body: Body, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray) -> Pose:
-    """Return the rest pose, placed so that the trunk lies on its matches; if the trunk has too few matches, the whole
-    body is used.
+    """Return the rest pose, turned and moved so that the trunk's skin points come closest to their targets. If the
+    trunk has too few matches, the whole body is used.
     """
     asset = body.points.asset
     rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))

@@ -22,7 +22,7 @@ class Voxels(NamedTuple):
 
 
 def sort_into_voxels(points_m: np.ndarray, radius_m: float) -> Voxels:
-    """Sort points (n, 3), n > 0, into voxels of half the search radius; an infinite radius gives one voxel."""
+    """Sort points (n, 3), n > 0, into voxels half as wide as the search radius; an infinite radius gives one voxel."""
     origin = points_m.min(axis=0).astype(np.float64)
     extent = points_m.max(axis=0).astype(np.float64) - origin
     if not np.isfinite(extent).all():
@@ -84,8 +84,8 @@ def nearest_facing(
 
     Only skin that faces the node's camera is used. The distance is between vectors of six numbers: the place, and the
     normal times ``normal_weight``. seen_from (n,): the camera that saw each node; eyes (c, 3): the cameras' positions.
-    The result is exact: only cells farther away than the best point so far are skipped. The search of each node begins
-    with the match of the previous node.
+    The result is exact: only cells farther away than the best point so far are skipped. The search for each node begins
+    with the skin point found for the previous node.
     """
     nearest = np.full(len(nodes.places_m), -1, np.int64)
     for camera in range(len(eyes)):
@@ -225,7 +225,8 @@ def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: 
             if first > last:
                 continue
             row = (i * shape[1] + j) * shape[2]
-            for spot in range(start[row + first], start[row + last + 1]):  # cells along z are contiguous
+            # the points of successive cells along z follow one another
+            for spot in range(start[row + first], start[row + last + 1]):
                 distance = _distance2(skin, spot, nodes, node, normal_weight)
                 if distance < best:
                     best, found = distance, spot

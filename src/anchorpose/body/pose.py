@@ -1,4 +1,4 @@
-"""Represent a pose of the body by bone rotations and the root's (pelvis's) place, and changes between poses."""
+"""Represent a pose of the body (rotations of bones, place of the root, that is, the pelvis), and changes of poses."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ def _by_bones(
 
 @njit(cache=True, nogil=True)
 def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place: np.ndarray) -> None:
-    """Add a bone's share of a carried point's position to ``place`` (3,)."""
+    """Add to ``place`` (3,) where one bone alone would move a skin point, weighted by the bone's ``share``."""
     T, r = T_world_rest, rest_m
     for i in range(3):
         place[i] += share * (T[i, 3] + T[i, 0] * r[0] + T[i, 1] * r[1] + T[i, 2] * r[2])

@@ -77,9 +77,9 @@ def _cost(rows: Constraints, posed: PosedPoints) -> float:
 
 
 def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
-    """Return (PARTS, 2) nats, arranged as in ``Likelihood``: for each part of a limb, by how much likelier the places
-    that the descriptor predicts are if this part is where the pose has it than if any other skin is there. Only
-    readings of the person that the skin explains are used.
+    """Return (PARTS, 2) nats, arranged as in ``Likelihood``: for each part of a limb, the log likelihood ratio of the
+    places that the descriptor predicts on it. The alternatives are that the pixels show this part, as in the pose, or
+    any skin. Only readings with the person's label near the posed skin are used.
     """
     skin_m, nats = pose_points(body, pose).points_m, np.zeros(2 * PARTS)
     for view, camera in zip(evidence.views, evidence.cameras, strict=True):

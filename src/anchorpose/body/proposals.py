@@ -1,7 +1,7 @@
 """Propose other poses for a pose in doubt, from each source independently.
 
-The images determine the proposed limbs. The trunk is that of the pose in doubt, but poses with another trunk are
-proposed, too.
+The images determine the proposed limbs. The trunk stays that of the pose in doubt, but the descriptor also proposes
+other trunks, and one proposal turns the body round.
 """
 
 from __future__ import annotations

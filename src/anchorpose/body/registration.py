@@ -99,7 +99,7 @@ def descend(
     config: RegistrationConfig,
     held: Held | None = None,
 ) -> Pose:
-    """Return the pose after a Gauss-Newton step for each of ``config.reaches_m``, from a given pose."""
+    """Return the pose that is reached from ``pose`` by one Gauss-Newton step for each of ``config.reaches_m``."""
     expected = (predicted.pose, predicted.information)
     for number, reach_m in enumerate(config.reaches_m):
         rows = [evidence_rows(body, pose, evidence, reach_m, config)]

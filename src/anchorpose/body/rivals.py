@@ -24,7 +24,7 @@ from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
-# m; two poses whose joints all differ by less count as the same; clothes and gripping hands move joints as much
+# m; two poses whose joints all differ by less count as the same; clothes and gripping hands shift estimates by as much
 APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
 """Standard deviation, in nats, of the lead of one pose over another (the difference of their log probabilities), due to
@@ -55,7 +55,7 @@ class Rival:
     """
 
     belief: PoseBelief
-    # nats by which the rival explains the last frames worse than the best pose, a weighted mean (``believed``)
+    # nats by which the best pose explains the last frames better: weighted mean of leads reduced by ``believed``
     lag: float
     moved: float = 0.0  # nats, cost of the rival's distance from the expected pose; this cost decays with time
     body: Body | None = None  # the rival's own body; None if it has the body of the best pose

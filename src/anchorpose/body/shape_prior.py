@@ -57,7 +57,7 @@ class ShapeBelief:
     # (s,) bool, parameters whose prior is Student's t: a very unusual segment costs little more than an unusual one
     soft: np.ndarray
     seen: np.ndarray  # (s, s) information of the observations
-    pull: np.ndarray  # (s,) this information times the shape that fits the observations best
+    pull: np.ndarray  # (s,) matrix ``seen`` times the shape that fits the observations best
 
     @property
     def information(self) -> np.ndarray:
@@ -125,7 +125,7 @@ class ShapeBelief:
         return replace(self, prior=self.prior / np.outer(wider, wider))
 
     def common(self, asset: BodyAsset) -> ShapeBelief:
-        """Return this belief as a prior of only whole-body coefficients and clothes; other parameters are fixed."""
+        """Return this belief as a prior with only whole-body coefficients and clothes free; the rest is fixed."""
         free = FreeShape(asset.common_count, len(CLOTHES))
         kept = np.r_[: free.coefficients, self.free.coefficients : self.free.coefficients + free.offsets]
         information = np.linalg.inv(np.linalg.inv(self.information)[np.ix_(kept, kept)])

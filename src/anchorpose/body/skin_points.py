@@ -202,7 +202,7 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-@lru_cache(maxsize=8)  # several stages of a frame need the same pose
+@lru_cache(maxsize=8)  # cached, since several steps of one frame's processing need it
 def pose_points(body: Body, pose: Pose) -> PosedPoints:
     """Pose the sampled points by linear blend skinning; the result is shared and must not be changed."""
     transforms = body.transforms(pose)

@@ -17,8 +17,8 @@ from anchorpose.body.skin_points import CLOTHES, FittedShape, SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
-# m; a segment stands off if the 95th percentile of its skin points' offsets by patches is larger; on ten people this
-# percentile was at most 0.010 without braces and 0.021 to 0.040 with a brace
+# m; a segment stands off if its patches move its skin points by more than this (95th percentile over the points). On
+# ten people, the percentile was at most 0.010 without braces and 0.021 to 0.040 with a brace
 LEAST_M: Final = 0.015
 # standard deviations of girth; a limb that exceeds the other side's limb by more is too thick. Without braces the
 # difference was at most 0.9, with a brace 2.9 to 6.7
@@ -71,7 +71,7 @@ def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
     return float(np.linalg.norm(moved[points_of_segments(points)[name]], axis=1).mean())
 
 
-@lru_cache(maxsize=4)  # every frame asks for the same shape
+@lru_cache(maxsize=4)  # cached, since all frames have the same shape
 def standing_off_sigma_m(points: SkinPoints, shape: FittedShape) -> np.ndarray:
     """Return (21,) metres per axis: the additional sigma of each joint whose segment stands off; 0 for other joints."""
     sigma = np.zeros(len(JOINT_INDEX))

@@ -122,11 +122,11 @@ def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> f
     return float(min(found, default=0.0))
 
 
-# m2, minimum area of seen skin that no part of the body covers, for limbs to be less certain; clothes and gripping
-# hands leave about as much uncovered
+# m2; limbs become less certain if the body leaves at least this area of seen skin uncovered; clothes and gripping hands
+# alone leave about as much
 WORTH_M2: Final = 0.004
 # m; a joint may lie at the tip of an uncovered piece of skin only if the tip is nearer to its estimated place than
-# this: a shank, or a forearm with its hand
+# this: the length of a shank, or of a forearm with its hand
 IN_REACH_M: Final = 0.45
 # minimum cosine of the angle between a camera's ray and a limb that points at the camera
 END_ON: Final = float(np.cos(np.radians(35.0)))
@@ -233,7 +233,7 @@ def smeared_sigma(
     spread = _spread_by_frame(body, pose, wide, vague_belief(pose).information, alike)
     variance = np.trace(spread, axis1=1, axis2=2) / 3.0
     off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
-    turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # the error is along one of three axes
+    turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # mean over three axes; the error is along one
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance + turned))
 
 
@@ -249,9 +249,9 @@ def frame_alone_sigma(
     """Return sigma_m (21,), increased for limbs about which earlier frames add no knowledge.
 
     These are limbs that point at a camera and that no camera sees from the side, and hidden limbs. Earlier frames have
-    the same error, but the posterior treats them as independent. For example, the assumption that a foot stands must
-    count once, not in every frame. So the sigma of such a limb comes from this frame alone, the joint ranges and the
-    time since the limb was seen (unseen_s as in ``vague_belief``).
+    the same error as this one, but the posterior treats their errors as independent. For example, the assumption that a
+    foot stands must count once, not in every frame. So the sigma of such a limb comes from this frame alone, the joint
+    ranges and the time since the limb was seen (unseen_s as in ``vague_belief``).
     """
     posed = pose_points(body, pose)
     joints = body.mesh.joints(posed.transforms)
@@ -266,7 +266,7 @@ def frame_alone_sigma(
         rows = rows.where(~hidden.ravel()[segment_of_points(body.points)[rows.point]])
     known = vague_belief(pose, unseen_s).information
     spread = _spread_by_frame(body, pose, rows, known, MORE_ALIKE * config.rows_per_observation)
-    # variance along the worst axis: the error of a hidden knee is forward, that of a pointing arm is in depth
+    # largest variance along any direction: the error of a hidden knee is forward, that of a pointing arm is in depth
     variance = np.linalg.eigvalsh(spread)[:, -1]
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
     sigma[mine] = np.maximum(sigma[mine], alone[mine])
@@ -358,8 +358,8 @@ def before_lost_ends(
     wrists and ankles next to them.
 
     If cameras see past the place of a hand, its forearm may have been fitted to another person's arm. So the wrist does
-    not count as observed, and its error may be half of its distance from the elbow. The lost hand has this error too,
-    since its place follows from the wrist's. The same holds for ankle and foot.
+    not count as observed, and half of its distance from the elbow is assumed as an additional error. The lost hand gets
+    this error too, since its place follows from the wrist's. The same holds for ankle and foot.
     """
     told, sigma = list(states), sigma_m.copy()
     for chain in CHAINS:

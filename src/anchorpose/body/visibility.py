@@ -21,8 +21,8 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.lens import lens_array, pixel_of_ray
 
-JOINT_RADIUS_M: Final = 0.13  # m, radius around a joint in which skin counts as the joint's; half a shank
-TRUNK_RADIUS_M: Final = 0.22  # m, the same for joints of the spine, which are this far from the skin of the belly
+JOINT_RADIUS_M: Final = 0.13  # m, radius around a joint within which skin decides whether the joint is seen
+TRUNK_RADIUS_M: Final = 0.22  # m, the same for joints of the spine: these are so far from the skin of the belly
 # a camera sees a joint if it sees at least this share of the camera-facing skin around the joint
 LEAST_SEEN: Final = 0.2
 # if more than this share of the skin around a joint lies outside the image, the joint itself counts as outside
@@ -121,7 +121,7 @@ def joint_states(
             possible[joint] |= counts[SkinReason.SEEN] + behind[towards].sum() >= LEAST_SEEN * len(towards)
             votes[joint] += counts / len(towards)
     votes[:, SkinReason.SEEN] = 0.0
-    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has an image: as at a hole
+    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has an image: counts as a hole
     misfit = ~possible & (votes[:, SkinReason.PAST] > votes[:, : SkinReason.PAST].sum(axis=1))
     reasons = [_REASONS[vote[: SkinReason.PAST].argmax()] for vote in votes]
     states = [JointState.OBSERVED if seen else why for seen, why in zip(observed, reasons, strict=True)]
@@ -152,7 +152,7 @@ def facing_skin(posed: PosedPoints, views: Sequence[View | None], cameras: Seque
 def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the ``SkinReason`` (p,) of each skin point, and (p,) bool: whether the point faces the camera.
 
-    reach_m: largest depth difference between a skin point and the pixel of the patient that shows it.
+    reach_m: maximum depth difference between a skin point and a reading of the patient that shows it.
     """
     column, row, far = pixels_of(posed.points_m, projection_of(camera), *view.labels.shape)
     reason = _read(column, row, far, view.labels, view.depth_m, reach_m)

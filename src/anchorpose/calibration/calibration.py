@@ -51,8 +51,8 @@ class PoseRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorResidual:
-    """The quality of a camera's view of the floor: the camera's name, the root-mean-square residual of the plane, the
-    share of readings on the plane, the plane's tilt against Y of the world.
+    """How well a camera sees the floor: the camera's name, the root-mean-square distance of floor readings from the
+    fitted plane, the share of all readings that lie on it, the angle between the plane's normal and Y of the world.
     """
 
     camera: str
@@ -72,9 +72,9 @@ class DoubtSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoseDoubt:
-    """A doubt about camera poses, as one sentence. off_m: how far the poses displace the surfaces that the cameras see,
-    NaN where unknown; refuted: True if noise and the accuracy of a tape measure do not explain it, so that tracking is
-    refused.
+    """A doubt about camera poses, stated in one sentence. off_m: distance by which wrong poses displace the surfaces
+    that the cameras see, NaN where unknown; refuted: True if the contradiction is larger than noise and errors of a
+    tape measure, so that tracking is refused.
     """
 
     source: DoubtSource
@@ -88,8 +88,8 @@ class PoseDoubt:
 class Calibration:
     """The calibrated cameras. cameras: all cameras, each with a pose; floor_height_m: Y of the floor in the world, None
     if no camera sees it; notes: assumptions, one sentence each, for the run's report; poses: one record per camera;
-    doubts: one per contradiction between a pose and what the cameras see; displaced_m: measured displacement of the
-    patient between the cameras, which is part of every joint's error.
+    doubts: one per contradiction between a pose and what the cameras see; displaced_m: distance, as measured, between
+    the places at which different cameras show the patient; it is part of every joint's error.
     """
 
     cameras: tuple[Camera, ...]
@@ -102,7 +102,7 @@ class Calibration:
 
 
 def write_calibration(folder: Path, recording: str, calibration: Calibration) -> None:
-    """Write ``folder``/calibration.json; sigma is null if the pose was given or its accuracy is unknown."""
+    """Write ``folder``/calibration.json; sigma is null for poses that were given or whose accuracy is unknown."""
     document = {
         "format": CALIBRATION_FORMAT,
         "version": 1,

@@ -1,10 +1,10 @@
 """Find the poses of cameras relative to each other where only people and the floor are known.
 
 Each camera's floor gives its tilt and height. The rotation about the vertical and the shift over the floor come from
-the people that two cameras see: first from their places over time (``search_ground``), then from their surfaces at the
-same moments (``common_view``). Walls and floor are not fitted: a shift along a wall cannot be seen, and with them the
-error on simulated clinics was 5 mm instead of 2 mm, since the systematic error of a time-of-flight camera bends large
-distant planes.
+the people that two cameras see: first from people's places over time (``search_ground``), then from people's surfaces
+at the same moments (``common_view``). Walls and floor are not fitted: a shift along a wall cannot be seen, and with
+walls and floor in the fit, the error on simulated clinics was 5 mm instead of 2 mm, since the systematic error of a
+time-of-flight camera bends large distant planes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from anchorpose.settings import Count, settings
 LEAST_MOMENTS: Final = 6
 # s, minimum duration of a recording; in a shorter one, people walk too little: 4 s once gave a wrong placement
 LEAST_SPAN_S: Final = 8.0
-PLACES: Final = 8  # number of search results that are refined; the correct result was always among the first three
+PLACES: Final = 8  # number of search results that are refined; the correct one was always among the best three
 # maximum share of one camera's points on people that lie where the other camera sees no people; correct placements had
 # 0.01 to 0.06
 WORST_IMPOSSIBLE: Final = 0.1
@@ -39,14 +39,14 @@ LEAST_COMMON: Final = 0.3
 WORST_RESIDUAL_M: Final = 0.008
 WORST_SIGMA_M: Final = 0.005
 WORST_SIGMA_RAD: Final = 0.0052  # rad, maximum sigma of the rotation: 0.3 degrees
-# factors on the limits of residual and sigma while the clocks are known only to 50 ms
+# factors on the limits of the residual (first) and of the sigmas (second) while the clocks are known only to 50 ms
 ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0
 DISTINCT_M: Final = 0.05  # m; placements that are farther apart are different placements
 
 CELL_M: Final = 0.1
 MAPPED_MOMENTS: Final = 12  # number of moments that are drawn into the maps of the ground; more add nothing
 REACH_M: Final = 6.0  # m, maximum distance of mapped points from their camera; farther away, depth cameras see little
-BLUR_M: Final = 0.12  # m, blur of the maps, since two cameras see different sides of a body
+BLUR_M: Final = 0.12  # m, sigma of the maps' Gaussian blur, since two cameras see different sides of a body
 TURNS: Final = 120  # number of yaw angles tried; at 5 m, a step of 3 degrees moves a person by half a body's breadth
 BODY_M: Final = 0.1  # m, approximate depth of the middle of a trunk behind its visible skin
 LOW_M, HIGH_M = 0.2, 2.2  # m, range of heights of mapped points: above the floor's noise, below the ceiling
@@ -199,7 +199,7 @@ def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
     maps = _maps(first, 0.0)
     size = next_fast_len(2 * maps.shape[1])
     spectra = rfft2(maps, s=(size, size))
-    # the room's map, the last, weighs half as much as all maps of people
+    # the last map is the room's; its weight is half of that of all maps of people together, so that people count more
     weight = np.array([1.0 / max(1, len(maps) - 1)] * (len(maps) - 1) + [0.5])
     found: list[tuple[float, float, float, float]] = []
     for turn in np.arange(TURNS) * 2.0 * np.pi / TURNS:
@@ -224,7 +224,7 @@ def _maps(view: LevelView, turn: float) -> np.ndarray:
 
 
 def _deeper(points_level_m: np.ndarray) -> np.ndarray:
-    """Return points on people's skin, moved away from the camera by about half the depth of a body."""
+    """Return points on people's skin, moved away from the camera by ``BODY_M``, to about the middle of the body."""
     ground = points_level_m * [1.0, 0.0, 1.0]
     away = ground / np.maximum(np.linalg.norm(ground, axis=1, keepdims=True), 1e-6)
     return np.asarray(points_level_m + BODY_M * away)

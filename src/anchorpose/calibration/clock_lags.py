@@ -1,10 +1,10 @@
 """Measure the lags between the cameras' clocks: roughly from signals of motion, then precisely from surfaces.
 
 Cameras see different sides of a body, so a movement looks larger to one than to another, but they see it at the same
-time. The signal of motion is the change of depth, summed in bands of height over the floor. It needs neither poses, nor
-a background, nor a detection of people. But lags from signals are off by 10 to 60 ms, because cameras on different
-sides see different parts of a movement. Lags from surfaces are precise, but without signals every possible lag would
-have to be tried on full depth frames.
+time. The signal of motion is the change of depth, summed separately in each band of height above the floor. It needs
+neither poses, nor a background, nor a detection of people. But lags from signals are off by 10 to 60 ms, because
+cameras on different sides see different parts of a movement. Lags from surfaces are precise, but without signals every
+possible lag would have to be tried on full depth frames.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ LEAST_OVERLAP: Final = 0.6
 PEAKS_APART_S: Final = 0.4  # s, minimum distance between two peaks of the correlation; nearer peaks count as one
 # minimum correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
 LEAST_PEAK: Final = 0.4
-CERTAIN_LEAD: Final = 2.0  # a lag with a peak this many times the second peak is accepted without a check by surfaces
+CERTAIN_LEAD: Final = 2.0  # a lag whose peak is this many times as high as the second needs no check by surfaces
 PEAKS: Final = 4  # number of peaks that are checked by surfaces if none is certain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionSignal:
-    """A camera's motion over time. time_s (n,): times on its clock; speed (n, bands): square root of the sum, over the
-    pixels in each band of height, of area times rate of change of depth.
+    """A camera's motion over time. time_s (n,): times on its clock; speed (n, bands): for each band of height, square
+    root of the sum of (area times rate of change of depth) over its pixels.
     """
 
     time_s: np.ndarray
@@ -90,8 +90,8 @@ def motion_signal(
 def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reach_s: float) -> tuple[SignalLag, ...]:
     """Return the lags within ``reach_s`` of ``around_s`` at which both signals agree best, the best first.
 
-    The correlation is computed over all bands together, so that bands with little movement have little weight. The peak
-    is interpolated between steps of half a frame by the parabola through it and its neighbours.
+    The correlation is computed over all bands together, so that bands with little movement have little weight. It is
+    computed in steps of half a frame's period; a parabola through three neighbouring values gives the peak.
     """
     if min(len(first.time_s), len(second.time_s)) < 3:
         return ()
@@ -120,7 +120,7 @@ def _bands(rays: np.ndarray, depth_m: np.ndarray, level: FloorPlane | None) -> n
 
 
 def _changes(signal: MotionSignal, step_s: float) -> np.ndarray:
-    """Return the rate of change (m, bands) of the smoothed signal, in even steps of ``step_s`` from its start on."""
+    """Return (m, bands): the rate of change of the smoothed signal at m times, ``step_s`` apart from its start on."""
     grid = np.arange(signal.time_s[0], signal.time_s[-1], step_s)
     even = np.stack([np.interp(grid, signal.time_s, band) for band in signal.speed.T], axis=1)
     rate: np.ndarray = gaussian_filter1d(even, SMOOTH_S / step_s, axis=0, order=1)
@@ -152,8 +152,8 @@ MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders
 BLOCK_S: Final = 12.0
 BLOCKS: Final = 3  # number of blocks tried for the signals, the busiest first
 WINDOW_S: Final = 2.0  # s, duration of a window from whose frames surfaces are compared
-REACH_S: Final = 0.12  # s, maximum error of a lag from signals; the largest error found was half of it
-# s, systematic error of a window's lag; an error of the sensor of 1 mm causes it at a speed of 1 m/s
+REACH_S: Final = 0.12  # s, maximum error of a lag from signals; the largest error found was half of this
+# s, systematic error of a window's lag; a sensor's error of 1 mm causes it on a surface that moves at 1 m/s
 SYSTEMATIC_S: Final = 0.001
 LEAST_WINDOWS: Final = 2  # minimum number of windows whose lags must agree, unless the signals are certain
 LEAST_FRAMES: Final = 8  # minimum number of frames in a window, which corresponds to 4 Hz
@@ -162,7 +162,7 @@ DRIFT_SIGMA: Final = 1e-4  # s/s, standard deviation of a drift; a quartz clock 
 PLACES: Final = 4  # number of moments per tenth of a recording that are searched for the one with most movement
 STEP_PX: Final = 8  # pixels; every eighth pixel of every eighth row suffices to measure the amount of movement
 APART_S: Final = 0.2  # s, time between the two frames whose difference measures movement
-# m, limits of a change of depth that counts; a smaller change is noise, with a larger change another surface appears
+# m, limits of a change of depth that counts; a smaller change is noise, a larger one shows another surface
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 
@@ -230,8 +230,8 @@ REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the first camera relative to
 
 
 def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
-    """Return, for each of ``windows`` equal parts of the recording, the reference time with most movement, and its
-    amount (m^3).
+    """Return, for each of ``windows`` equal parts of the recording, the reference time with most movement, and the
+    amount of this movement (m^3).
 
     Each part of ``span_s`` is sampled at ``PLACES`` times, with two frames each; a part without frames has no entry.
     """
@@ -267,8 +267,8 @@ def _motion(frames: FrameCache, time_s: float) -> float:
 def rough_lags(
     frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
-    """Return the lag of each camera from signals, None if no lag is found. If no lag is certain, surfaces decide among
-    the best lags. If a certain lag contradicts the time stamps, surfaces decide between the two.
+    """Return each camera's lag by signals of motion, None if none is found. If no lag of a camera is certain, surfaces
+    decide among its best lags. If a certain lag contradicts the time stamps, surfaces decide between the two.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]

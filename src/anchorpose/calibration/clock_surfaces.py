@@ -22,14 +22,14 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 UNITS_PER_M: Final = 4000.0  # units per metre in ``Clip.stack``; in quarters of a millimetre, 16 bits reach 16 m
 SMOOTH_PX: Final = 3  # pixels, side of the smoothing window; a limb is ten pixels wide
 OPENED_PX: Final = 5  # pixels, side of the window that removes single flickering pixels, which do not show a limb
-# number of frames whose median gives the noise of a pixel; this noise is then known to a quarter of its value
+# number of frames from which a pixel's noise is computed, by a median; it is then known to a quarter of its value
 NOISE_FRAMES: Final = 16
 SPREAD_FRAMES: Final = 8  # number of frames of a window in which moving pixels are searched
 
 # pixels between points on a grid, since errors of neighbouring pixels are correlated; a body still has 1700 points
 STEP_PX: Final = 3
-MOVED_M: Final = 0.01  # m, minimum movement within a clip; a smaller movement does not determine the lag
-MOVED_GATE: Final = 6.0  # minimum movement in sigmas of the noise; noise alone causes half as much in eight frames
+MOVED_M: Final = 0.01  # m, minimum change of a pixel's depth within a clip; a smaller change does not determine the lag
+MOVED_GATE: Final = 6.0  # minimum change of a pixel's depth in sigmas; noise alone causes 3 sigmas in eight frames
 # m, maximum difference of two depths on one surface; with more, another surface is seen, such as a hand before a trunk
 SAME_SURFACE_M: Final = 0.05
 ONE_SURFACE_M: Final = 0.15  # m, maximum change of depth in four frames (1.1 m/s at 30 Hz); a passing edge causes more
@@ -64,8 +64,8 @@ class Clip:
 @dataclass(frozen=True, slots=True)
 class SurfaceLag:
     """A lag by surfaces. lag_s: the second clock minus the first at the same moment; sigma_s: its standard error;
-    points: number of residuals; misfit_m: root mean square of all residuals at this lag, where larger residuals count
-    as ``SAME_SURFACE_M``.
+    points: number of residuals; misfit_m: root mean square of all residuals at this lag, where those above
+    ``SAME_SURFACE_M`` count as this value.
     """
 
     lag_s: float
@@ -91,9 +91,9 @@ def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Cli
 def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
     """Return the lag within ``reach_s`` of ``around_s``; None if the cameras share too little movement.
 
-    The search begins with the best of evenly spaced lags, then takes Newton steps on robust least squares of the points
-    of both clips, each compared with the other clip. The standard error takes into account that errors within
-    ``CHUNK_S`` are correlated.
+    Evenly spaced lags are tried, and the best is refined by Newton steps. These minimise, by robust least squares, the
+    residuals of both clips' points, each compared with the other clip. The standard error takes into account that
+    errors within ``CHUNK_S`` are correlated.
     """
     there, back = _look_up(first, second), _look_up(second, first)
     step_s = 0.5 * there.period_s
@@ -131,7 +131,7 @@ class _LookUp:
 
 
 def _smoothed(depth_m: np.ndarray) -> np.ndarray:
-    """Return the mean of each pixel's neighbourhood if it is one surface, else the reading itself."""
+    """Return the mean of each pixel's neighbourhood if that lies on one surface, else the pixel's reading."""
     window = np.ones((SMOOTH_PX, SMOOTH_PX), np.uint8)
     nearest = cv2.erode(depth_m, window)
     one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < SAME_SURFACE_M)
@@ -149,7 +149,7 @@ def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
     chosen = np.unique(np.linspace(1, len(depths_m) - 2, NOISE_FRAMES).astype(int))
     before, now, after = depths_m[chosen - 1], depths_m[chosen], depths_m[chosen + 1]
     second = np.where((before > 0) & (now > 0) & (after > 0), np.abs(before - 2.0 * now + after), np.inf)
-    ordered = np.sort(second.reshape(len(second), -1).T, axis=1)  # for the median, in a fifth of np.median's time
+    ordered = np.sort(second.reshape(len(second), -1).T, axis=1)  # gives the median five times as fast as np.median
     middle = (ordered[:, (len(second) - 1) // 2] + ordered[:, len(second) // 2]).reshape(second.shape[1:]) / 2.0
     noise = middle / (MAD_OF_NORMAL * np.sqrt(6.0))
     known = np.isfinite(noise)
@@ -203,9 +203,9 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
     the rate of change of the target's depth (m/s), computed twice from four frames: from the outer two and from the
     inner two.
 
-    The target's depth is interpolated between the inner two frames. The rate that multiplies the difference of depths
-    is therefore the one from the outer two: if both factors had the same noise, the lag would be pulled towards the
-    middle between two frames.
+    The target's depth is interpolated between the inner two frames. The caller therefore multiplies the difference of
+    depths by the rate from the outer two: the rate from the inner two shares the noise of the interpolated depth, which
+    would pull the lag towards the middle between two frames.
     """
     target_s, pixels = look.target.time_s, look.target.stack
     wanted_s = look.source.time_s + lag_s
@@ -228,8 +228,8 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
 
 
 def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
-    """Return the mean squared residual of the points of both clips, each compared with the other clip; larger residuals
-    count as ``SAME_SURFACE_M``; NaN with too few residuals.
+    """Return the mean squared residual of the points of both clips, each compared with the other clip. Residuals above
+    ``SAME_SURFACE_M`` count as this value; NaN with too few residuals.
     """
     both = [_residuals(look, lag, every=4)[1] for look, lag in ((there, lag_s), (back, -lag_s))]
     residual = np.concatenate(both)

@@ -99,7 +99,7 @@ def _solve(lags: Sequence[PairLag], cameras: int, at_s: float) -> tuple[np.ndarr
     information = (rows * weight[:, None]).T @ rows
     information[np.arange(1, 2 * cameras, 2), np.arange(1, 2 * cameras, 2)] += DRIFT_SIGMA**-2
     ahead = np.arange(0, 2 * cameras, 2)
-    information[ahead, ahead] += 1e-12 * (weight.max() + 1.0)  # can be inverted even if a camera has no lag
+    information[ahead, ahead] += 1e-12 * (weight.max() + 1.0)  # keeps the matrix invertible if a camera has no lag
     covariance = np.linalg.inv(information)
     covariance[:2] = covariance[:, :2] = 0.0
     return covariance @ (rows.T @ (weight * [lag.lag_s for lag in lags])), covariance
@@ -119,15 +119,16 @@ WINDOWS: Final = 10  # number of windows over the whole recording, since drift s
 SPREAD: Final = 3  # step between the windows that are compared first, so that these windows span the recording
 # number of windows compared first; their lags show whether the time stamps are correct to a tenth of a second
 CONFIRMING: Final = 4
-# minimum share of the compared windows that give a lag, and of all lags that agree with the fitted clocks
+# minimum share of the compared windows that must give a lag, and of the lags that must agree with the fitted clocks
 AGREEING: Final = 0.75
 APART_S: Final = 0.01  # s, maximum rms residual of lags that agree, a sixth of the time between frames at 15 Hz
 # s; a clock's sigma below this at both ends of the recording is enough: a limb at 0.5 m/s moves 1 mm in this time
 ENOUGH_S: Final = 0.002
-SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the lags from signals on simulated clinics
-# s, maximum accepted sigma of a clock at both ends of the recording: half of the usual time between two paired frames
+SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the errors of lags from signals of motion, on simulated clinics
+# s, maximum accepted sigma of a clock at both ends of the recording: half of the usual time between paired frames of
+# two cameras
 WORST_SIGMA_S: Final = 0.008
-# number of frames whose median replaces a missing background, since the median shows few people
+# number of frames whose median replaces a missing image of the empty room, since the median shows few people
 FLOOR_FRAMES: Final = 9
 
 
@@ -202,7 +203,7 @@ def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: Clock
 
 
 def clocks_of_results(cameras: Sequence[Camera], known: Mapping[str, Clock]) -> Clocks:
-    """Return the clocks of an earlier run of the same recording, by camera name, instead of estimated clocks."""
+    """Return the clocks that an earlier run of this recording found; known: these clocks by camera name."""
     others = (CameraClock(camera.name, known[camera.name], ClockSource.RESULTS) for camera in cameras[1:])
     return Clocks((_reference(cameras), *others), None, 0)
 
@@ -303,7 +304,9 @@ def _reference(cameras: Sequence[Camera]) -> CameraClock:
 def _camera_clock(
     index: int, name: str, rough: RoughLag | None, fit: ClockFit | None, span_s: tuple[float, float]
 ) -> CameraClock:
-    """Return the fitted clock if it is accurate, else the clock by a certain rough lag, else the unchanged clock."""
+    """Return the fitted clock if it is accurate, else the clock shifted by a certain rough lag, else the clock as it
+    is.
+    """
     lags = sum(index in (lag.first, lag.second) for lag in fit.used) if fit is not None else 0
     if fit is not None and rough is not None and np.isfinite(fit.ahead_s[index]):
         sigma_s = max(fit.sigma_s(index, time_s) for time_s in span_s)

@@ -4,9 +4,9 @@ they show the same surfaces.
 The pose is refined by point-to-plane least squares with projective association in both directions (Chen and Medioni
 1992, doi:10.1016/0262-8856(92)90066-C).
 
-To find this distance, room and people are used together: floor and walls determine tilt and height, people determine
-the shift along floor and walls. Room and people each have half of the weight, so that a large room does not decide
-alone. A wrong focal length displaces the far ends of a room, but not the people.
+To find how far apart they show them, room and people are used together: floor and walls determine tilt and height,
+people determine the shift along floor and walls. Room and people each have half of the weight, so that a large room
+does not decide alone. A wrong focal length displaces the far ends of a room, but not the people.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ LEAST_PAIRS: Final = 200  # minimum number of pairs of points; a hand has fewer
 
 
 class SurfaceGates(NamedTuple):
-    """Limits for pixels whose normal is used: maximum depth step to neighbours, minimum cosine of normal and ray."""
+    """Limits for pixels whose normal is used: maximum depth step to neighbours, minimum cosine from normal to ray."""
 
     step_m: float
     least_facing: float
@@ -125,7 +125,7 @@ def level_frame(floor: FloorPlane) -> np.ndarray:
 
 
 def _smoothed(depth_m: np.ndarray) -> np.ndarray:
-    """Return the mean (height, width) of each 3x3 neighbourhood if it is one surface, else 0."""
+    """Return the mean (height, width) of each 3x3 neighbourhood if that lies on one surface, else 0."""
     window = np.ones((3, 3), np.uint8)
     nearest = cv2.erode(depth_m, window)
     one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < SURFACE_STEP_M)
@@ -256,13 +256,13 @@ def paired_rows(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the least-squares rows of the pairs within ``gate_m``, in both directions.
 
-    jacobian (n, 6): derivative by a small rotation and shift in the first frame; residual (n,) in metres; moment (n,)
-    of each pair.
+    jacobian (n, 6): derivative by a small rotation and shift in the first camera's frame; residual (n,) in metres;
+    moment (n,) of each pair.
     """
     points, there, normal, moment = _pairs(first, second, T_first_second, gate_m)
     back, seen, back_normal, back_moment = _pairs(second, first, invert_rigid(T_first_second), gate_m)
-    # The pairs with the second camera as the target are moved into the first camera's frame. In them the pose moves the
-    # target and not the source, so the sign of the derivative is reversed.
+    # The pairs with the second camera as the target are moved into the first camera's frame. In these pairs the pose
+    # moves the target and not the source, so the sign of the derivative is reversed.
     here, seen = transform_points(T_first_second, back), transform_points(T_first_second, seen)
     turned = back_normal @ T_first_second[:3, :3].T
     rows = np.hstack([np.cross(points, normal), normal]), -np.hstack([np.cross(seen, turned), turned])
@@ -285,9 +285,9 @@ LEAST_SURFACE_PAIRS: Final = 500
 # minimum result of ``_support`` for a displacement to be stated. With less, correct poses seemed to displace surfaces
 # by 26 and 32 mm, with more by at most 9 mm. Without people in view, the result is often 0.001.
 LEAST_SUPPORT: Final = 0.02
-STEP_M, STEP_RAD = 0.1, 0.2  # m and rad: standard deviations that damp each step in undetermined directions
-# m, maximum distance of paired points that count in the misfit, of the fitted and of the given pose; points farther
-# apart are on different surfaces
+STEP_M, STEP_RAD = 0.1, 0.2  # m and rad: prior standard deviations of a step; they damp it in undetermined directions
+# m, maximum distance of paired points that count when the misfits of the fitted and of the given pose are computed;
+# points farther apart are on different surfaces
 COMPARED_M: Final = 0.15
 # maximum misfit of the fitted pose, divided by that of the given pose, for the fitted pose to count; a fit that only
 # slides surfaces along themselves leaves the misfit as it was
@@ -360,7 +360,7 @@ def find_displacement(first: LevelView, second: LevelView) -> Displacement | Non
 
 
 def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> float:
-    """Return the median distance of the surfaces that both cameras see; distances above ``COMPARED_M`` are left out."""
+    """Return the median distance between the two cameras' surfaces; distances above ``COMPARED_M`` are left out."""
     _, residual, _ = paired_rows(first, second, T_first_second, COMPARED_M)
     return float(np.median(np.abs(residual))) if len(residual) else 0.0
 

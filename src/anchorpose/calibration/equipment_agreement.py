@@ -1,5 +1,5 @@
-"""Check that the poses of cameras that saw the equipment are consistent: all have one floor, and no camera sees through
-a surface that another camera sees.
+"""Check that the poses of cameras that saw the equipment are consistent: all see the same floor, and no camera sees
+through a surface that another camera sees.
 
 For equipment that looks the same from several sides, the module also finds from which side each camera saw it, and in
 which direction X points.
@@ -26,7 +26,7 @@ APART_M: Final = 0.20
 NOISE_GATE: Final = 4.0
 POINTS: Final = 3000  # number of points used per depth frame
 FRAMES: Final = 6  # maximum number of frames that are compared
-# m; lower points are left out, since the floor looks the same if a camera is placed on the wrong side
+# m; lower points are left out, since the floor looks the same if a camera is placed on the wrong side of the equipment
 ABOVE_FLOOR_M: Final = 0.15
 FLOOR_SIGMA_M: Final = 0.002  # m, error of the floor's height from all cameras together
 FLOOR_SIGMA_RAD: Final = 0.0009  # rad, error of the floor's direction: 0.05 degrees

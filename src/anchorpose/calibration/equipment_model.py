@@ -11,7 +11,7 @@ import numpy as np
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel, Mesh
 
-MARGIN_PX: Final = 6  # pixels around the equipment that are rendered, too; profiles across the outline have this length
+MARGIN_PX: Final = 6  # pixels, width of the rim around the equipment that is rendered too, to compare readings there
 SUBPIXEL: Final = 8  # number of rays between two pixels; the outline is then precise to a sixteenth of a pixel
 JUMP_M: Final = 0.08  # m, step of depth between neighbouring pixels at which one part ends in front of another
 

@@ -32,7 +32,7 @@ from anchorpose.settings import Positive, settings
 
 # Shares are of surface area in m2, so that near parts do not count more than distant parts.
 LEAST_SEEN: Final = 0.2  # minimum share of the equipment seen in its place; people or the image border hide up to half
-MOST_THROUGH: Final = 0.10  # maximum share of the unhidden surface that is seen through; edges of thin bars flicker
+MOST_THROUGH: Final = 0.10  # maximum share of unhidden surface seen through; not 0, since edges of thin bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
 # maximum share of a part's unhidden surface without readings; with more, the part may be absent, and the wall behind it
 # out of range
@@ -41,12 +41,12 @@ LEAST_PIXELS_OF_PART: Final = 40  # minimum number of unhidden pixels of a part;
 # maximum share of the seen outline at which readings continue beyond it at the same depth; if the equipment is tried
 # inside a wall, they continue everywhere
 MOST_FILLED: Final = 0.5
-LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface ends as expected
+LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface ends where predicted
 MOST_OFF_PX: Final = 2.0  # px, maximum distance of a seen edge from the predicted one; edge pixels are often off by one
 MOST_SIGMA_M: Final = 0.006
 MOST_SIGMA_RAD: Final = 0.0087  # rad, maximum sigma of the equipment's direction: half a degree
 LEAST_COSINE: Final = 0.25  # minimum cosine of the angle of incidence; no camera reads surfaces well at flatter angles
-# rad (0.05 degrees), systematic error of a device, seen as an angle between bars a metre apart
+# rad (0.05 degrees), angle by which a camera's systematic error seems to turn equipment with bars a metre apart
 STEADY_RAD: Final = 0.0008
 
 
@@ -71,8 +71,8 @@ class NoPose(StrEnum):
 class PartEvidence:
     """The evidence in the depth frames for each part at a pose; arrays (parts,), areas in m^2.
 
-    on, through, hidden, unread: areas of the expected surface that are seen in place, seen through, hidden, and without
-    reading; pixels: number of pixels that are not hidden; shift_m: apparent displacement of the part, NaN if
+    on, through, hidden, unread: areas of the predicted surface that are seen in place, seen through, hidden, and
+    without reading; pixels: number of pixels that are not hidden; shift_m: apparent displacement of the part, NaN if
     inaccurate. filled_share, outlined_share: see ``_outline_shares``.
     """
 
@@ -87,7 +87,7 @@ class PartEvidence:
 
     @property
     def seen_share(self) -> float:
-        """Return the share of the expected surface that is seen in its place."""
+        """Return the share of the predicted surface that is seen in its place."""
         expected = (self.on_m2 + self.through_m2 + self.hidden_m2 + self.unread_m2).sum()
         return float(self.on_m2.sum() / max(expected, 1e-9))
 
@@ -98,9 +98,7 @@ class PartEvidence:
 
     @property
     def score_m2(self) -> float:
-        """Return the area seen in place minus twice the area seen through, times the share of the seen outline at which
-        the surface ends.
-        """
+        """Return (area seen in place - 2 * area seen through) * (share of seen outline at which the surface ends)."""
         return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
 
 
@@ -147,7 +145,7 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
     """Return two shares. The first is, of the outline's unhidden points at which the part is seen, the share where the
     surface continues beyond the outline, as inside a wall, the floor, or a person who leans on it. The second is, of
-    all unhidden points of the outline, the share at which the surface ends as expected.
+    all unhidden points of the outline, the share at which the surface ends where predicted.
     """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)
@@ -192,9 +190,9 @@ def sigma_of(fit: Refined) -> tuple[float, float]:
     return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
 
 
-TRIED: Final = 6  # number of search results that are refined; the correct result was always among the first two
+TRIED: Final = 6  # number of search results that are refined; the correct one was always among the best two
 LEAST_LEAD: Final = 0.9  # minimum score of an accepted pose, as a share of the best score of any pose, accepted or not
-RIVAL: Final = 0.75  # if another good pose has more than this share of the best score, the choice is ambiguous
+RIVAL: Final = 0.75  # if another accepted pose has more than this share of the best score, the choice is ambiguous
 DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # m and rad; poses that differ by less than both are the same pose
 # m; if the model's lowest point and its Y = 0 are farther apart, each is tried as the height of the floor
 TWO_HEIGHTS_M: Final = 0.03
@@ -301,7 +299,7 @@ def _floor_heights(equipment: Equipment) -> tuple[float, ...]:
 
 
 def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
-    """Return why no pose is accepted: the fault of the refined pose that explains most surface and outline."""
+    """Return why no pose is accepted: the fault of the refined pose that agrees with most surface and outline."""
     if not fits:
         return NoEquipmentPose(NoPose.NOT_SEEN)
     likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))
@@ -312,7 +310,7 @@ def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
 
 
 def _is_rival(accepted: EquipmentPose, other: EquipmentPose, equipment: Equipment) -> bool:
-    """Return whether ``other`` is a different pose that no symmetry of the equipment explains."""
+    """Return whether ``other`` differs from the accepted pose by more than a symmetry of the equipment."""
     centre = equipment.samples.centre_m
     for turn in (np.eye(4), *equipment.symmetry.same):
         T = accepted.fit.T_camera_model @ turn

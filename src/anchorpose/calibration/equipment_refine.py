@@ -19,9 +19,11 @@ MOSTLY: Final = 0.4
 STEADY_ERROR_M: Final = 0.0015  # m, systematic error of a depth camera, the same in all its frames
 # px, standard deviation of one outline point, since edge pixels often read the background
 OUTLINE_SIGMA_PX: Final = 0.6
-# number of least-squares rows of surface readings that count as one observation: neighbours share the device's error
+# number of least-squares rows of surface readings that count as one observation, since neighbours share the camera's
+# error
 SURFACE_ROWS_PER_OBSERVATION: Final = 40.0
-# number of least-squares rows of outline points that count as one observation: neighbours share their part's error
+# number of least-squares rows of outline points that count as one observation, since neighbours share the error of
+# their part
 OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0
 ROBUST: Final = 2.5  # sigmas beyond which residuals lose weight
 # minimum cosine of the angle of incidence; at flatter angles, a small shift changes the depth much
@@ -81,9 +83,9 @@ def predict(camera: Camera, equipment: Equipment, T_camera_model: np.ndarray) ->
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Rows of the least squares. jacobian (n, 7): derivative by turn, shift and edge bias; residual (n,) in sigmas;
-    part (n,): part of the equipment; together: number of rows that count as one observation; reach: residuals beyond it
-    have no weight, inf for no limit.
+    """Rows of the least squares. jacobian (n, 7): derivative by turn, shift and edge bias (see ``refine``); residual
+    (n,) in sigmas; part (n,): part of the equipment; together: number of rows that count as one observation; reach:
+    residuals beyond it have no weight, inf for no limit.
     """
 
     jacobian: np.ndarray
@@ -134,8 +136,8 @@ def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) ->
 
 
 def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: Gate) -> Rows:
-    """Return rows across the outline, in pixels. Each compares the expected end of a part with the end that is observed
-    by counting readings on the part along a profile.
+    """Return rows across the outline, in pixels. Each compares the expected end of a part with the observed end, found
+    by counting readings on the part along a line of pixels across the outline.
     """
     outline, edges = prediction.outline, observed_edges(view, prediction, gate)
     usable, along = edges.usable, np.sum(outline.across * outline.step, axis=1)
@@ -156,7 +158,7 @@ def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: 
 def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> ObservedEdges:
     """Find in the frames where the part ends at each outline pixel.
 
-    A frame in which a nearer object hides a pixel of the profile across the outline is not evidence for that pixel.
+    A frame in which a nearer object hides a pixel of the line across the outline is not evidence for that pixel.
     """
     outline, reach_px = prediction.outline, gate.reach_px
     steps = np.arange(-reach_px + 1, reach_px + 1)
@@ -172,7 +174,7 @@ def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> Obser
     free = (~hidden).sum(axis=0)
     share = on.sum(axis=0) / np.maximum(free, 1)
     same = np.abs(_depth_at(prediction.rendering, row, column) - depth) < margin
-    # pixels of the profile from the outline inward, up to the first at which the model has another depth
+    # pixels of the line from the outline inward, up to the first at which the model has another depth
     first = np.cumprod(same[:, :reach_px][:, ::-1], axis=1)[:, ::-1].astype(bool)
     counted = np.concatenate([first, np.ones((len(row), reach_px), bool)], axis=1)
     inner = first.sum(axis=1)
@@ -217,7 +219,7 @@ STANDING_SIGMA_RAD: Final = 0.0087
 class FloorPrior:
     """The expected floor in the equipment's frame Gamma_0: the plane up @ p = height_m, with its uncertainty."""
 
-    up: np.ndarray  # (3,) unit, in Gamma_0
+    up: np.ndarray  # (3,) unit vector, in Gamma_0
     height_m: float
     sigma_m: float
     sigma_rad: float
@@ -273,7 +275,7 @@ def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: Floo
 def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarray:
     """Return the shift (parts,), in metres, by which each part, if moved alone, would fit better; NaN if inaccurate.
 
-    Only directions that are known to ``MOST_SHIFT_SIGMA_M`` count, since a shift of a bar along itself is invisible.
+    Only directions in which sigma is at most ``MOST_SHIFT_SIGMA_M`` count: a shift of a bar along itself is invisible.
     """
     count = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)
@@ -323,7 +325,7 @@ def _floor_rows(
 
 def _solve(rows: list[Rows]) -> tuple[np.ndarray, np.ndarray]:
     """Return the step (7,) of weighted least squares (turn, shift and edge bias), and its covariance (7, 7)."""
-    information, pull = np.diag([1e-6] * 6 + [1.0]), np.zeros(7)  # prior of the edge bias: 0 with a sigma of a pixel
+    information, pull = np.diag([1e-6] * 6 + [1.0]), np.zeros(7)  # prior of the edge bias: 0 with a sigma of one pixel
     for group in rows:
         ratio = np.minimum(np.abs(group.residual) / group.reach, 1.0)
         weight = (1.0 - ratio**2) ** 2 / group.together

@@ -15,7 +15,7 @@ from anchorpose.lens import lens_array, pixel_of_ray
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3  # states of a map cell; BROAD: only broad flat surfaces fill the cell
 LEAST_Z_M: Final = 0.3  # m; nearer than this, no depth camera measures
-RADIUS_M: Final = 0.5  # m, assumed radius of the equipment, at which a step of rotation moves as far as a step of shift
+RADIUS_M: Final = 0.5  # m from the centre; a step of rotation moves points there as far as a step of shift moves them
 CELL_M: Final = 0.04  # m, side of a cell of the first, coarse map; as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # rad (5 degrees), step between tried yaws; it moves a bar 0.5 m from the centre by a cell
 ABOVE_FLOOR_M: Final = 0.06  # m above the floor; lower cells of the map are left out, since the floor fills them
@@ -133,8 +133,8 @@ def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.nd
 
 @nb.njit(cache=True)
 def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> np.ndarray:
-    """Improve the places (n, 4) (yaw, x, y, z), in place, by steps along yaw, x and z of a half and then a quarter of
-    the tolerance; return their scores (n,).
+    """Improve the places (n, 4) (yaw, x, y, z), in place, by steps along yaw, x and z, first of half the tolerance,
+    then of a quarter; return their scores (n,).
     """
     scores = np.empty(len(places))
     trial = np.empty(4)
@@ -162,7 +162,7 @@ def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 
 @nb.njit(cache=True)
 def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> float:
-    """Return how well equipment at ``place`` (yaw, x, y, z) explains the image, per point that faces the camera."""
+    """Return how well equipment at ``place`` (yaw, x, y, z) agrees with the image, per point that faces the camera."""
     surface, outside, T = points.surface, points.outside, image.T_camera_ground
     cos, sin = np.cos(place[0]), np.sin(place[0])
     total, facing = 0.0, 0
@@ -234,12 +234,12 @@ def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.nda
 
 
 def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) -> list[np.ndarray]:
-    """Return T_camera_model (4, 4) of distinct places, best first. The equipment is upright there, with the height
-    ``lowest_m`` of its frame on the floor.
+    """Return T_camera_model (4, 4) of distinct places, best first. The equipment is upright there, and Y = ``lowest_m``
+    of its frame lies on the floor.
 
     The space above the floor is mapped as filled, free or unknown. The equipment is tried in 72 directions at every
-    cell of the floor: the score is the sum of the map over the equipment's points. Then the best places are improved on
-    the depth image itself.
+    cell of the floor: the score is the sum of the map's values at the equipment's points. Then the best places are
+    improved on the depth image itself.
     """
     image = _search_image(view)
     starts = _coarse(image, view.camera, samples, lowest_m)

@@ -18,7 +18,7 @@ MAD_OF_NORMAL: Final = 0.6745  # median of |x| of a standard normal distribution
 # minimum share of a pixel's readings that show a surface for this surface to be the room; the other readings may show
 # people in front
 STAYS_SHARE: Final = 0.3
-SAME_M, SAME_SIGMAS = 0.02, 3.0  # m, and sigmas of the noise; two readings of one surface differ by less than their sum
+SAME_M, SAME_SIGMAS = 0.02, 3.0  # two readings of one surface differ by less than 0.02 m plus 3 sigmas of the noise
 
 
 def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
@@ -129,7 +129,7 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
 
 LEAST_READINGS: Final = 1000  # minimum number of readings; the smallest depth image has a hundred times as many pixels
 REFITS: Final = 6  # number of refits of the plane; after three or four, the limit for inliers has converged
-FLATNESS_M: Final = 0.003  # m, flatness of a hard floor, added to the noise; without it, near pixels would dominate
+FLATNESS_M: Final = 0.003  # m, unevenness of a hard floor, added to the noise; without it, near pixels would dominate
 # m, maximum distances from the floor's plane, tried in this order: floors are flat to 2 cm, but a camera's smoothing
 # makes waves of 8 cm
 TOLERANCES_M: Final = (0.02, 0.08)
@@ -150,8 +150,8 @@ SUNK_M: Final = 0.10
 LEAST_SHARE: Final = 0.02  # minimum share of all readings on the floor; the direction of a smaller patch is uncertain
 # m, minimum extent of a floor in its narrower direction; the direction of a narrower patch is uncertain
 LEAST_EXTENT_M: Final = 0.5
-# number of planes drawn at random; if 10 % of the readings are on the floor, one draw in 1000 takes three of them, but
-# real floors have 20 to 50 %
+# number of planes drawn at random; if 10 % of the readings are on the floor, one draw in 1000 takes all three points
+# from it, but real floors have 20 to 50 %
 TRIALS: Final = 300
 SAMPLE: Final = 6000  # number of readings that vote on a plane
 
@@ -285,8 +285,8 @@ def _vote(
     """Return the plane (4,) (up, height) with the most points on it after subtraction of the points below it; None
     if no plane is a floor.
 
-    Depth noise a z^2 along a ray that meets the floor at a grazing angle becomes a z h across the floor, where h is the
-    height of the camera.
+    Depth noise a z^2 along a ray that meets the floor at a grazing angle becomes a z h perpendicular to the floor,
+    where h is the height of the camera.
     """
     normals, offsets = drawn_planes(points_m, TRIALS, rng)
     sign = np.where(normals @ up < 0.0, -1.0, 1.0)

@@ -381,7 +381,7 @@ def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.n
         rays = np.concatenate([seen.rays[on], np.ones((int(on.sum()), 1))], axis=1)
         slope = rays @ normal
         predicted = (normal @ place) / np.where(np.abs(slope) > 1e-3, slope, np.inf)
-        # errors of readings on one marker are correlated (ink, calibration of the sensor): together they count as eight
+        # errors of readings on one marker are correlated (ink, calibration of the sensor): they count as eight at most
         rows.append((seen.depth_m[on] - predicted) / DEPTH_SIGMA_M * np.sqrt(min(1.0, 8.0 / max(on.sum(), 1))))
     return np.concatenate(rows)
 
@@ -409,7 +409,7 @@ def _judged(
         return NoMarkers.TOO_UNCERTAIN
     covariance = scale * np.linalg.inv(information)
     sigma_rad = float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
-    sigma_m = float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0))  # per axis, mean over all directions
+    sigma_m = float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0))  # root mean square of the three axes' sigmas
     if sigma_m > WORST_SIGMA_M or sigma_rad > WORST_SIGMA_RAD:
         return NoMarkers.TOO_UNCERTAIN
     markers = tuple(sorted(set(seen.marker.tolist())))

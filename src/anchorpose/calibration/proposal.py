@@ -27,9 +27,9 @@ SNAP_RAD: Final = np.radians(10.0)
 # maximum cost of a fit with axes along the common directions, as a factor on the cost with free axes; if it costs more,
 # the free axes are kept
 SNAP_WORSE: Final = 1.15
-EXPLAINED_M: Final = 0.015  # m from a part's surface; readings within this distance are explained by the part
-WELL_M: Final = 0.006  # m, maximum spread of the readings of a part that fits well, so that its axes need not be freed
-# m, maximum spread of a part's readings; with more, the part is neither a bar nor a plate
+EXPLAINED_M: Final = 0.015  # m from a part's surface; readings within this distance count as readings of the part
+WELL_M: Final = 0.006  # m; if a part's readings spread about its surface by less, its axes are not freed
+# m, maximum spread of a part's readings about its surface; with more, the part is neither a bar nor a plate
 WORST_RESIDUAL_M: Final = 0.012
 MOST_HOLLOW: Final = 0.2  # maximum share of the rays through a part's core that pass through; a wrong part has more
 END_SHARE: Final = 0.15  # share of a bar's length at each end that is left out when its cross-section is measured
@@ -52,7 +52,7 @@ class ProposedPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentProposal:
-    """The proposed parts, by name. explained_share: share of the free-standing readings within 15 mm of a part."""
+    """Proposed parts, by name. explained_share: share of readings on free-standing objects within 15 mm of a part."""
 
     parts: tuple[ProposedPart, ...]
     explained_share: float
@@ -132,7 +132,7 @@ def _with_cameras(recording: Recording, name: str | None) -> Recording:
 def propose_equipment(
     cameras: Sequence[Camera], rooms_m: Sequence[np.ndarray], floor_height_m: float, region: Region
 ) -> EquipmentProposal | NoEquipment:
-    """Propose the boxes and tubes that explain the empty room near the patient's place.
+    """Propose boxes and tubes that fit the objects near the patient's place in the empty room.
 
     cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. If no camera
     sees one side of a bar, this side is placed such that the bar is square, and the length from this side to the
@@ -162,9 +162,9 @@ def propose_equipment(
 
 
 def _common_yaw(found: Sequence[Found]) -> float:
-    """Return the direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 if it is nearly 0.
+    """Return the level bars' angle about the vertical, radians, within 45 degrees of 0; 0 if it is nearly 0.
 
-    Bars meet at right angles, so angles that differ by 90 degrees are averaged as equal (as four times the angle);
+    Bars meet at right angles, so four times the angle is averaged, which makes angles that differ by 90 degrees equal;
     longer bars count more.
     """
     total = 0.0 + 0.0j
@@ -180,8 +180,8 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
     """Fit a part. Its axes are set to the vertical and the common directions (``yaw``) if they are nearly parallel to
     these.
 
-    The better of two starts counts: if readings of other parts are mixed in, one start may be too large, and one of its
-    faces may converge to the wrong side of the readings.
+    The fit starts from a larger and from a smaller box, and the better result counts: readings of other parts may make
+    the larger box too large, so that one of its faces converges to the wrong side of the readings.
     """
     rotation = _snapped(part.rotation, yaw)
     rows = np.flatnonzero(readings.stands)[part.members]
@@ -245,7 +245,7 @@ def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[
 
 
 def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:
-    """Refit the part: with its axes along the common directions if these explain the readings, else with free axes."""
+    """Refit the part with its axes along the common directions or, if that fits clearly worse, with free axes."""
     straight = refine(fit, readings, own, tubes=tubes)
     if _is_snapped(fit) and straight.residual_m < WELL_M:
         return straight

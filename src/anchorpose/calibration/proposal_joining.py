@@ -42,8 +42,8 @@ def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
 
 
 def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
-    """Return how far (m) readings continue beyond an end: every step has enough readings, and the last step has
-    readings of no other part (``free``).
+    """Return how far (m) readings continue beyond a bar's end, with no two empty steps in a row. The last step has
+    enough readings of no other part (``free``).
     """
     steps = (beyond_m / ALONG_M).astype(int)
     ahead = beyond_m > 0

@@ -1,4 +1,4 @@
-"""Gather free-standing objects near the patient's place, and find bars and plates in them."""
+"""Gather depth readings of free-standing objects near the patient's place, and find bars and plates in them."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ FLOOR_SIGMAS: Final = 4.0  # sigmas of the noise in the height of floor readings
 # JUMP_SIGMAS sigmas of the noise
 JUMP_M, JUMP_SIGMAS = 0.03, 4.0
 SUPPORT: Final = 4  # minimum number of neighbours, out of eight, at a pixel's depth; flying pixels have fewer
-FREE_SHARE: Final = 0.5  # minimum share of an object's pixels that lie in ``Region``; walls and cupboards have less
+FREE_SHARE: Final = 0.5  # minimum share of an object's pixels in the searched cylinder; walls and cupboards have less
 # pixels, width of the rim around free-standing objects; readings in the rim are kept, since their rays pass beside the
 # object
 BEYOND_PX: Final = 14
 UNREAD_M: Final = 100.0  # m, depth assigned to a large area without readings, where the room is out of range
-UNREAD_PX: Final = 21  # pixels, minimum width of such an area; the unread side of a tube at a grazing angle is narrower
+UNREAD_PX: Final = 21  # pixels, minimum width of an area out of range; the unread side of a tube is narrower
 TOP_M: Final = 2.2  # m, maximum height of the equipment above the floor; lamps and ceiling lifts are not part of it
 
 
@@ -96,7 +96,7 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
     """Return (height, width) bool: pixels above the floor, in the region, and on an object mostly in the region."""
     points = transform_points(camera.require_pose(), camera.back_project(room_m).astype(np.float64))
     height = points[..., 1] - floor_height_m
-    lift = abs(camera.position_m[1] - floor_height_m)  # noise a z^2 along the ray becomes a z h across a floor h below
+    lift = abs(camera.position_m[1] - floor_height_m)  # noise a z^2 along a ray is a z h in height, for a floor h below
     standing = (room_m > 0) & (height > TOLERANCES_M[0] + FLOOR_SIGMAS * noise * room_m * lift)
     limit = JUMP_M + JUMP_SIGMAS * noise * room_m**2
     supported = _support(room_m, standing, limit) >= SUPPORT
@@ -328,8 +328,8 @@ def _filled(offset: np.ndarray, axes: np.ndarray) -> float:
 
 
 def _grow_plate(points_m: np.ndarray, left: np.ndarray, place: np.ndarray, axes: np.ndarray) -> Found | None:
-    """Return the connected part of the plane around a place, in its smallest rectangle; None if this rectangle is as
-    narrow as a bar.
+    """Return the connected flat surface around a place as its smallest enclosing rectangle; None if this rectangle is
+    as narrow as a bar.
     """
     offset = points_m[left] - place
     on_plane = np.abs(offset @ axes[:, 0]) < PLATE_FLATNESS_M

@@ -27,16 +27,16 @@ TRIALS: Final = 25  # maximum number of iterations of the solver; most fits conv
 # outweigh it
 SQUARE_SIGMA_M: Final = 0.02
 PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge is not seen, and its sigma
-# sine of the angle between the line of sight and an axis (24 degrees) below which the extent along this axis counts as
-# unseen; at this angle, a 5 cm bar shows three pixels of its side
+# the extent along an axis counts as unseen if the sine of the angle from axis to line of sight is below this (24
+# degrees); at this angle, a 5 cm bar shows three pixels of its side
 ASLANT: Final = 0.4
 ASSUMED: Final = 20.0  # weight of the assumption that a bar is square, or a plate thin, if no camera sees a side
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, limits of a bar's cross-section; broader parts, such as pads, are plates
-END_SIGMA_M: Final = 0.05  # m, sigma of a bar's end about the bar's last reading, if nothing else shows the end
+END_SIGMA_M: Final = 0.05  # m, sigma of the distance from a bar's last reading to its end, if nothing shows the end
 # maximum cost of the fitted tube, divided by that of the bar, at which the tube is used; it is above 1, since a bar has
 # one more free length
 ROUNDER: Final = 1.12
-# minimum number of readings or passing rays at a face; with fewer, the face's place is a guess
+# minimum number of readings on a face, or of rays that pass by it; with fewer, the face's place is a guess
 LEAST_SUPPORT: Final = 12
 
 
@@ -89,8 +89,8 @@ class Fit:
 
 
 def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bool, seen_from: np.ndarray) -> Fit:
-    """Make a part from its visible points; its unseen thickness, away from the camera, is assumed to equal its breadth.
-    seen_from (3,): camera position along the part's axes.
+    """Make a part from its visible points. Its unseen thickness is assumed: a bar's breadth, or ``PLATE_M`` for a
+    plate. seen_from (3,): camera position along the part's axes.
     """
     low, high = low.copy(), high.copy()
     size = high - low
@@ -105,8 +105,7 @@ def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bo
 
 
 def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tubes: bool = False) -> Fit:
-    """Fit the box that explains the readings best. If ``tubes`` is set and a tube explains them about as well, return
-    the tube.
+    """Fit a box to the readings. If ``tubes`` is set and a tube fits them about as well, return the tube.
 
     own (n,) bool: readings on this part. turn: whether the axes may turn too.
     """
@@ -186,7 +185,7 @@ def _nearest_distance(places_m: np.ndarray, fit: Fit) -> np.ndarray:
 
 
 def _closest_approach(fit: Fit, readings: Readings) -> tuple[np.ndarray, np.ndarray]:
-    """Return the depth at which each ray is nearest to a part's middle line, and the distance there."""
+    """Return the depth at which each ray is nearest to a part's middle line, and its distance from the line there."""
     long = int(np.argmax(fit.size_m))
     center_m, axis, half_m = fit.center_m, fit.rotation[:, long], fit.size_m[long] / 2.0
     offset = readings.origin_m - center_m
@@ -227,7 +226,7 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
     x = np.concatenate([(fit.low + fit.high) / 2.0, fit.size_m, np.zeros(3 if turn else 0)])
     scale = np.concatenate([np.full(6, 0.01), np.full(len(x) - 6, 0.02)])
     seen = len(evidence.points_m) + len(evidence.passing_m) + len(evidence.hitting_m)
-    # the first kernel moves the part out of passing rays, the second rejects outliers
+    # the first kernel moves the part off rays that end beyond it, the second rejects outliers
     for kernel in (_soft_l1, _cauchy):
         loss = partial(_robust_loss, kernel, seen)
         found = least_squares(rows, x, loss=loss, f_scale=2.0, max_nfev=TRIALS, x_scale=scale)

@@ -32,14 +32,14 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording, depths_of
 
-# rad (two degrees); if a measured floor is tilted by more in the world, a doubt is noted; such a tilt displaces a foot
-# at 1 m by 3.5 cm
+# rad (two degrees); if a measured floor is tilted by more in the world, a doubt is noted; such a tilt displaces a point
+# 1 m away by 3.5 cm
 TILTED_RAD: Final = 0.035
 # rad (four degrees); if a measured floor is tilted by more in the world, the pose is wrong: floors are level to one
 # degree, and lenses bend them by one degree more
 WORST_FLOOR_TILT_RAD: Final = 0.07
-# m, difference between one floor's heights in two cameras, each known to 2 cm, above which a doubt is noted, and above
-# which tracking is refused: each camera's height is then 10 cm off
+# m, limits of the difference between one floor's heights in two cameras, each known to 2 cm: above the first, a doubt
+# is noted; above the second, tracking is refused, since one height is then off by 7 cm or more
 UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15
 
 

@@ -25,20 +25,21 @@ from anchorpose.isolation.room_planes import find_planes
 from anchorpose.isolation.view import View
 
 NOISY_PER_M: Final = 2 * 1.425e-3  # 1/m, maximum noise sigma / depth^2; twice a Kinect v1's (Khoshelham, Elberink 2012)
-# shares of the image without readings (yellow, red); indoors, windows and far walls cause shares of 0.05 to 0.35
+# shares of pixels without a reading (yellow, red); indoors, windows and far walls cause shares of 0.05 to 0.35
 SOME_GONE, MOST_GONE = 0.40, 0.70
-HOLED: Final = 0.15  # maximum share of the patient's outline without readings; hair and shoes cause less
-# a frame counts as disturbed if its noise is more than this times the median frame's; others deviate by up to 10 %
+HOLED: Final = 0.15  # maximum share of pixels inside the patient's outline without a reading; hair and shoes cause less
+# a frame is disturbed if its noise is more than this times the median frame's; other frames deviate by up to 10 %
 BURST: Final = 1.3
 GONE: Final = 0.05  # extra share of pixels without a reading that makes a frame disturbed; a passer-by adds less
 OFTEN_BURST: Final = 0.25  # share of disturbed frames above which the finding is red instead of yellow
-UNSTEADY, VERY_UNSTEADY = 0.10, 0.20  # (yellow, red) shares of pixels that gain or lose a reading per frame; usual 0.03
+# (yellow, red) shares of pixels that gain or lose a reading from one frame to the next; usually 0.03
+UNSTEADY, VERY_UNSTEADY = 0.10, 0.20
 SPECK_PX: Final = 7  # pixels; a smaller hole or gap in the patient's pixels is closed to find the outline
 LEAST_SAMPLES: Final = 5  # minimum number of frames for measuring changes between frames
 
 
 def check_depth(material: Material) -> list[Finding]:
-    """Return the findings on depth, each over all cameras."""
+    """Return the findings on depth; each covers all cameras."""
     noise, detail, room, steady, holes = (list[OfCamera]() for _ in range(5))
     for index, (camera, frames) in enumerate(material.by_camera()):
         distance_m = material.distance_m(index)
@@ -129,7 +130,7 @@ def _disturbed(camera: Camera, frames_m: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _holes(camera: Camera, views: Sequence[View]) -> OfCamera:
-    """Return a finding on the share of the patient's outline without a reading."""
+    """Return a finding on the share of pixels inside the patient's outline that have no reading."""
     shares = [share for view in views if np.isfinite(share := _hole_share(view))]
     if not shares:
         return OfCamera(camera.name, Level.GREEN, "the patient is not in view")

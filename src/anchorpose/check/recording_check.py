@@ -35,8 +35,8 @@ from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy
 from anchorpose.tracker.look import Look
 from anchorpose.tracker.room import NOBODY_SEEN
 
-TOO_SLOW_HZ: Final = 5.0  # frames per second; at a lower rate, people move by a whole step between two frames
-# shares of missing frames (yellow, red); tracking bridges single gaps; above 0.25, the rate is halved in places
+TOO_SLOW_HZ: Final = 5.0  # Hz; at a lower rate, a walking person may move by a whole step between two frames
+# shares of missing frames (yellow, red); tracking bridges single gaps; above 0.25, parts have only half the rate
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
 SHORT_S: Final = 4.0  # s, minimum duration of a recording for learning the patient's body
 # shares (yellow, red) of frame intervals that deviate from multiples of the camera's period by over a quarter of the
@@ -45,7 +45,8 @@ SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5
 
 
 def check_frames(material: Material) -> list[Finding]:
-    """Return findings on number, rate and completeness of frames, on even time stamps, and on the cameras' clocks.
+    """Return findings on number, rate and completeness of frames, on how even time stamps are, and on the cameras'
+    clocks.
 
     Raises InputError if cameras never overlap in time.
     """
@@ -154,7 +155,7 @@ def _level(doubt: PoseDoubt | None) -> Level:
 
 
 def _agreement(asked: PosesAsked) -> list[Finding]:
-    """Return a finding on how well two cameras' poses agree, for all pairs; none if no pair sees enough in common."""
+    """Return one finding on how well the poses agree in each pair of cameras; none if no pair sees enough in common."""
     between = {doubt.cameras: doubt for doubt in asked.doubts if doubt.source is DoubtSource.CAMERAS}
     parts = [
         OfCamera(" and ".join(names := pair.past.cameras), _level(between.get(names)), pair.measured, REMEDY)
@@ -188,7 +189,7 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 SELDOM: Final = 0.5  # minimum share of the sampled frames in which the patient should be found
 CUT_PX: Final = 3  # pixels; a body with more pixels than this at a border is cut off there; even a hand has more
-SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off (yellow, red); a raised hand sometimes is
+SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off (yellow, red); a raised hand may be
 NEAR_M, FAR_M = 1.2, 4.0  # m to the patient; nearer, no lens shows feet and head; farther, a forearm has only 10 pixels
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
 # shares of the skin facing the camera that are hidden (yellow, red); above the second, more is inferred than seen
@@ -279,7 +280,7 @@ def _distance(material: Material) -> Finding:
 
 
 def _hidden(material: Material) -> Finding:
-    """Return a finding on the share of skin that equipment or people hide, for the best camera in each frame."""
+    """Return a finding on the share of skin that equipment or people hide, per frame for the camera that sees most."""
     hidden = np.array([one.hidden for one in material.patient])
     known = hidden[np.isfinite(hidden).any(axis=1)]
     if not len(known):

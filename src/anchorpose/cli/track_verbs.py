@@ -55,8 +55,8 @@ class RunOptions:
     """Replace an existing results folder."""
 
     def settings(self, **more: Any) -> TrackConfig:
-        """Return the settings of the settings file, of which some are replaced by the given options and by ``more``.
-        Raises AnchorposeError if the result is contradictory.
+        """Return the settings of the settings file; the given options and ``more`` replace some of them. Raises
+        AnchorposeError if the result is contradictory.
         """
         from anchorpose.settings import sentence_of
 

@@ -91,7 +91,7 @@ def read_weights(path: Path) -> Weights:
 
     head, network = _parts(path)
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # sums then have one order, so that each run gives the same bytes
+    options.intra_op_num_threads = 1  # one thread adds in a fixed order, so each run gives the same bytes
     session = onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
     nothing = np.zeros((1, INPUTS, MULTIPLE, MULTIPLE), np.float32)
     slope, base, centres = session.run(["slope", "base", "centres"], {"depth": nothing})

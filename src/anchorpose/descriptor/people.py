@@ -24,13 +24,13 @@ STRAY_M: Final = 0.7  # m; a vote farther from every pelvis belongs to nobody
 MOST_VOTES: Final = 4000  # maximum number of votes that are counted; three cameras give 20,000
 
 LEAST_AREA_M2: Final = 0.06
-"""Minimum seen surface (m2) of a person: a head with its neck. Clutter can be larger, but has a lower certainty."""
+"""Minimum seen surface (m2) of a person: a head with its neck. Objects can be larger, but have a lower certainty."""
 
 
 LEAST_CERTAINTY: Final = 0.7
 """Minimum mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``), all people
-in plain view have a higher mean. So do some objects (0.2 to 3 per image); these are rejected later, since no body
-explains them (``tracker.patient_choice.HUMAN``).
+in plain view have a higher mean. So do some objects (0.2 to 3 per image); these are rejected later, since no body model
+fits them (``tracker.patient_choice.HUMAN``).
 """
 
 
@@ -128,7 +128,7 @@ def _rays(mine: np.ndarray, votes: Sequence[_Votes | None]) -> tuple[np.ndarray 
 
 
 def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the places (p, 3) where votes (n, 3) gather, the heaviest first."""
+    """Return the places (p, 3) around which votes (n, 3) are densest, the place with most weight of votes first."""
     step = 1 + len(votes_m) // MOST_VOTES
     votes_m, weight = votes_m[::step], weight[::step] * step
     left, found = np.ones(len(votes_m), dtype=bool), list[np.ndarray]()

@@ -58,7 +58,7 @@ class Channel:
 
 
 def channels_of(samples: Samples) -> list[Channel]:
-    """Return the channels: first the time (latency), then joints and angles, then sigma and state code of each."""
+    """Return the channels: the time (latency), joints and angles, then sigma and state code of each joint and angle."""
     since_s = samples.time_s - samples.time_s[0]
     latency = Channel("latency", "n/a", "LATENCY", "n/a", "s", "time since the first frame", since_s)
     places = [

@@ -66,8 +66,9 @@ class Node:
 def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
     """Build the nodes from joint centres (n, 21, 3). Bone lengths are medians over the frames.
 
-    A bone's rotation relative to its parent is the shortest to the bone's direction, so no rotation about its long axis
-    is invented. The lines between the hips and between the shoulders determine the rotation of pelvis and chest.
+    A bone's rotation relative to its parent is the shortest that gives the bone its direction, so no rotation about its
+    long axis is invented. The lines between the hips and between the shoulders determine the rotation of pelvis and
+    chest.
     """
     rest = shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None]
     nodes, index = [Node(ROOT, -1, np.zeros(3), np.zeros(3), pelvis_axes(position_m))], {ROOT: 0}
@@ -117,7 +118,7 @@ def skeleton_of_poses(
     path: Path, recorded: Samples, frame: np.ndarray, interpolation: Interpolation
 ) -> tuple[list[Node], np.ndarray]:
     """Build one node per moving bone of the body model from poses.parquet; return the nodes, and the positions (g, 3)
-    of the root in metres at the g times of the grid.
+    of the root in metres at the g times of the regular grid.
 
     A node has the bone's name in the CMU motion collection. Offsets are medians over the recorded frames. At a grid
     time between two recorded frames, a rotation is the normalised, weighted mean of the quaternions in these frames.
@@ -168,7 +169,7 @@ def _matrices(quaternion: np.ndarray) -> np.ndarray:
 
 
 def _middle(quaternion: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
-    """Return the median (3,) over n frames of a world vector (n, 3) in a bone's axes; NaN if these are never known."""
+    """Return the median (3,) over n frames of a world vector (n, 3) in a bone's axes; NaN if all n are NaN."""
     inside = np.einsum("nji,nj->ni", _matrices(quaternion.astype(np.float64)), vector_m)
     known = inside[np.isfinite(inside).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(3, np.nan)

@@ -114,8 +114,8 @@ def _angles(path: Path, joints: JointTable) -> _Angles:
 class Product:
     """The report of a format's writer on the files that it wrote, for export.json. axes, units: descriptions in words.
 
-    time: how the times were changed; missing: the mark of a missing value; counts: figures to check, such as the frames
-    written; notes: further information for people.
+    time: how the times were changed; missing: the mark of a missing value; counts: numbers by which the files can be
+    checked, such as that of the frames written; notes: further information for people.
     """
 
     axes: str

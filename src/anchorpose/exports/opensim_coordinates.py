@@ -1,8 +1,8 @@
 """Compute joint coordinates with the names, signs and zeros of OpenSim's whole-body models, from joint centres.
 
 Axes are X forward, Y up, Z right, as OpenSim's bodies have them. Joint centres do not determine the rotation of thigh,
-upper arm and forearm about their long axes; the knee and elbow axes of the learnt body determine that of thigh and
-upper arm.
+upper arm and forearm about their long axes; the knee and elbow axes of the patient's learnt body model determine it for
+thigh and upper arm.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from anchorpose.results.tables import POSES_FILE, PoseTable, read_poses
 from anchorpose.rotations import unit
 
 SIDES: Final = (("Right", "r", 1), ("Left", "l", -1))
-"""For each side: its name in this project, its name in OpenSim, and 1 if Z points to this side, or -1."""
+"""For each side: its name in this project, its name in OpenSim, and 1 if the Z axis points to this side, else -1."""
 
 LOWER_SPINE_LEAN_DEG: Final = 4.4
 UPPER_SPINE_LEAN_DEG: Final = 5.2
-"""Leans of the spine, in degrees, if the mean body stands upright: the line from the hips to SpineMid leans back by
-``LOWER_SPINE_LEAN_DEG``, the line from SpineMid to SpineShoulder leans forward by ``UPPER_SPINE_LEAN_DEG``. They define
-the zeros of the pelvis and lumbar coordinates, as ``SOLE_SLOPE_DEG`` defines that of the ankle; a test compares them
-with the body model.
+"""Leans of the spine, in degrees, if the body model's mean shape stands upright: the line from the hips to SpineMid
+leans back by ``LOWER_SPINE_LEAN_DEG``, the line from SpineMid to SpineShoulder leans forward by
+``UPPER_SPINE_LEAN_DEG``. They define the zeros of the pelvis and lumbar coordinates, as ``SOLE_SLOPE_DEG`` defines that
+of the ankle; a test compares them with the body model.
 """
 
 
@@ -107,8 +107,8 @@ def _about_z(axes: np.ndarray, degrees: float) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HingeAxes:
-    """Knee and elbow axes of the learnt body, which determine the rotation of thigh and upper arm about their long
-    axes.
+    """Knee and elbow axes of the patient's learnt body model, which determine the rotation of thigh and upper arm about
+    their long axes.
 
     knee, elbow (n, 2, 3): unit axes in the world, right then left, pointing to the right where the limb hangs down; NaN
     where the patient is lost.
@@ -163,10 +163,11 @@ def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: 
     """Compute OpenSim's coordinates from joints (n, 21, 3), world, metres; leave out those that joints do not
     determine.
 
-    hinges: the knee and elbow axes of the learnt body, from which hip_rotation and arm_rot are computed; None leaves
-    both out. The model that ``opensim_model`` writes has the same axes and zeros, so with these coordinates its markers
-    are at the joints. Names, axes and signs are those of Rajagopal et al. 2016 (doi:10.1109/TBME.2016.2586891), or of
-    Delp et al. 1990 (doi:10.1109/10.102791) for gait2392, in which a bent knee is negative.
+    hinges: the knee and elbow axes of the patient's learnt body model, from which hip_rotation and arm_rot are
+    computed; None leaves both out. The model that ``opensim_model`` writes has the same axes and zeros, so with these
+    coordinates its markers are at the joints. Names, axes and signs are those of Rajagopal et al. 2016
+    (doi:10.1109/TBME.2016.2586891), or of Delp et al. 1990 (doi:10.1109/10.102791) for gait2392, in which a bent knee
+    is negative.
     """
     pelvis, torso = pelvis_axes(position_m), torso_axes(position_m)
     place, back = joint(position_m, "SpineBase"), np.einsum("nji,njk->nik", pelvis, torso)

@@ -16,7 +16,7 @@ from anchorpose.results.joint_angles import SOLE_SLOPE_DEG
 
 Places = Mapping[str, np.ndarray]
 """For each joint, by name: its position (3,), metres, in the axes of the OpenSim body that carries it, relative to the
-origin of that body, while the limbs hang down.
+origin of that body; limbs hang straight down in these positions.
 """
 
 _IN_TRUNK: Final = {
@@ -72,8 +72,8 @@ def _median(values: np.ndarray) -> np.ndarray:
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 Axis = tuple[float, float, float]
 
-# Segment masses as shares of the body's mass (de Leva 1996, doi:10.1016/0021-9290(95)00178-6, men). The pelvis is the
-# lower trunk, the torso is the upper and middle trunk, and the ulna is forearm and hand.
+# Segment masses as shares of the body's mass (de Leva 1996, doi:10.1016/0021-9290(95)00178-6, for men). The pelvis is
+# the lower trunk, the torso is the upper and middle trunk, and the ulna is forearm and hand.
 MASS_SHARE: Final = {
     "pelvis": 0.1117,
     "torso": 0.3229,
@@ -117,7 +117,7 @@ def segments(body: Places, model: CoordinateModel) -> tuple[OsimBody, ...]:
 
 
 def _some(body: Places, *names: str) -> Places:
-    """Return the markers at these joints."""
+    """Return the markers at the joints with these names."""
     return {name: body[name] for name in names}
 
 
@@ -312,7 +312,7 @@ def _coordinate(coordinate: OsimCoordinate) -> ElementTree.Element:
 
 
 def _transform(coordinates: tuple[OsimCoordinate, ...]) -> ElementTree.Element:
-    """Return a joint's axes: three of rotation, then three of translation, constant if without a coordinate."""
+    """Return a joint's axes: three of rotation, then three of translation; an axis without a coordinate is fixed."""
     transform = xml("SpatialTransform")
     for kind, moves in (("rotation", False), ("translation", True)):
         used = [coordinate for coordinate in coordinates if coordinate.moves is moves]

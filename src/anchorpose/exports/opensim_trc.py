@@ -129,8 +129,9 @@ def ik_setup_xml(name: str, result: str, markers: Sequence[str], period_s: Itera
 
 
 def scale_setup_xml(time_s: np.ndarray) -> str:
-    """Return a set-up file of OpenSim's scale tool, for a model whose markers are named like the joints. It uses
-    distances between markers in at most the first second of ``time_s`` (n,), in which all markers are known.
+    """Return a set-up file of OpenSim's scale tool, for a model whose markers are named like the joints. The tool uses
+    distances between markers in at most the first second. time_s (n,): times of successive frames in which all markers
+    are known.
 
     The model beside the file has the patient's lengths already, so the scale factors are near one. To scale another
     model, name it in ``model_file``.

@@ -23,7 +23,7 @@ share of the time between frames. At 30 frames per second, this is 0.3 ms, in wh
 
 
 MOST_ROWS: Final = 20
-"""Maximum ratio of grid frames to recorded frames; above it, the recording consists mostly of pauses."""
+"""Maximum number of grid frames per recorded frame; if there are more, the recording consists mostly of pauses."""
 
 
 class TimeBase(StrEnum):
@@ -66,7 +66,7 @@ class Interpolation:
         return np.where(self.bridged[fit], mixed, np.nan)
 
     def worse_state(self, state_code: np.ndarray) -> np.ndarray:
-        """Return the worse state code of both samples around each grid time, (g, ...); in a gap, the code of lost."""
+        """Return the worse state code, (g, ...), of the two samples around each grid time; in a gap, that of lost."""
         share, left, right = self.share[:, None], state_code[self.before], state_code[self.before + 1]
         worst = np.where(share == 0.0, left, np.where(share == 1.0, right, np.maximum(left, right)))
         return np.where(self.bridged[:, None], worst, LOST).astype(np.int8)
@@ -88,9 +88,10 @@ def regular_samples(samples: Samples) -> RegularSamples:
     """Bring the samples to a fixed rate; at times without samples, values are NaN and every state is ``lost``.
 
     If all times lie on a regular grid, times and values stay bit for bit, and grid frames that were not recorded are
-    added without values. Otherwise all samples are resampled: linearly between the two around the new time, if these
-    are near in time and both have the value. The state is the worse of theirs. Sigma is interpolated too, as if both
-    samples had the same error. Raises AnchorposeError if there is only one frame, or if recording mostly paused.
+    added without values. Otherwise values are interpolated linearly between the two samples around each new time, if
+    these are near in time and both have a value. The state is the worse of their two states. Sigma is interpolated too,
+    as if both samples had the same error. Raises AnchorposeError if there is only one frame, or if recording mostly
+    paused.
     """
     time_s = samples.time_s
     rate_hz, slot, on_grid = _grid(time_s)
@@ -112,14 +113,14 @@ def nominal_rate_hz(time_s: np.ndarray) -> float:
 
 
 def near_in_time(time_s: np.ndarray) -> np.ndarray:
-    """Return (n - 1,) bool: whether each frame and the next are at most ``LONGEST_STEP`` times the usual interval
-    apart; raises AnchorposeError for one frame.
+    """Return (n - 1,) bool: whether a frame and the next are so near in time (``LONGEST_STEP``) that no frame is
+    missing between them; raises AnchorposeError for one frame.
     """
     return np.asarray(np.diff(time_s) <= LONGEST_STEP / nominal_rate_hz(time_s))
 
 
 def without_gaps(time_s: np.ndarray) -> bool:
-    """Return whether no two successive frames are further apart than ``LONGEST_STEP`` times the usual interval."""
+    """Return whether no frame is missing between any two successive frames (``near_in_time``)."""
     return bool(near_in_time(time_s).all())
 
 
@@ -152,7 +153,7 @@ def _round_rate(rate_hz: float) -> float:
 
 
 def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Interpolation]:
-    """Return the grid times, each sample's time at its index ``slot``, and the interpolation; other times are gaps."""
+    """Return grid times, the samples' own at the indices ``slot``, and the interpolation; other grid times are gaps."""
     count = int(slot[-1]) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
     grid_s[slot] = time_s
@@ -207,8 +208,9 @@ class Stretches:
 
 
 def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretches:
-    """Find the stretches of frames to write. known (n, c) bool: columns that have a value in each frame; joined: as in
-    ``runs_where``. ``runs`` is empty if no column is known in half of the frames.
+    """Find the stretches of frames to write. known (n, c) bool: columns that have a value in each frame; joined:
+    whether a frame and the next are neighbours in time; None if all are. ``runs`` is empty if no column is known in
+    half of the frames.
     """
     kept = known.mean(axis=0) >= KEPT_SHARE
     return Stretches(kept, runs_where(np.asarray(known[:, kept].all(axis=1)), joined) if kept.any() else ())

@@ -62,7 +62,8 @@ MISSED: Final = 4.0  # cost of a missed anchor; if every extremum costs more, th
 PREDICTION: Final = 1.5  # maximum cost added for the distance from the predicted place
 # cost added for an anchor without a prediction; the limit ``MISSED`` then allows 3 tolerances from the usual place
 UNPREDICTED: Final = 1.0
-# the cost of an extremum within the gate of the predicted place is at most this, so it can be the anchor in any pose
+# maximum cost of an extremum within the gate (``AnchorConfig.gate``) of the predicted place. It is less than
+# ``MISSED``, so that such an extremum can be the anchor in any pose
 AT_PREDICTION: Final = 3.5
 # tolerances, maximum distance from an anchor's usual place at which an extremum beyond the gate of the prediction can
 # get the anchor's name
@@ -115,8 +116,8 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
-    """Return the distance (k, k) between extrema: along their paths (k, l, 3), and straight from a place on one path to
-    a place on the other. The two places are those with which this sum is least.
+    """Return the distance (k, k) between extrema: along one path to some place, straight from there to a place on the
+    other path, and along that path. Of all pairs of places (k, l, 3) on the paths, those with the least sum are used.
     """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)
@@ -132,7 +133,7 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
     its value in ``off2`` (for hands and feet, that of the distance from the head is added), plus at most ``PREDICTION``
     for the distance from the prediction; a missed anchor costs ``MISSED``. An extremum beyond the gate gets a name only
     if it is clear: at most ``CLEAR`` from the usual place of this anchor, and not nearer to that of another. All this
-    is computed with each extremum as the head, and without a head.
+    is computed with each extremum as the head, and without a head; the result with the least cost is returned.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -160,7 +161,7 @@ def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
 
 
 def _off_head2(apart: np.ndarray) -> np.ndarray:
-    """Return how far the distances (k,) from the head are off each limb's ``FROM_HEAD``, (k, 4) squared tolerances."""
+    """Return (k, 4) squared tolerances: how much distances (k,) from the head differ from each limb's ``FROM_HEAD``."""
     off: np.ndarray = np.minimum(((apart[:, None] - FROM_HEAD) / FROM_HEAD_TOLERANCE) ** 2, FARTHEST_OFF**2)
     return off
 
@@ -201,7 +202,7 @@ class AnchorConfig:
 
     radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
     cap: Positive = 0.06 / 1.75  # depth of the extremal cap below its tip (6 cm, about a fist)
-    # distance from the predicted place within which an extremum can be the anchor in any pose; half a forearm
+    # distance from the predicted place within which an extremum can be the anchor in any pose; half of forearm and hand
     gate: Positive = 0.25 / 1.75
 
 

@@ -31,7 +31,7 @@ class CenterField:
     distance_m: np.ndarray  # (n,) float32, inf on pieces that are too small
     piece: np.ndarray  # (n,) int32, number of each node's piece, as in ``surface.links.pieces``
     root: np.ndarray  # (p,) int32, node from which each piece is measured; V_c on the main piece, -1 if too small
-    before: np.ndarray  # (p,) int32, node on the other side of the gap before the root; -1 if there is no gap or root
+    before: np.ndarray  # (p,) int32, node across the gap from ``root``, on another piece; -1 if there is no gap or root
 
     @property
     def center(self) -> int:

@@ -22,8 +22,8 @@ FARTHEST: Final = 10
 # a cap is a stump (the limb goes on behind an object in front) if at least this share of the cap's outer half lies at
 # the object's border (a cut). Beside a bar, all of the outer half does.
 STUMP_SHARE: Final = 0.5
-# minimum length of hidden skin beyond an extremum for the limb to continue there, in cap depths (9 cm); fingers without
-# readings are shorter
+# in units of a cap's depth (1.5 are 9 cm), minimum length of hidden skin beyond an extremum for the limb to continue
+# there; fingers without readings are shorter
 LONGER: Final = 1.5
 LONGER_AT_CUT: Final = 1.0  # the same if an object stands in front of the end, such as a bar in front of a wrist
 # skin area that one hidden node stands for, divided by that of a seen node: hidden nodes are 2.2 cm apart, seen nodes

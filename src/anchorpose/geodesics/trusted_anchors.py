@@ -84,7 +84,7 @@ def cast_shadow(
         b, share = a, 0.0
     if chain[a, CORNER] < 0 and chain[b, CORNER] < 0:
         return
-    if chain[a, CORNER] < 0:  # make a the end of the edge that lies in the shadow
+    if chain[a, CORNER] < 0:  # exchange a and b, so that a lies in the shadow
         a, b, share = b, a, 1.0 - share
     last = np.int64(chain[a, CORNER])
     if chain[b, CORNER] >= 0 and chain[b, ROOT] == chain[a, ROOT] and distance[chain[b, CORNER]] > distance[last]:
@@ -243,7 +243,7 @@ def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np
     for row in range(len(fields)):
         distance, found = fields[row], every[row]
         chain[:] = -1
-        # nodes whose path may bend: rim nodes, and nodes next to a nearer node at a rim or in a shadow
+        # nodes whose path may bend: rim nodes, and nodes next to a rim or shadow node that is nearer to the anchor
         affected = is_open.copy()
         for number in by_distance(distance):
             node: Any = np.int64(number)

@@ -24,7 +24,7 @@ BACKGROUND_GATE: Final = 2.0
 # sigmas of a single reading, maximum distance of a reading from the equipment that it shows; the median of 3x3 pixels
 # is not used here, since thin bars are no wider than three pixels
 EQUIPMENT_GATE: Final = 3.0
-# m, error of the equipment's expected surface: its model was measured by hand, and its pose was estimated
+# m, error of the equipment's predicted surface: its model was measured by hand, and its pose was estimated
 EQUIPMENT_TOLERANCE_M: Final = 0.01
 _SQUARE: Final = np.ones((3, 3), np.uint8)
 
@@ -76,15 +76,15 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
 
 
 def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None = None) -> np.ndarray:
-    """Return (height, width) bool: pixels nearer than the room by more than noise explains, without flying pixels.
+    """Return (height, width) bool: pixels nearer than the room by more than noise causes, without flying pixels.
 
     time_s: time of the frame on the reference clock; None: resting layers are ignored.
 
     The test takes the difference between room and reading, in sigmas, and its median over 3x3 pixels. For this median,
-    two sigmas along the ray suffice as a limit. Where rays graze the floor, these are a centimetre of height, so even
-    the sole of a shoe on the floor is found. A pixel that is nearer by ``JUMP_GATE`` sigmas is foreground whatever the
-    median is, since fingers and corners of the outline are smaller than the median's window. Where the background is
-    unknown, every reading counts as foreground; pixels that do not belong to a person are removed later.
+    two sigmas along the ray suffice as a limit. Where rays graze the floor, two sigmas are a centimetre of height, so
+    even the sole of a shoe on the floor is found. A pixel that is nearer by ``JUMP_GATE`` sigmas is foreground whatever
+    the median is, since fingers and corners of the outline are smaller than the median's window. Where the background
+    is unknown, every reading counts as foreground; pixels that do not belong to a person are removed later.
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)

@@ -19,7 +19,7 @@ SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels;
 # reading lies at least this far in front of it
 CELL_M: Final = 0.05
 MEMORY_S: Final = 1.0  # s, time for which hidden skin is remembered, as long as a person takes to cross in front of it
-SIGMA_M: Final = 0.012  # m, standard deviation of remembered points, due to noise and half of their spacing
+SIGMA_M: Final = 0.012  # m, standard deviation of skin about a remembered point: noise, and half the spacing of points
 # m/s, growth of the standard deviation of remembered points with time, for people who stand or hold the patient.
 # Walking people move faster; region growing finds their skin.
 SPEED_M_S: Final = 0.30

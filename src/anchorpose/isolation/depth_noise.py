@@ -119,8 +119,8 @@ ROUNDS: Final = 3  # number of rounds in which outliers are left out
 EDGE_PX: Final = 2
 EDGE_M: Final = 0.10  # m, minimum depth range of 5x5 pixels at an edge; a slanted surface has less
 BIN_M: Final = 0.5  # m, width of the depth bins for each of which noise is measured
-# degrees between ray and surface normal; surfaces are called facing up to the first angle, slanted up to the second,
-# steep beyond it
+# degrees between ray and surface normal; surfaces up to the first angle are called "facing", up to the second
+# "slanted", beyond it "steep"
 SLANTS_DEG: Final = (35.0, 60.0)
 # minimum number of readings per depth bin and slant; even if 40 readings share one error, sigma is then known to 10 %
 LEAST_READINGS: Final = 2000
@@ -139,14 +139,15 @@ class DepthNoise:
     # None if not measured
     slants: tuple[float | None, float | None] = (None, None)
     shared_px: float = 1.0  # mean number of pixels that share one error; 1 = pixels are independent
-    # share that shows neither side, of the readings beside depth edges; None if not measured
+    # of the readings beside depth edges, the share at the depth of neither side of the edge; None if not measured
     flying: float | None = None
-    holes: float | None = None  # share without a reading, of the pixels on the room's surfaces; None if not measured
+    holes: float | None = None  # of the pixels on the room's surfaces, share without a reading; None if not measured
     # False if no still background was seen; sigma is then a lower bound, measured between neighbouring readings
     measured: bool = True
 
     def sigma_m(self, depth_m: np.ndarray, slant_deg: np.ndarray | None = None) -> np.ndarray:
-        """Return sigma, metres, at each depth of an array; slant_deg: array of the same shape, None = facing surfaces.
+        """Return sigma, metres, at each depth of an array; slant_deg: array of the same shape, None = facing the
+        camera.
 
         sigma / z^2 is linear between measured depths and constant beyond them.
         """
@@ -235,7 +236,7 @@ def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _slant_deg(room_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the angle (height, width), degrees, between each ray and the normal of the smoothed room; 0 if unknown."""
+    """Return the angle (height, width), degrees, from each ray to the normal of the smoothed surface; 0 if unknown."""
     size = (SMOOTH_PX, SMOOTH_PX)
     share = cv2.blur((room_m > 0).astype(np.float32), size)
     smooth_m = np.where(room_m > 0, cv2.blur(room_m, size) / np.maximum(share, 1e-6), np.float32(0.0))

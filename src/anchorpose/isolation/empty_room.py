@@ -1,8 +1,8 @@
 """Learn the empty room of one camera from its background frame or, without such a frame, from surfaces that stay still
 in the recording.
 
-Still surfaces are the room or people who never leave their place; the learnt descriptor recognises these people. Behind
-them only floor and walls are known.
+Still surfaces are the room or people who never leave their place; the learnt descriptor recognises these people. What
+they hide is filled in by floor and walls only.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ LEAST_READ: Final = 0.15  # minimum share of the frames that agree on a pixel's 
 # where only passers-by are read, fewer frames have a reading
 OFTEN_READ: Final = 0.5
 SAME_SIGMAS: Final = 6.0  # maximum difference between readings of one surface, in sigmas, in addition to ``SAME_M``
-# percentiles of a pixel's readings over time; both are readings of the room if at least a fifth of the readings are
+# percentiles of a pixel's readings over time; both show the room if at least a fifth of the pixel's readings show it
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a normal distribution, in sigmas
 
@@ -87,7 +87,7 @@ def learn_background(
         sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
         return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
-    if len(frames_m) > 1:  # a single frame is the room itself: room and readings are rounded alike
+    if len(frames_m) > 1:  # a single frame is also the learnt room, so both are rounded alike
         sigma = _at_least_a_step(sigma, depth, detail.step_per_m)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
     return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.RECORDING)

@@ -12,8 +12,8 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# 1/m3, number per volume, near a patient, of pieces of surface that were given to nobody and show other people or
-# objects; simulated clinics have 1 to 3
+# 1/m3, number per volume, near a patient, of pieces of surface that have no owner and do not show the patient;
+# simulated clinics have 1 to 3
 CLUTTER_PER_M3: Final = 3.0
 
 
@@ -26,8 +26,9 @@ class HiddenSkin:
     part: np.ndarray  # (n,) int, the part of the body to which the point belongs
 
     def density(self, places_m: np.ndarray) -> np.ndarray:
-        """Return (m,) 1/m3: the probability density, at each place (m, 3), that the centre of a visible piece of a limb
-        lies there, for the limb (part) with the highest density. A piece may show any point of its part.
+        """Return (m,) 1/m3: for each place (m, 3), the probability density that a visible piece of a limb has its
+        centre there. Of all limbs (parts), the one with the highest density counts. A piece may show any point of its
+        part.
         """
         away2 = ((places_m[:, None] - self.points_m) ** 2).sum(axis=2)
         normal = np.exp(-0.5 * away2 / self.sigma_m**2) / (np.sqrt(2.0 * np.pi) * self.sigma_m) ** 3
@@ -41,8 +42,8 @@ def label_hidden_limbs(
     """Label separate pieces without a person as the patient where a hidden limb is more probable than an unknown
     object; return the changed views.
 
-    With this label, the body model is fitted to the piece. If no pose of the limb explains the piece, the fitted body
-    will not cover it.
+    With this label, the body model is fitted to the piece. If no pose of the limb fits the piece, the fitted body will
+    not cover it.
     """
 
     def labelled(pixels: Pieces | None, view: View | None) -> View | None:

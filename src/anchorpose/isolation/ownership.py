@@ -86,7 +86,7 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
         if owner[i] == whose and (cell[i] == before).all():
             continue
         whose = owner[i]
-        for axis in range(3):  # a slice would take numba four seconds longer to compile
+        for axis in range(3):  # no slice: numba would take four seconds longer to compile it
             before[axis] = cell[i, axis]
         for x in range(cell[i, 0] - 1, cell[i, 0] + 2):
             for y in range(cell[i, 1] - 1, cell[i, 1] + 2):

@@ -27,11 +27,11 @@ class IsolationConfig:
 PERSON_AREA_M2: Final = 0.12  # m2, minimum seen surface of a person, a fifth of an adult's frontal area
 FOREGROUND: Final = 0.33
 """Minimum share of the area of a person, as found by the descriptor, that is foreground; it is tested only if this
-foreground is smaller than ``LEAST_AREA_M2``. People have 0.5 to 0.9 and not 1, since no foreground pixel has the depth
-of a ray at an outline; parts of the room that were taken for people had 0.1 and 0.16.
+foreground is smaller than ``LEAST_AREA_M2``. People have 0.5 to 0.9 and not 1, since rays at the outline have no
+foreground pixel at their depth; parts of the room that were taken for people had 0.1 and 0.16.
 """
 
-EDGE_M: Final = 0.1  # m, maximum depth difference between a pixel and its nearest ray; across an outline, it is larger
+EDGE_M: Final = 0.1  # m, maximum depth difference between a pixel and its nearest ray; it is larger across outlines
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,7 +1,7 @@
 """Grow regions: pixels without a clear owner join the person to whom they are connected, up to the nearest crease.
 
 A valley is a strip of surface farther from the camera than the surface on both sides. A crease is a valley deeper than
-noise explains.
+noise causes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from anchorpose.isolation.scene import Pieces
 # additional cost of growing into a crease, for each sigma of its depth beyond CREASE_SIGMAS; the unit is the cost of a
 # step to the next pixel
 CREASE_COST: Final = 4.0
-CREASE_PX: Final = 3  # pixels, distance to both pixels that a valley's pixel must lie behind; a finger's width at 2.5 m
+CREASE_PX: Final = 3  # pixels; a pixel's depth is compared with those this far on both sides; a finger's width at 2.5 m
 CREASE_SIGMAS: Final = 2.0  # standard deviations of the noise; a deeper valley is a crease
 DEEPEST: Final = 60  # maximum additional cost of one step into a crease, in steps; a forearm is as many pixels long
 
@@ -145,7 +145,7 @@ def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, 
 
 @njit(cache=True, nogil=True)
 def _valley(index: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c: int) -> float:
-    """Return a pixel's depth minus the mean of the depths ``CREASE_PX`` before and after it, metres; 0 if unknown."""
+    """Return a pixel's depth minus the mean of the depths ``CREASE_PX`` away on both sides, metres; 0 if unknown."""
     height, width = index.shape
     r1, c1, r2, c2 = r - CREASE_PX * d_r, c - CREASE_PX * d_c, r + CREASE_PX * d_r, c + CREASE_PX * d_c
     if min(r1, r2, c1, c2) < 0 or max(r1, r2) >= height or max(c1, c2) >= width:

@@ -139,7 +139,7 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) 
     """Remove room and equipment from one frame, and cut the other pixels into pieces where the depth jumps. Readings on
     false ramps, and boards, are removed too.
 
-    time_s: time of the frame on the reference clock; None: resting objects are not part of the room.
+    time_s: time of the frame on the reference clock; None: objects at rest do not count as room.
     """
     model, camera, sensor = scene.background, scene.camera, scene.background.sensor
     depth_m = sensor.without_ramps(depth_m)

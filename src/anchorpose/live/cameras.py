@@ -107,8 +107,8 @@ def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> Re
 
 
 def _lens(rs: Any, found: Any) -> Intrinsics:
-    """Return the lens. This maker's depth images are undistorted; any distortion that is stated must be
-    Brown-Conrady.
+    """Return the lens. This maker's depth images are undistorted; if the camera states a distortion nevertheless, its
+    model must be Brown-Conrady.
     """
     if any(found.coeffs) and found.model != rs.distortion.brown_conrady:
         raise AnchorposeError(f"The camera's lens model ({found.model}) is not known: record with its own program.")

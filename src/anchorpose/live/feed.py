@@ -36,8 +36,8 @@ class LiveImage:
 class LiveSource(Protocol):
     """Cameras that are read together, in the order of their indices.
 
-    name: name for the user; about: a recording whose equipment, empty room and patient also apply to these cameras;
-    None without such a recording.
+    name: the source's name in messages to the user; about: a recording whose equipment, empty room and patient also
+    apply to these cameras; None without such a recording.
     """
 
     name: str
@@ -271,7 +271,7 @@ class Feed:
                     for k, own in enumerate(self._images)
                 )
                 return LiveSet(images, reference, main.taken_s, self._skipped(reference, main))
-            if age_s < half_s:  # images of the other cameras may still arrive
+            if age_s < half_s:  # within half an interval between images, those of the other cameras may still arrive
                 return None
         return None
 

@@ -35,8 +35,8 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.start import with_best_initial_frame
 
 FIRST_WAIT_S: Final = 10.0  # s, maximum waiting time for the first image of a source
-# share of the best frame's score that the initial frame must reach; the later the initial frame, the fewer recorded
-# frames must be tracked before live tracking begins
+# share of the best frame's score that the initial frame must reach; a lower share permits a later initial frame, so
+# that fewer recorded frames must be tracked before live tracking begins
 NEARLY_AS_GOOD: Final = 0.5
 
 Say = Callable[[str], None]
@@ -89,9 +89,9 @@ class Prepared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstSeconds:
-    """Recorder of a patient's first seconds, which give room and body. about: a recording folder whose equipment and
-    empty room apply to these cameras, None without such a recording; folder: folder for the recordings of first
-    seconds.
+    """Recorder of a patient's first seconds, from which the room and the patient's body are learnt. about: a recording
+    folder whose equipment and empty room apply to these cameras, None without such a recording; folder: folder for the
+    recordings of first seconds.
     """
 
     intake: Intake
@@ -127,8 +127,8 @@ class FirstSeconds:
                 raise AnchorposeError("Stopped before a patient was found; nothing was written.")
 
     def learn(self, recording: Recording) -> Prepared | None:
-        """Learn room and patient from the first seconds; None if nobody is found. Raises AnchorposeError if nobody is
-        found and no further seconds can be recorded.
+        """Learn the room and the patient's body from the first seconds; None if nobody is found. Raises AnchorposeError
+        if nobody is found and no further seconds can be recorded.
         """
         inputs, room = new_room(recording, self.options)
         found = self._learn_in(room, inputs)
@@ -143,7 +143,7 @@ class FirstSeconds:
         somebody stands there.
 
         before_xz_m (2,): where the present patient stands, None if unknown. Return None if nobody stands at the place,
-        if this person is the present patient, or if no human body explains the person.
+        if this person is the present patient, or if the body learnt from this person is not of a human's height.
         """
         inputs, furnished = known_room(recording, self.options, room, place_xz_m)
         if not furnished.initial_frames:
@@ -164,8 +164,8 @@ class FirstSeconds:
 
 
 def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
-    """Learn the body of a room's patient; None if nobody is found, or if the learnt body is not human and no height is
-    given.
+    """Learn the body of a room's patient; None if nobody is found, or if the learnt body is not of a human's height and
+    the user gave no height.
     """
     config = inputs.config
     run = Run(room, config, load_motions(config.motion_file, room.recording.rate_hz, config.motion))
@@ -233,8 +233,8 @@ class Backlog:
         """Return the oldest waiting set; None when no set waits, after which nothing more is collected.
 
         If tracking a set takes longer than the interval between sets, some sets are left out so that the backlog
-        shrinks: from one set to the next, ``PACE`` times the time spent on tracking is skipped, but at most
-        ``MOST_STEP_S``.
+        shrinks: the next set is the first that is younger than the previous one by ``PACE`` times the tracking time, or
+        by ``MOST_STEP_S`` if this is less.
         """
         now_s = time.monotonic()
         spent_s = now_s - self._taken_at_s if np.isfinite(self._last_s) else 0.0

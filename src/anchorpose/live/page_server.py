@@ -51,7 +51,7 @@ class UprightClock:
     no later frames.
 
     The leg length that this definition needs is taken from the joints of each frame. Time counts between two upright
-    frames that are no farther apart than half a second.
+    frames at most half a second apart; in a longer gap, the patient might have sat down and stood up.
     """
 
     def __init__(self, config: UprightConfig) -> None:
@@ -315,7 +315,7 @@ class _Handler(GuardedHandler):
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.close_connection = True  # when the stream ends, the connection ends, too
         newest = self.server.newest
-        seen, events = newest.begin()  # before the answer begins, so that the client gets all later events
+        seen, events = newest.begin()  # taken before the answer begins, so that the client gets all later events
         self.send_head(HTTPStatus.OK, STREAM, {})
         try:
             self.wfile.write(events)

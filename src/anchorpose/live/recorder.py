@@ -57,7 +57,7 @@ class Recorder:
         self._write_document()
         self.images, self.finished = 0, False  # images: number of images written so far
         self._unsynced: list[Path] = []
-        # the threads of the cameras write images while another thread may end the recording
+        # a lock per camera, since each camera's thread writes images while another thread may end the recording
         self._writing = [Lock() for _ in cameras]
         self._done = Event()
         self._syncing = Thread(target=self._sync_often, daemon=True)
@@ -140,7 +140,7 @@ class Recorder:
 
     def _sync_often(self) -> None:
         while not self._done.wait(SYNC_S):
-            with suppress(OSError):  # these files are synced again after ``SYNC_S``, or at the end
+            with suppress(OSError):  # if it fails, the files are synced again after ``SYNC_S``, or at the end
                 self._sync()
 
     def _sync(self) -> None:
@@ -291,7 +291,7 @@ def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callab
 def _record_empty_room(
     intake: Intake, recorder: Recorder, seconds: float, say: Callable[[str], None], stop: Event
 ) -> None:
-    """Record each camera's median depth image, without pixels that have a reading in less than half of the images."""
+    """Record each camera's median depth image, in which a pixel has no reading if most of the images lack one there."""
     seen: list[list[np.ndarray]] = [[] for _ in intake.cameras]
 
     def keep(image: LiveImage) -> None:
@@ -311,8 +311,8 @@ def _record_empty_room(
 
 
 def median_reading(grey: np.ndarray) -> np.ndarray:
-    """Return the median (height, width) uint16 of the readings of images (n, height, width) uint16; 0 where less than
-    half of the images have a reading.
+    """Return each pixel's median (height, width) uint16 of its readings in the images (n, height, width) uint16; 0
+    where most of the images have no reading.
     """
     ordered = np.sort(grey, axis=0)  # a missing reading is 0, so it comes first
     empty = (grey == 0).sum(axis=0)

@@ -205,7 +205,7 @@ class _Session:
         return new
 
     def _learn(self, recording: Recording, now: Followed, place_xz_m: tuple[float, float]) -> Prepared | None:
-        """Learn the person at a place. Return None if nobody can be learnt or an error occurs, so that the session
+        """Learn the body of the person at a place. Return None if this fails, even by an error, so that the session
         continues.
         """
         room, before_xz_m = now.patient.prepared.run.room, now.follower.patient_xz_m

@@ -140,7 +140,7 @@ class SessionStore:
 
 @contextmanager
 def on_this_disk() -> Iterator[None]:
-    """Replace the remedy in a storage error: a live session cannot be resumed, but --finish can write its results."""
+    """Replace the advice in an error about storage: a live session cannot be resumed, but --finish writes results."""
     try:
         yield
     except InputError as error:
@@ -229,7 +229,7 @@ def finish_session(results: Path, overwrite: bool) -> None:
 
 @contextmanager
 def _remedy_of_live(folder: Path) -> Iterator[None]:
-    """Replace the remedy in an error about a file in ``folder``: a live session cannot be tracked again."""
+    """Replace the advice in an InputError about a file in ``folder``, since a live session cannot be tracked again."""
     try:
         yield
     except InputError as error:

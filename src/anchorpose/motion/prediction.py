@@ -44,7 +44,9 @@ class Matches:
     distance_m: np.ndarray  # (m,) cost, as root-mean-square distance over the joints per frame
 
     def poses(self, database: MotionDatabase, frames: np.ndarray) -> np.ndarray:
-        """Return the pose vectors (m, f, d) of each match, ``frames`` (f,) after its newest pose; negative: before."""
+        """Return pose vectors (m, f, d) of each match. ``frames`` (f,): how many frames after the match's newest pose
+        each of them lies; negative: before it.
+        """
         return poses_at(database.theta, self.place[:, None] + frames * self.stride[:, None])
 
 
@@ -199,9 +201,11 @@ def _cost(
 
 SPANS: Final = (1, 2, 4)  # numbers of frames over which the patient's velocity is measured
 DAMPING: Final = 0.85  # factor on the velocity per frame ahead, since a limb reverses within a few tenths of a second
-# share of the velocity difference (patient minus matches) that is added; 1 would add all noise of the difference
+# share of the velocity difference (patient minus matches) that is added to the matches' velocity; with 1, all noise of
+# the difference would be added
 OWN_VELOCITY: Final = 0.8
-# number of past frames, each predicted from those before, by whose errors (of about 60 columns) a span is weighted
+# number of newest frames on which a span is tested: each of them is predicted from the frames before, and the errors
+# (of about 60 columns) determine the span's weight
 _CHECKED_STEPS: Final = 6
 # a span's weight is 1 / (its squared error to this power), so a fifth more squared error halves the weight
 _SHARPNESS: Final = 4

@@ -45,8 +45,8 @@ from anchorpose.tracker.inspection import InspectedCamera
 from anchorpose.tracker.observation import Observation
 
 ISO_M: Final = 0.1  # m, spacing of the contour lines of distance along the skin
-MAGNIFIED: Final = 3.0  # factor on arrows' length; the nine pixels that a hand moves in a frame are too few to see
-LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # direction towards the light, camera frame; it comes from above left
+MAGNIFIED: Final = 3.0  # factor on arrows' length: a hand moves nine pixels in a frame, too few to see as an arrow
+LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # direction towards the light, camera frame; light comes from above left
 SEEN_ONCE: Final = (235.0, 235.0, 235.0)  # colour of surface that one camera sees
 SEEN_TWICE: Final = (255.0, 200.0, 130.0)  # colour of surface that is linked with another camera's surface
 
@@ -173,8 +173,8 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
 
 @_of_surface
 def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw for each node how many hypotheses gave it a match in the next frame. There is one hypothesis for each subset
-    of the anchors (head, hands, feet). The result is None without a next frame.
+    """Draw for each node how many hypotheses matched it to a node of the next frame's surface. There is one hypothesis
+    for each subset of the anchors (head, hands, feet). The result is None without a next frame.
     """
     if (following := one.inspection.next) is None:
         return None
@@ -230,7 +230,7 @@ def _canvas(one: InspectedCamera) -> tuple[np.ndarray, Projection]:
 
 
 def _field(seen: Observation) -> tuple[np.ndarray, int]:
-    """Return each node's geodesic distance (n,) from the centre, and the centre's node, as in ``find_anchors``."""
+    """Return each node's distance (n,) from the body's centre along the skin, and the index of the centre's node."""
     whole = center_field(seen.whole)
     return whole.distance_m[: len(seen.surface)], whole.center
 

@@ -73,8 +73,9 @@ def write_inspection(
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
     """The description of a stage. draw: function that draws one camera's picture, or returns None if it has nothing to
-    draw. caption: a text in which ``{next_frame}`` and ``{rooms}`` are filled in. legend: (colour, meaning) of each
-    colour. missing: the text if no camera has a picture.
+    draw. caption: a text in which ``{next_frame}`` (the next frame's number) and ``{rooms}`` (the source of each
+    camera's empty room) are filled in. legend: (colour, meaning) of each colour. missing: the text if no camera has a
+    picture.
     """
 
     key: str

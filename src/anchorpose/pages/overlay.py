@@ -51,7 +51,7 @@ from anchorpose.tracker.room import Room
 _LABEL_TINT: Final = {
     PixelLabel.EQUIPMENT: Ink.EQUIPMENT,
     PixelLabel.PATIENT: Ink.PATIENT,
-    PixelLabel.OTHER_PERSON: Ink.PURPLE,  # the colour of all higher labels too
+    PixelLabel.OTHER_PERSON: Ink.PURPLE,  # higher labels, which are further people, have this colour too
 }
 
 
@@ -197,8 +197,8 @@ class ChosenFrame:
 def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np.ndarray) -> list[ChosenFrame]:
     """Choose the frames for the report's pictures; return them in the order of time, each once.
 
-    segmented (n,) bool: frames with person labels; the most and the least certain frame are chosen among those of them
-    in which the patient is found.
+    segmented (n,) bool: True for frames with person labels; only such frames, if the patient is found in them, can be
+    the most or the least certain frame.
     """
     why = dict.fromkeys(np.unique(np.linspace(0, len(joints.frame) - 1, SPREAD).astype(int)).tolist(), "")
     transitions = [episode for episode in episodes if episode.kind in _WORDS][:TRANSITIONS]

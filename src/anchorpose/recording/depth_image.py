@@ -4,7 +4,8 @@ A sensor that is blinded, covered or broken still delivers complete files, but t
 have no readings, or the same value everywhere, or unrelated values in neighbouring pixels. Such an image is left out as
 if it were missing. The check uses no prediction of the scene, so it is valid for every room and every pose.
 
-``RecordedFrames`` reads single images with times on the camera's own clock, before images are paired by time.
+``RecordedFrames`` reads single images with times on the camera's own clock, before the images of different cameras are
+paired by time.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES: Final = 33  # length of the signature and the IHDR chunk of a PNG file
 _GREY: Final = 0  # code of the colour type grey in a PNG file
 _DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # the only chunks that a decoder needs for a grey image
-_OTHER_BYTES: Final = 1 << 20  # bytes allowed for chunks of text, and for what packing adds to an incompressible image
+_OTHER_BYTES: Final = 1 << 20  # spare bytes: chunks of text, and the overhead of compression for incompressible pixels
 
 FARTHEST_M: Final = 20.0
 """Distance in m that no indoor depth camera exceeds: a larger value is an error code, or light from outside."""
@@ -33,7 +34,7 @@ FARTHEST_M: Final = 20.0
 SATURATED: Final = np.iinfo(np.uint16).max  # the largest 16-bit value, which is an error code, not a distance
 ROWS: Final = 128  # number of image rows checked, evenly spaced; surfaces are many rows high, so none is missed
 LEAST_READ: Final = 0.001  # minimum share of pixels with a reading; a distant person alone fills 0.03
-ENOUGH: Final = 4000  # minimum number of readings for the checks below; with fewer, a sound image may fail by chance
+ENOUGH: Final = 4000  # readings needed before the limits below apply; with fewer, a sound image may fail them by chance
 MOST_ALIKE: Final = 0.98  # maximum share of readings with the same value; a whole body measured in coarse steps has 0.3
 LEAST_BESIDE: Final = 0.5  # minimum share of readings with a reading to their right; real images have 0.93 or more
 # minimum difference of two neighbouring readings that counts as a jump, as a share of their distance from the camera;
@@ -53,8 +54,8 @@ class DepthImage:
 def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: Stamp | None = None) -> DepthImage:
     """Read the depth image of a file; if the file is damaged, the result has a ``problem``.
 
-    judged: as in ``image_of_grey``. listed: the file's stamp (size, time and inode) when the recording was opened.
-    Raises InputError if the file was replaced since then.
+    judged: whether the content is checked, as in ``image_of_grey``. listed: the file's stamp (size, time and inode)
+    when the recording was opened. Raises InputError if the file was replaced since then.
     """
     try:
         data = read_bounded(path, largest_png(camera.width, camera.height), listed)
@@ -94,7 +95,7 @@ def largest_png(width: int, height: int) -> int:
 def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | None, str]:
     """Return the grey values (height, width) uint16 of a PNG file; or None and its problem.
 
-    Only the chunks of a still image reach the decoder, since it would mix the frames of an animated PNG.
+    Only the chunks of a still image reach the decoder, since the decoder would mix the frames of an animated PNG.
     """
     import cv2
 

@@ -1,6 +1,7 @@
-"""Read text files: CSV, and JSON whose content a class declares. Every error names the file, the place and the remedy.
+"""Read text files: CSV, and JSON whose allowed keys a class declares. Every error names the file, the place and the
+remedy.
 
-JSON text is parsed only here. Its size, its depth and its numbers have limits, so that no file can stall a run.
+JSON text is parsed only here. Its size, nesting depth and numbers have limits, so that no file can stall a run.
 """
 
 from __future__ import annotations
@@ -150,7 +151,7 @@ def is_rotation(matrix: np.ndarray) -> bool:
 
 def require_rigid(pose: np.ndarray, instead: str = "") -> np.ndarray:
     """Return the pose (4, 4); raises Unfit unless it is a rigid motion, since lengths in a scaled or mirrored world are
-    meaningless. instead: the end of the remedy in the error message.
+    meaningless. instead: what the user may do other than correct the pose, as the end of the error message.
     """
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9 or not is_rotation(pose[:3, :3]):
         remedy = f"write a rotation and a translation in metres with the last row 0 0 0 1{instead}"

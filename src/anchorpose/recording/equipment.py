@@ -374,8 +374,8 @@ def _parse(data: bytes) -> tuple[np.ndarray, list[list[int]]]:
 
 
 def _value_reader(body: bytes, order: str) -> Callable[[str, int], list[float]]:
-    """Return a function that reads the next ``count`` values of a type: from binary data in the byte order ``order``,
-    or from words of text if ``order`` is empty.
+    """Return a function that gets a type and a count, and reads this number of values of this type: from binary data in
+    the byte order ``order``, or from words of text if ``order`` is empty.
     """
     words, place = [] if order else body.split(), 0
 

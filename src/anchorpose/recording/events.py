@@ -27,7 +27,7 @@ REQUIRED: Final = ("onset", "duration", "trial_type")
 MISSING: Final = "n/a"
 
 GIVEN: Final = "--events "
-"""An events file given with this option is listed with this prefix and its name among the hashes of a run's inputs."""
+"""In the list of a run's inputs with hashes, this prefix marks an events file that the user gave with this option."""
 
 LARGEST_EVENTS: Final = 4 * 2**20
 """Maximum size of an events.tsv in bytes: a session has some hundred trials, of a hundred bytes each."""
@@ -89,7 +89,7 @@ class Trial:
 
     @property
     def end_s(self) -> float:
-        """Return when the trial ended."""
+        """Return the time in s at which the trial ended, on the clock of the first camera."""
         return self.start_s + self.duration_s
 
 
@@ -206,7 +206,7 @@ def _require_rows(path: Path, head: Sequence[str], rows: Sequence[tuple[int, lis
 
 
 def _trial(path: Path, line: int, cells: dict[str, str], span: RecordedSpan) -> Trial:
-    """Return the trial of a line. The caller sets its number, which is 0 here, and its cells of the user's columns."""
+    """Return the trial of a line, with the number 0 and without cells of the user's columns: the caller sets both."""
     onset_s, duration_s = (_number(path, line, name, cells[name]) for name in ("onset", "duration"))
     if onset_s is None or duration_s is None or cells["trial_type"] in ("", MISSING):
         name = next(name for name in REQUIRED if cells[name] in ("", MISSING))

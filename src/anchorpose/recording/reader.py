@@ -102,8 +102,8 @@ def _why_dead(recording: Recording, camera: int) -> str:
 def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -> Iterator[FrameSet]:
     """Yield the frame sets ``start`` to ``stop`` (positions in the first camera's stream), decoded one at a time.
 
-    Raises InputError, before the first set, if the cameras never overlap in time or the range is empty. A damaged depth
-    image becomes None, with a sentence in the set's ``problems``.
+    Raises InputError, before the first set, if the recorded times of the cameras do not overlap or the range is empty.
+    A damaged depth image becomes None, with a sentence in the set's ``problems``.
     """
     positions = frame_range(recording, start, stop)
     pairs = pair_frames(recording)
@@ -149,7 +149,7 @@ def _read_set(recording: Recording, pair: np.ndarray, position: int) -> FrameSet
 
 def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStream:
     """List the depth images of a camera's folder. fps: frame rate stated in recording.json, needed if there is no
-    timestamps.csv; most_bytes: maximum size of a file that is checked for being a duplicate.
+    timestamps.csv; most_bytes: size above which a file is not checked for being a duplicate of the previous one.
     """
     files = _number_files(folder / "depth")
     numbers, repeated = np.array(sorted(files), dtype=np.int64), 0

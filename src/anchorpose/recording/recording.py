@@ -2,7 +2,7 @@
 
 Statements about the patient, such as height or age, are optional, and are never copied into results or exports.
 
-Real cameras are not synchronised, and frames drop, so the depth images of several cameras are paired by time.
+Real cameras are not synchronised and lose some frames, so the depth images of several cameras are paired by time.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Subject:
 
     @property
     def unmeasured(self) -> Subject:
-        """Return the patient without height, age and sex: the images can contradict these statements."""
+        """Return the patient without the statements that images can contradict: height, age and sex."""
         return Subject(missing=self.missing, covered=self.covered)
 
     @property
@@ -142,7 +142,7 @@ class DepthStream:
     duplicate: np.ndarray | None = None  # (n,) bool, True: equals the previous image; None if not checked
     repeated: int = 0  # number of files left out because their time equals that of the previous file
     fps: float | None = None  # frames per second as stated in recording.json
-    listed: np.ndarray | None = None  # (n,) ``STAMP`` of each file when the recording was opened; None if not kept
+    listed: np.ndarray | None = None  # (n,) size, time, inode of each file when the recording was opened; or None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -189,7 +189,7 @@ def depths_of(frames: Iterable[FrameSet], camera: int) -> list[np.ndarray]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clock:
-    """A camera's clock. At the time t of the reference clock it shows t + ahead_s + drift (t - at_s)."""
+    """A camera's clock. At the time t of the reference clock it shows t + ahead_s + drift * (t - at_s)."""
 
     ahead_s: float = 0.0
     drift: float = 0.0  # seconds per second
@@ -217,15 +217,15 @@ USUAL_PERIOD_S: Final = 1.0 / 30.0
 """Usual time in s between frames of a depth camera: assumed if the first camera has a single frame."""
 
 
-@lru_cache(maxsize=8)  # called for every frame
+@lru_cache(maxsize=8)  # cached, since it is called for every frame
 def pair_frames(recording: Recording) -> np.ndarray:
     """Return, for each image of the first camera, the position of the paired image in each camera's stream, (n,
     cameras) int64, read only; -1 = none.
 
     Paired images are mutually nearest in time, within half a period of the first camera, so no image is used twice. A
-    duplicate of the previous image is never paired, since it shows another moment than its time states; for a duplicate
-    of the first camera, the frame set has no image of this camera. Raises InputError if no image of a camera can be
-    paired.
+    duplicate of the previous image is never paired, since it shows another moment than its time states; if the first
+    camera's image is such a duplicate, the frame set has no image of the first camera. Raises InputError if no image of
+    a camera can be paired.
     """
     reference, time_s = recording.streams[0], recording.streams[0].time_s
     within_s = half_period_s(time_s)
@@ -287,12 +287,12 @@ def _span(time_s: np.ndarray) -> str:
 USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
 """Usual frame rates of depth cameras."""
 
-# quantile of the times between frames (steps): the step at this quantile is several frame periods long if at least
-# every third frame is lost
+# quantile of the times between frames (steps): if every third or every second frame is lost, the step at this quantile
+# is several frame periods long
 LONGER_SHARE: Final = 0.6
 # maximum period that is tried, as a share of the step at ``LONGER_SHARE``. If that step is several periods long, one
-# period is at most 0.5 of it. A share of 0.83 would admit the period of 30 Hz for a recording at 25 Hz without lost
-# frames.
+# period is at most 0.5 of it. A share above 0.83 (25 / 30) would admit the period of 30 Hz for a recording at 25 Hz
+# without lost frames.
 SHORTER: Final = 0.75
 # minimum share of the steps that must be one period long; fewer may be due to single time stamps that came too early
 LEAST_SHORT: Final = 0.1
@@ -304,9 +304,9 @@ def nominal_period_s(stream: DepthStream) -> float:
     """Return the time in s between frames when none is lost; 0 for a single frame without a stated rate.
 
     It follows from the rate in recording.json, if stated. Otherwise it is the period of a usual rate, if enough steps
-    between frames are one such period and most other steps are several: the median step would be wrong if frames are
-    lost in a regular pattern. If no usual rate fits, it is the median step. If every second frame was lost, all steps
-    are equal, so only recording.json can distinguish such a recording from one at half the rate.
+    between frames are one such period and most other steps are several periods: the median step would be wrong if
+    frames are lost in a regular pattern. If no usual rate fits, it is the median step. If every second frame was lost,
+    all steps are equal, so only recording.json can distinguish such a recording from one at half the rate.
     """
     steps = np.diff(stream.time_s)
     if stream.fps is not None or not len(steps):
@@ -336,10 +336,10 @@ class CameraGaps:
     """The gaps of one camera's stream, on the reference clock.
 
     usable: number of depth images; period_s: ``nominal_period_s``; dropped: number of images missing between the first
-    and the last image if one is due every ``period_s``, except in pauses; duplicates, repeated: numbers of files left
-    out because their image or their time equals that of the previous file; late_s, early_s: by how much the stream
-    starts later, or ends earlier, than that of the first camera, 0 if this is at most ``PAUSE_S``; pauses: (from, to)
-    in s without depth images; paired_share: share of the first camera's frames that have a depth image of this camera.
+    and the last, except in pauses, if the camera takes one every ``period_s``; duplicates, repeated: numbers of files
+    left out because their image or their time equals that of the previous file; late_s, early_s: by how much the stream
+    starts later, or ends earlier, than that of the first camera, 0 if by at most ``PAUSE_S``; pauses: (from, to) in s
+    without depth images; paired_share: share of the first camera's frames that have a depth image of this camera.
     """
 
     camera: str

@@ -148,8 +148,8 @@ def _same(one: Path, other: Path, size: int) -> bool:
 
 
 FARTHEST_CAMERA_M: Final = FARTHEST_M
-"""Maximum size in m of each coordinate of cameras and joints, which are in the room; a larger value was probably
-written in mm.
+"""Maximum absolute value in m of a coordinate of a camera or joint. These are in the room, so a larger value was
+probably written in mm.
 """
 
 COARSEST_DEPTH_SCALE_M: Final = 0.1
@@ -172,7 +172,7 @@ NARROWEST_LENS: Final = 0.01  # minimum valid radius of a lens, sqrt(x² + y²) 
 FINEST_DEPTH_SCALE_M: Final = 1e-6  # m per grey value, minimum; the largest 16-bit value is then 6 cm
 SLOWEST_HZ: Final = 0.1  # minimum frame rate in Hz; nobody can be followed with fewer images
 
-SAME_HEIGHT_M: Final = 0.03  # m, maximum difference of two stated heights that shoes and the time of day explain
+SAME_HEIGHT_M: Final = 0.03  # m, a larger difference of two stated heights is not explained by shoes or the time of day
 
 
 def _require_in_room(pose: np.ndarray) -> np.ndarray:

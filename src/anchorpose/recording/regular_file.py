@@ -26,7 +26,7 @@ from anchorpose.errors import InputError
 
 Found = TypeVar("Found")
 
-NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # never waits for a pipe's writer
+NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # flags: opening never waits on a pipe
 
 LARGEST_TABLE: Final = 512 * 2**20
 """Maximum size in bytes of a table as text, or of a C3D file. An hour of 40 points at 100 Hz has 350 MB; its values
@@ -87,9 +87,7 @@ def require_regular(path: Path, most_bytes: int | None = None) -> os.stat_result
 
 
 def open_regular(path: Path) -> BufferedReader:
-    """Open a regular file to be read in pieces; raises OSError as ``open``, InputError if it is not a regular
-    file.
-    """
+    """Open a regular file to be read in pieces; raises OSError as ``open`` does, InputError if it is not regular."""
     try:
         return _open(path)
     except Unreadable as problem:

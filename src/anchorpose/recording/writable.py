@@ -21,7 +21,7 @@ ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)
 
 RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")  # files that show that a folder is a recording
 
-BEGINNING: Final = 4096  # bytes at the beginning of a file that are searched for the mark of an earlier output
+BEGINNING: Final = 4096  # bytes at a file's beginning that are searched for the text that marks it as an earlier output
 
 
 def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) -> None:

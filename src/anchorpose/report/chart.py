@@ -63,7 +63,7 @@ class Bins:
         return self.place_of(middle)
 
     def place_of(self, time_s: np.ndarray) -> np.ndarray:
-        """Return the place of a time on the time axis: 0 is the first frame, 1 the last; 0.5 if there is only one
+        """Return the place of each time on the time axis: 0 is the first frame, 1 the last; 0.5 if there is only one
         frame.
         """
         span = self.time_s[-1] - self.time_s[0]
@@ -104,8 +104,8 @@ def envelope(values: np.ndarray, bins: Bins) -> Envelope:
 
 
 def worst(state_code: np.ndarray, bins: Bins) -> np.ndarray:
-    """Return (b,) the largest value in each group of frames. Worse states have larger codes, so among state codes (n,)
-    the largest is the worst state.
+    """Return (b,) the largest of the state codes (n,) in each group of frames. Worse states have larger codes, so this
+    is the code of the group's worst state.
     """
     return np.maximum.reduceat(state_code, bins.start)
 
@@ -144,8 +144,8 @@ class Axis:
 def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
     """Make an axis whose range covers all values.
 
-    It also covers the uncertainty bands, but only as far as the values still fill at least half of the height; the rest
-    of a wider band is not shown. values, bands: (lowest, highest) pairs of arrays, NaN where unknown. least_span:
+    It also covers the uncertainty bands, but a wide band is cut off where the values would otherwise fill less than
+    half of the height and look flat. values, bands: (lowest, highest) pairs of arrays, NaN where unknown. least_span:
     minimum range of the axis, so that noise is not magnified.
     """
     low, high = _extremes(values)
@@ -264,7 +264,7 @@ class Chart:
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """Return (share of the width, text) of round seconds along the bottom."""
+        """Return (share of the width, text) of each tick along the bottom; ticks are at round numbers of seconds."""
         begin, end = float(self.bins.time_s[0]), float(self.bins.time_s[-1])
         if end <= begin:
             return [(0.5, f"{number(begin, 2)} s")]

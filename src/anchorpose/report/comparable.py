@@ -104,7 +104,7 @@ def _differ(old_s: float, new_s: float) -> bool:
     return abs(new_s - old_s) > ALIKE * max(old_s, new_s)
 
 
-MOST_NAMES: Final = 8  # maximum number of differing settings that a sentence names; it only counts the others
+MOST_NAMES: Final = 8  # maximum number of differing settings that a sentence names; all others are only counted
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:

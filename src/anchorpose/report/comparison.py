@@ -118,7 +118,7 @@ class Change:
 
     @property
     def exceeds(self) -> bool | None:
-        """Return whether the change is larger than the errors explain; None if no error is stated."""
+        """Return whether the change is larger than ``detectable``; None if no error is stated."""
         return None if self.detectable is None else abs(self.difference) > self.detectable
 
 
@@ -154,7 +154,7 @@ REPEATED_VERDICTS: Final[dict[bool | None, tuple[str, str]]] = {
 
 
 class ChangeGroup(NamedTuple):
-    """Measures shown together; rows: (title, meaning, a cell per session and per change since the first session)."""
+    """Measures shown together; rows: (title, meaning, cells): a value per session, then a change per later session."""
 
     heading: str
     rows: list[tuple[str, str, list[Markup]]]

@@ -48,8 +48,9 @@ DESIGNS: Final = {
 
 
 class ConditionRow(NamedTuple):
-    """A row for one condition: its name, the number of its trials that have a value, their mean, its difference from
-    the reference condition, and the verdict: whether the trials demonstrate the difference, or why not.
+    """A row for one condition: its name, the number of its trials that have a value, the mean of these values, the
+    condition's difference from the reference condition, and the verdict: whether the trials demonstrate the difference,
+    or why not.
     """
 
     condition: str

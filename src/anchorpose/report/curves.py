@@ -153,7 +153,7 @@ def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tup
 
 
 def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
-    """Return the SVG path of the area between two curves (b,), with one outline per run of groups without a gap."""
+    """Return the area between two curves (b,) as an SVG path: an outline per run of groups with values and no pause."""
     across, finite = _across(bins.place), np.isfinite(low) & np.isfinite(high)
     top, bottom = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (high, low))
     outlines = []

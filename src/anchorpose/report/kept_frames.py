@@ -16,7 +16,7 @@ from anchorpose.recording.regular_file import read_image
 from anchorpose.report.session import Session
 
 WEBP_QUALITY: Final = 80
-"""Quality of WebP at which lines and names stay sharp, at a quarter of the size of the PNG pictures in the results
+"""Quality of WebP at which lines and names stay sharp, with files a quarter as large as the PNG files in the results
 folder.
 """
 

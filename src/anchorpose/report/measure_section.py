@@ -92,7 +92,7 @@ class MeasureGroup(NamedTuple):
 
 
 class MeasureSection(NamedTuple):
-    """The section's content. whole: measures of the session and of parts of the body; detail: measures about single
+    """The section's content. whole: measures about the session or a part of the body; detail: measures about single
     persons who touched the patient, and numbers of contacts of each part; words: what the measures mean.
     """
 
@@ -215,8 +215,8 @@ def _value_text(measure: Measure) -> str:
 
 
 def _lower_bounds(measures: Sequence[Measure]) -> set[str]:
-    """Return the names of measures that are lower bounds, since the posture is unknown or the patient not found in part
-    of the recording.
+    """Return the names of measures whose values are only lower bounds, since the posture is unknown or the patient not
+    found in part of the recording.
     """
     seconds = {row.measure: row.value for row in measures if row.value is not None and row.unit == "s"}
     found: set[str] = set()

@@ -199,8 +199,8 @@ REPORT_FILE: Final = "report.html"
 def write_report(
     results: Path, reliability: Path | None = None, measures: Sequence[str] = (), reference: str = ""
 ) -> Path:
-    """Write report.html into a results folder and return its path. The same folder with the same raters' scores gives
-    the same bytes.
+    """Write report.html into a results folder and return its path. The same results with the same raters' scores always
+    give a page with the same bytes.
 
     reliability: a table of ``anchorpose reliability``; a difference between conditions below the table's minimal
     detectable change does not count as demonstrated; measures: names of the measures that are compared between

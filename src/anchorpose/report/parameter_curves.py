@@ -22,7 +22,7 @@ MOST_TICKS: Final = 9
 
 class Level(NamedTuple):
     """All trials with the same value of a parameter: that value, the number of trials, the measure's mean over these
-    trials, and half of the mean's 95 % interval (NaN: unknown).
+    trials, and half the width of the mean's 95 % interval (NaN: unknown).
     """
 
     at: float

@@ -58,10 +58,11 @@ class Session:
     name: name of the session on a page with several sessions, else empty. run: the content of run.json without the
     hashes of the inputs. inputs: these hashes, as (file, (hash,)), with one hash for all images of a camera.
     definition: how the measures were computed, None if their file does not state it. posture_seen (n,) bool: whether
-    all joints that determine posture were seen; the state codes in posture.parquet are about all joints that determine
-    the centre of mass. contacts: None if the folder has no table of contacts, so that touch is unknown. explained: the
-    table of how well each pose explains its frame, None if the folder lacks it. bins: how frames are grouped in all
-    charts. trials: None if there are no trials. trial_measures: measures of all trials, then of all conditions.
+    all joints that determine posture were seen; this differs from the state codes in posture.parquet, which are about
+    all joints that determine the centre of mass. contacts: None if the folder has no table of contacts, so that touch
+    is unknown. explained: the table of how well each pose fits the depth images of its frame, None if the folder lacks
+    it. bins: how frames are grouped in all charts. trials: None if there are no trials. trial_measures: measures of all
+    trials, then of all conditions.
     """
 
     folder: Path

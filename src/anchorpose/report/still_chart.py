@@ -50,7 +50,7 @@ class Line:
 class StillChart:
     """A static chart. identity: id of the chart on the page; title: description for people who cannot see it; caption:
     text above it; row: the picture; ticks: (share of the width, text) along the bottom; head, rows: the numbers as a
-    table, cells of texts.
+    table whose cells are texts.
     """
 
     identity: str

@@ -110,7 +110,7 @@ def _transitions(session: Session) -> Markup:
 
 
 def _events(session: Session) -> Markup:
-    """Return a sentence on the events that were seen. It is empty if none was seen: hidden events may have occurred."""
+    """Return a sentence on the events that were seen; empty if none was seen, since hidden events may have occurred."""
     words = (
         ("knee buckle", "knee buckles", (BUCKLE_LEFT, BUCKLE_RIGHT)),
         ("failed stand", "failed stands", (FAILED_STAND,)),
@@ -241,8 +241,8 @@ class MomentSection(NamedTuple):
 
 
 def moment_section(session: Session) -> MomentSection | None:
-    """Return the moments that the fitted body explains worst; None if it explains all frames, or if the folder has no
-    table of this.
+    """Return the moments at which the fitted body and the depth images disagree most; None if they disagree in no
+    frame, or if the folder has no table of this.
     """
     table = session.explained
     moments = () if table is None else worst_moments(table)

@@ -349,7 +349,7 @@ SEEN_SHARE: Final = Form(times=100.0, after=" % seen", share=True)
 
 
 def touch_rows(session: Session) -> list[Row]:
-    """Return one row per part of the body and person or equipment that touches it, from head to foot."""
+    """Return, for each touched part of the body from head to foot, one row per person or equipment that touches it."""
     rows = [heading("Touched by")]
     if session.contacts is None:
         return [*rows, _state_row("not known: no contacts.parquet", session.bins, 14)]
@@ -367,8 +367,8 @@ def touch_rows(session: Session) -> list[Row]:
 
 
 def touch_reading(session: Session) -> Reading:
-    """Return, for each group of frames, every touched part of the body, by whom or what, and how much of the contact
-    was seen.
+    """Return, for each group of frames, every touched part of the body, who or what touches it, and the seen share of
+    the contact.
     """
     first, last = session.bins.frame[session.bins.start], session.bins.frame[session.bins.last]
     texts: list[list[str]] = [["not known: patient lost"] if lost else [] for lost in _lost(session)]
@@ -385,8 +385,8 @@ def _lost(session: Session) -> np.ndarray:
 
 
 def _held_and_seen(contacts: Sequence[Contact], bins: Bins) -> tuple[np.ndarray, np.ndarray]:
-    """Return (b,) 1.0 where any of the contacts lasts during a group of frames, else 0; and (b,) the smallest seen
-    share of these contacts, 0 without contact.
+    """Return (b,) 1.0 where any of the contacts lasts during a group of frames, else 0; and (b,) the seen share of that
+    contact of which least was seen, 0 without contact.
     """
     held, seen = np.zeros(bins.count), np.ones(bins.count)
     for contact in contacts:

@@ -72,9 +72,9 @@ def dates_in(labels: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A straight line through sessions: slope per unit of x with its 95 % half interval, intercept, and what the band
-    is computed from: scatter (standard deviation about the line), quantile (of Student's t), middle (mean of x),
-    squares (sum of the squared deviations of x) and count of sessions.
+    """A straight line through sessions: slope per unit of x, half the width of the slope's 95 % interval, intercept,
+    and what the band is computed from: scatter (standard deviation about the line), quantile (of Student's t), middle
+    (mean of x), squares (sum of the squared deviations of x) and count of sessions.
     """
 
     slope: float
@@ -87,7 +87,7 @@ class Fit:
     count: int
 
     def band(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the line's values at x (k,), and half of its 95 % interval there."""
+        """Return the line's values at x (k,), and half the width of its 95 % interval at each x."""
         half = self.quantile * self.scatter * np.sqrt(1.0 / self.count + (x - self.middle) ** 2 / self.squares)
         return self.intercept + self.slope * x, half
 

@@ -77,14 +77,15 @@ Points = Mapping[str, np.ndarray]
 """Joint centres by name, each (3, n) in metres, in world coordinates."""
 
 Reading = tuple[np.ndarray, "np.ndarray | float"]
-"""An angle (n,) in radians, and its lever (n,): the ratio of lengths whose minimum is ``LEAST_LEVER``."""
+"""An angle (n,) in radians, and its lever (n,): the ratio of lengths that must be at least ``LEAST_LEVER``."""
 
 
 @dataclass(frozen=True, slots=True)
 class AngleGroup:
     """Angles that one formula computes from the same joints, in the order of ``names``.
 
-    own_sigma: returns the standard deviation (n,) in radians of the error that the formula has with exact joints.
+    own_sigma: returns the standard deviation (n,) in radians of the error that the formula has even if the joints are
+    exact.
     """
 
     names: tuple[str, ...]

@@ -29,8 +29,8 @@ from anchorpose.results.uncertainty import NORMAL_95, SYSTEMATIC_SHARE
 CONFIDENCE: Final = 0.95
 
 PAIRS, BLOCKS, FREE = "pairs", "blocks", "free"
-"""Ways in which the order of conditions may have been drawn: within pairs of successive trials, within the blocks that
-the trials' file names, or over all trials.
+"""Ways in which the order of conditions may have been drawn: within pairs of successive trials, within blocks of trials
+that the events file states, or over all trials.
 """
 
 
@@ -61,7 +61,7 @@ class Effect:
 
     @property
     def shown(self) -> bool:
-        """Return whether a difference is shown: p is below 0.05, and errors of measurement do not explain it."""
+        """Return whether p is below 0.05 and the difference exceeds ``detectable`` (if known), so that it is shown."""
         if self.p is None or self.difference is None or self.p >= ALPHA:
             return False
         return self.detectable is None or abs(self.difference) > self.detectable
@@ -165,7 +165,8 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
 
     The scatter of the trials includes their random errors of measurement, so the variance of the scatter is never taken
     to be smaller than that of these errors. The systematic errors of a session's trials are fully correlated, so they
-    cancel in the difference as far as they are equally large; the variance of what remains is added.
+    cancel in the difference as far as they are equally large; the variance of what remains is added to that of the
+    scatter.
     """
     weights = blocks.weights
     random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum((weights * sigma) ** 2))

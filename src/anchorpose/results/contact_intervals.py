@@ -17,7 +17,7 @@ from anchorpose.results.records import PERSON, Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
 FREE_SHARE: Final = 0.5
-"""If cameras see at least this share of the skin touched last, and nobody touches it, the contact has ended."""
+"""A contact has ended if cameras see at least this share of the patient's skin touched last, and nobody touches it."""
 
 HIDDEN_M: Final = 0.08
 """Maximum distance in m between another person's skin and the patient's skin that this person last touched, for the
@@ -39,7 +39,7 @@ class ContactConfig:
     # holding hand of which the cameras see only the back, plus half the spacing of the points on other people.
     reach_m: Positive = 0.06
     begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few finger tips); less may be noise
-    keep_m2: Positive = 0.0007  # m2, minimum touched area to continue a contact (that of one skin point)
+    keep_m2: Positive = 0.0007  # m2, minimum touched area to continue a contact: what one skin point represents
     begin_s: NotNegative = 0.1  # s, minimum duration of a contact; a passing sleeve touches for a shorter time
     release_s: NotNegative = 0.3  # s, maximum pause in a contact; segmentation may miss a hand for a few frames
     # m, maximum gap between touched skin and equipment: the model of the equipment is accurate to 1 cm, and folds of
@@ -54,8 +54,8 @@ class ContactConfig:
 
 
 class _Key(NamedTuple):
-    """The partners of a contact: the patient's region (index into ``REGIONS``), and the label of a person or, if
-    ``is_equipment``, the index of a part of the equipment (``number``).
+    """The partners of a contact: the patient's region (index into ``REGIONS``), and ``number``: the label of a person
+    or, if ``is_equipment``, the index of a part of the equipment.
     """
 
     is_equipment: bool
@@ -65,7 +65,7 @@ class _Key(NamedTuple):
 
 class _Touch(NamedTuple):
     """Evidence of one frame for a contact: indices of the touched skin points (none for equipment), whether the touch
-    suffices to begin a contact, the touched area, its seen share, and the gap between the two surfaces.
+    suffices to begin a contact, the touched area, the share of it that was seen, and the gap between the two surfaces.
     """
 
     skin: np.ndarray
@@ -96,7 +96,7 @@ class _Open:
     gap_m: float = np.inf
 
     def add(self, now: tuple[int, float], touch: _Touch) -> None:
-        """Add a touch in the frame ``now``."""
+        """Add a touch; now: number and time of its frame."""
         self.begun |= touch.begins
         self.last, self.skin = now, touch.skin
         self.frames += 1
@@ -147,8 +147,8 @@ class ContactIntervals:
         yield from self._close(list(self._open))
 
     def touched_now(self, by_equipment: bool) -> dict[str, bool]:
-        """Return the parts of the patient (``REGIONS``) that are touched in the last frame, by equipment if
-        ``by_equipment``, else by people, and whether each touch is seen.
+        """Return, for each part of the patient (``REGIONS``) that is touched in the last frame, whether the touch is
+        seen. Only touches by equipment count if ``by_equipment``, else only those by people.
         """
         parts: dict[str, bool] = {}
         for key, kept in self._open.items():
@@ -160,7 +160,9 @@ class ContactIntervals:
         return kept.begun and kept.last[1] - kept.first[1] >= self._config.begin_s
 
     def _by_people(self, near: Nearness) -> Iterator[tuple[_Key, _Touch]]:
-        """Yield the touches by people in a frame: regions of which enough skin is within ``reach_m`` of a person."""
+        """Yield the touches by people in a frame: regions with at least ``keep_m2`` of skin within ``reach_m`` of a
+        person.
+        """
         config = self._config
         touched = np.flatnonzero(near.distance_m < config.reach_m)
         keys = near.person[touched].astype(np.int64) * len(REGIONS) + self._region[near.point[touched]]

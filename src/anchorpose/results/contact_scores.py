@@ -26,9 +26,9 @@ class ContactScore:
     """Scores of how well contacts were found; a share is None if its denominator is 0.
 
     precision: share of the reported pairs of part and frame in which a bone of the part is truly touched. recall: share
-    of the truly touched pairs of part and frame in which the part is reported, or another part that contains one of its
-    bones. The truth names bones, and no bone is a knee: a knee that is held counts as a touched thigh, a touched shank,
-    or both.
+    of the truly touched pairs of part and frame in which this part, or another part that shares a bone with it, is
+    reported. The truth names bones, and no bone is a knee: a knee that is held counts as a touched thigh, a touched
+    shank, or both.
     """
 
     reported: int  # number of reported pairs of part and frame

@@ -30,8 +30,8 @@ CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
 LATEST_FRAME: Final = 2**31 - 1  # largest number of a frame in the tables (int32)
 SUREST_M: Final = 1e-4
-"""Minimum sigma of a corrected joint in m. Nobody places a joint more precisely, and the inverse square of a smaller
-value overflows.
+"""Minimum sigma of a corrected joint in m. Nobody places a joint more precisely, and the inverse square of a value near
+zero overflows.
 """
 
 
@@ -174,7 +174,7 @@ EachJointOnce = Annotated[tuple[JointCorrection, ...], AfterValidator(_require_e
 @dataclass(frozen=True, slots=True)
 class CorrectionsRecord:
     """The corrections as recorded in run.json: name, hash and entries of their file. not_honoured: a sentence for each
-    corrected joint that is elsewhere in the results.
+    corrected joint that is not at its corrected position in the results.
     """
 
     file: str

@@ -27,7 +27,7 @@ from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 
 FAR_M: Final = 0.10
-"""Error in m above which a joint may be a confident error; with a smaller one, it is on the right body part."""
+"""Minimum error in m of a confident error (``CONFIDENT_SIGMAS``); below it, a joint is on the right body part."""
 
 CONFIDENT_SIGMAS: Final = 4.0
 """A confident error exceeds this multiple of the joint's stated sigma along at least one axis. If the sigmas are right,
@@ -49,7 +49,7 @@ LIMBS_JUDGED: Final[Mapping[str, np.ndarray]] = {
     name: np.array([JOINT_INDEX[joint] for joint in joints])
     for name, joints in {**_FREE, "trunk_and_head": _TRUNK}.items()
 }
-"""By limb, indices (k,) of the joints whose errors count as the limb's; shoulders and hips belong to the trunk."""
+"""By limb, indices (k,) of the joints whose errors count for the limb; shoulders and hips belong to the trunk."""
 
 
 SEEN_SHARE: Final = 0.25
@@ -58,8 +58,8 @@ SEEN_SHARE: Final = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrongInView:
-    """The longest unbroken time in which a limb was over ``WRONG_M`` off in plain view; start_s is None if it never
-    was.
+    """The longest unbroken time in which a limb in plain view was over ``WRONG_M`` from its true place; start_s is None
+    if it never was.
     """
 
     start_s: float | None
@@ -75,8 +75,8 @@ def distance_m(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
 
 
 def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
-    """Return (n, 21) bool: joints that are more than ``FAR_M`` off, and on some axis by more than ``CONFIDENT_SIGMAS``
-    times their stated sigma.
+    """Return (n, 21) bool: joints that are more than ``FAR_M`` from their true place, and along some axis by more than
+    ``CONFIDENT_SIGMAS`` times their stated sigma.
 
     truth_m (n, 21, 3) metres, NaN where unknown. A lost joint, and a joint without a known truth, is False.
     """
@@ -106,7 +106,8 @@ def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
 
 
 def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInView], ...]:
-    """Return, per limb, the longest time in which one of its joints was over ``WRONG_M`` off in plain view.
+    """Return, per limb, the longest time in which it was in plain view and one of its joints was over ``WRONG_M`` from
+    its true place.
 
     Row i of joints and row i of truth are the same frame. A lost joint does not count as wrong. The duration of a frame
     is the usual time between two frames.
@@ -130,15 +131,15 @@ def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, fl
 
 
 LEAST_SHARE: Final = 0.1
-"""Minimum share of the frames of the results, or of the truth, for which the other has a frame of the same time. A
-smaller share may match by chance, for example if times are in another unit. A truth for every thirtieth frame is
-accepted, since all of its frames match.
+"""Minimum number of frames that results and truth have in common, as a share of the frames of the shorter one. Fewer
+may match by chance, for example if times are in another unit. A truth for every thirtieth frame is accepted, since all
+of its frames match.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongestError:
-    """The longest unbroken time in which a joint was over ``WRONG_M`` off; joint is None if no joint ever was."""
+    """The longest unbroken time in which a joint was over ``WRONG_M`` from its true place; joint: None if none was."""
 
     joint: str | None
     start_s: float | None
@@ -237,16 +238,16 @@ class Evaluation:
     per_joint: tuple[tuple[str, ErrorSummary], ...]
     per_state: tuple[tuple[str, ErrorSummary], ...]
     observed: ErrorSummary  # joints that the result calls observed
-    hidden: ErrorSummary  # joints that the result calls hidden, for any reason
+    hidden: ErrorSummary  # joints that the result infers: neither observed nor lost
     truly_seen: ErrorSummary | None  # joints that some camera truly sees; None if the truth does not state it
     truly_hidden: ErrorSummary | None  # joints that no camera truly sees; None as above
     confident_errors: float | None  # share of overall.joint_frames with a large error but a small sigma
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
     wrong_in_view: tuple[tuple[str, WrongInView], ...]  # by limb
-    # whether the truth states what each camera saw; if not, limbs are in plain view except in occluded frames
+    # whether the truth states what each camera saw; if not, limbs count as in plain view except in occluded frames
     view_known: bool
-    longest_off: LongestError  # longest unbroken time in which one joint was far off
+    longest_off: LongestError  # longest unbroken time in which one joint was far from its true place
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error in the second half of the frames, divided by that in the first half
@@ -319,7 +320,9 @@ def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frame
 
 
 def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames: int) -> Evaluation:
-    """Return the evaluation of matched frames (row i of both). truth_frames, results_frames: numbers of all frames."""
+    """Return the evaluation of matched frames: row i of joints and row i of truth are the same frame. truth_frames,
+    results_frames: numbers of all frames.
+    """
     errors, seen, codes = _errors(joints, truth.position_m), seen_joints(truth), joints.state_code
     occluded, frames = truth.occluded[:, None], np.arange(len(joints.frame))[:, None]
     first, second = (_summary(errors, half) for half in (frames < len(frames) // 2, frames >= len(frames) // 2))
@@ -351,7 +354,8 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames:
 
 class _Errors(NamedTuple):
     """The errors of all joints. error_mm (n, 21); within (n, 21, 3) bool: axes on which the truth lies within 1.96
-    sigma. known (n, 21) bool: joints with a true place; found (n, 21) bool: known joints that are not lost.
+    sigma of the tracked place. known (n, 21) bool: joints with a true place; found (n, 21) bool: known joints that are
+    not lost.
     """
 
     error_mm: np.ndarray

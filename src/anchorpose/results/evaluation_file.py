@@ -19,7 +19,7 @@ MARK: Final = '"matched_frames"'
 
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:
-    """Write the evaluation as JSON: errors of all joints together, per joint and per state, then the rest."""
+    """Write the evaluation as JSON: errors of all joints together, per joint and per state, then all other fields."""
     contacts, supports, session = evaluation.contacts, evaluation.supports, evaluation.session
     document = {
         **as_json(evaluation.overall),
@@ -121,7 +121,7 @@ def independence_sentence(evaluation: Evaluation) -> str | None:
 
 
 def longest_error_sentence(evaluation: Evaluation) -> str:
-    """Return a sentence on the joint that was far off for the longest time, if any."""
+    """Return a sentence on the joint that was far from its true place for the longest time, if any was."""
     off = evaluation.longest_off
     if evaluation.overall.mean_mm is None:
         return "Every joint with a true position was lost in the results: no error is known."

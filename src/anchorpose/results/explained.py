@@ -22,10 +22,10 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # cm2, bad uncovered area (that of a hand); clothes and grips cause up to half of it
-SEEN_PAST: Final = 0.3  # bad share of a part's skin that a camera sees past; a limb in its true place has less
-APART_S: Final = 0.5  # s, minimum time between two moments; closer moments show the same situation
-MOST_MOMENTS: Final = 5  # maximum number of moments in run.json
+UNCOVERED_CM2: Final = 80.0  # cm2, uncovered area that counts as bad (a hand's); clothes and grips cause up to half
+SEEN_PAST: Final = 0.3  # share of a part's skin, seen past by a camera, that counts as bad; true places have less
+APART_S: Final = 0.5  # s, minimum time between two reported moments; closer ones show the same situation
+MOST_MOMENTS: Final = 5  # maximum number of badly explained moments in run.json
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,8 +20,8 @@ from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, re
 Frames = TypeVar("Frames")
 
 FRAMES_PER_ROW_GROUP: Final = 512
-"""Number of frames per row group of a file (half a megabyte of joints in memory). It never changes, since the bytes of
-the file depend on it.
+"""Number of frames per row group of a file (for the table of joints, half a megabyte in memory). It never changes,
+since the bytes of the file depend on it.
 """
 
 UNKNOWN: Final = -1
@@ -62,7 +62,7 @@ class Numbers:
 
 @dataclass(frozen=True, slots=True)
 class Codes:
-    """A column of texts that is an int8 array of indices into ``texts`` in memory (codes)."""
+    """A column of texts; in memory, an int8 array of codes, which are indices into ``texts``."""
 
     name: str
     texts: tuple[str, ...]
@@ -72,7 +72,7 @@ class Codes:
         return [pa.field(self.name, pa.string(), nullable=False)]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
-        """Return the column of an array."""
+        """Return the column that holds ``values`` in the file."""
         return [pa.array(np.array(self.texts, dtype=object)[values.ravel()], pa.string())]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
@@ -91,7 +91,7 @@ class Flags:
         return [pa.field(self.name, pa.bool_())]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
-        """Return the column of an array."""
+        """Return the column that holds ``values`` in the file."""
         return [pa.array(values == 1, mask=values == UNKNOWN)]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
@@ -112,7 +112,7 @@ class FrameTable(Generic[Frames]):
     entry of ``columns``, (n, ...) or (n, subjects, ...). thing: the column that names the subject of a row, such as
     "joint"; None if there is one row per frame. names: the subjects in their order; None if they differ from file to
     file, and are then in the field ``names`` of ``arrays``. text: the name of a field that is stored in the file's
-    metadata, and its key there. agree: function that tests whether numbers and texts of the table are consistent.
+    metadata, and its key there. agree: function that tests whether the numbers and texts of a table agree.
     """
 
     file: str

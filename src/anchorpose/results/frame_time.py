@@ -11,13 +11,13 @@ LONGEST_STEP: Final = 1.5
 """Maximum time between two frames, as a multiple of the usual time between frames; beyond it, a frame is missing."""
 
 LONGEST_GAP_S: Final = 0.5
-"""Maximum length in s of a gap between frames that is too short for sitting down or standing up. If the patient has the
+"""A gap between frames of at most this length in s is too short for sitting down or standing up. If the patient has the
 same posture before and after such a gap, the posture continued in it. What happened in a longer gap is unknown.
 """
 
 
 FRAMES_AT_ONCE: Final = 4096
-"""Number of frames processed at once; their intermediate values, also as text, take some megabytes."""
+"""Number of frames processed at once; their intermediate values, or their text for a file, take some megabytes."""
 
 
 def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
@@ -59,8 +59,8 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
     """Return the seconds (n,) that each frame represents: half of the time to the previous frame plus half of the time
     to the next. Half of the usual time is used at the recording's ends and at gaps above ``longest_known_gap_s``.
 
-    All zeros for a single frame, which has no duration. The sum is ``recorded_seconds``, with the usual time for such
-    gaps.
+    All zeros for a single frame, which has no duration. The sum is ``recorded_seconds`` if each such gap counts as one
+    usual time between frames.
     """
     if len(time_s) < 2:
         return np.zeros(len(time_s))

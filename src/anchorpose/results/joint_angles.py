@@ -289,7 +289,9 @@ ARMS: Final = _sided(
 
 
 AT_ONCE: Final = 128
-"""Number of frames processed at once. With all variants of ``_moved_too``, their joints fit into a CPU core's cache."""
+"""Number of frames processed at once. The joints in these frames, with all variants of ``_moved_too``, fit into a CPU
+core's cache.
+"""
 
 
 def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -321,8 +323,8 @@ def _angles_of_some(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> t
 
 
 def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points:
-    """Return variants of each joint (3, 1 + 6 joints, n): first all joints unchanged, then one coordinate of one joint
-    moved by its sigma, down and up.
+    """Return variants of each of j joints, (3, 1 + 6 j, n): first all joints unchanged, then one coordinate of one
+    joint moved by its sigma, down and up.
 
     The formula is called once for all variants. For a single live frame (n = 1), one call per variant would take longer
     than tracking.

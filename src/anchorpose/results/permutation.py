@@ -74,7 +74,7 @@ class Blocks:
     @property
     def smallest_p(self) -> float:
         """Return the smallest two-sided p that any values can give: two divided by the number of assignments if each
-        has a mirror image (both conditions exchanged), else one divided by it.
+        has a mirror image (both conditions exchanged), else one divided by their number.
         """
         mirrored = all(2 * int(self.treated[places].sum()) == len(places) for places in self.members)
         return min(1.0, (2.0 if mirrored else 1.0) / self.assignments)

@@ -50,7 +50,7 @@ def _smoothed_backwards(
     """
     count = len(position_m)
     mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # after each frame
-    ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # as predicted from the previous frame
+    ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # state and covariance, predicted from frame k - 1
     mean[0, 0] = position_m[0]
     spread[0, 0, 0] = variance[0]
     spread[0, 1, 1], spread[0, 2, 2] = FIRST_SPEED_M_S**2, FIRST_ACCELERATION_M_S2**2
@@ -176,8 +176,8 @@ def filter_stretch(
 Filling = Literal["none", "linear", "spline"]
 
 LEAST_TRIALS: Final = 20
-"""Minimum number of trials in which as many known positions as the gap lacks are removed and filled, to measure the
-error of filling.
+"""The error of filling a gap is measured in trials: in each, as many known positions as the gap lacks are removed and
+filled. This is the minimum number of trials.
 """
 
 

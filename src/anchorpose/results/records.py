@@ -306,7 +306,7 @@ def read_definition(path: Path) -> Definition | None:
 FRAMES_KEPT: Final = 64  # number of frames whose images (all cameras) are kept in memory; less than a megabyte
 
 ROOM: Final = 0
-"""Label of pixels without equipment or a person: the room, small components, and pixels without a reading."""
+"""Label of pixels without equipment or a person: the room, clutter (``PixelLabel``), and pixels without a reading."""
 
 _PNG_SETTINGS: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
 """Settings of the PNG encoder for label images. Large areas have one value, so run-length coding makes the smallest

@@ -123,10 +123,10 @@ class StageTiming:
 
 @dataclass(frozen=True, slots=True)
 class MatchedShares:
-    """For each frame, the share of the surface nodes of the track tree that were found again in the next frame.
+    """For each frame, the share of nodes (points of the patient's surface) that the track tree found again in the next.
 
-    Nodes that were not found stay at their predicted position. The share is None without a track tree, which is not
-    used by default.
+    Nodes that were not found stay at their predicted position. The share is None without the track tree, a method of
+    following nodes that is not used by default.
     """
 
     matched_share: tuple[Share | None, ...] = ()

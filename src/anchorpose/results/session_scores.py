@@ -28,7 +28,7 @@ IN_TIME_S: Final = 0.1
 """
 
 EXACT_M: Final = 1e-6
-"""Sigma in m that true joints get: practically zero."""
+"""Sigma in m that is given to true joints: practically zero."""
 
 INDEPENDENCE: Final = ("_extended_", "hands_free_upright_", "_hands_time", "_hand_time")
 """Parts of the names of measures. A measure whose name contains one of these parts is a time of independence (without

@@ -156,12 +156,13 @@ WRONG_M: Final = 0.15
 """Maximum error in m of a usable joint: half a forearm. With a larger error, the joint's limb counts as wrong."""
 
 CLEARLY_BETTER: Final = 0.7
-"""Ratio of two misfits between a file and the results below which the smaller one shows the right axes and labels. In
-six simulated laboratories, the ratio of the right to the wrong misfit was at most 0.1.
+"""The file's axes and labels are taken to be wrong if the misfit to the results under another assumption (``Sides``) is
+at most this share of the file's misfit as it is. In six simulated laboratories, the misfit under the right assumption
+was at most 0.1 times that under the wrong one.
 """
 
 LARGEST_DEFINITION_M: Final = 0.03
-"""Misfit in m below which axes and labels are accepted; different definitions of joint centres cause as much."""
+"""Misfit in m below which axes and labels are accepted as they are; definitions of joint centres differ as much."""
 
 
 class Sides(NamedTuple):
@@ -223,8 +224,8 @@ patient of the truth lies or is upside down. If both hold, truth and results hav
 """
 
 LEAST_FORWARD_M: Final = 0.05
-"""Sum in m over both legs of how far the toes are in front of the ankle and the knee in front of the line from hip to
-ankle. If the sum is smaller, it is unknown which way is forward.
+"""For each leg, the distance of the toes in front of the ankle is added to that of the knee in front of the line from
+hip to ankle. If the sum over both legs is below this value in m, it is unknown which way is forward.
 """
 
 UNIT: Final = "write its joints in metres, in a right-handed world with Y up"

@@ -55,7 +55,7 @@ class Event(Entry):
 
     @property
     def sentence(self) -> str:
-        """Return the log entry as a sentence for people: when, what, by whom, with which version, and ``about``."""
+        """Return the log entry as a sentence for people: time, command, author, version, and details in ``about``."""
         by = f" by {self.by}" if self.by else ""
         about = "".join(f", {key} {value}" for key, value in self.about.items())
         return f"{self.at}: {self.what}{by}, anchorpose {self.anchorpose}{about}"
@@ -129,7 +129,7 @@ def _lines(path: Path) -> list[bytes]:
 
 def _hash_in(line: bytes) -> str:
     """Return the hash that a line states; empty if the line is damaged, so that the next line is reported as not
-    connected.
+    following it.
     """
     try:
         return str(parse_json(line)["sha256"])

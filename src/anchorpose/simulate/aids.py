@@ -28,7 +28,7 @@ class Sweep:
     pelvis_m: np.ndarray  # (k, 3)
 
     def within(self, low_m: float, high_m: float, aside_m: float = np.inf, arms: bool = False) -> np.ndarray:
-        """Return all skin points (n, 3), of all moments, that lie between two heights and within ``aside_m`` of z = 0.
+        """Return all skin points (n, 3), of all moments, between two heights and within ``aside_m`` of the plane z = 0.
 
         arms: whether points of the arms are included.
         """
@@ -158,7 +158,7 @@ def fit_chest_pad(
 
 
 def fit_walker(rng: np.random.Generator, sweep: Sweep, handle_m: float) -> HeldEquipment:
-    """Build a walker: two side frames, joined by bars in front of the patient, with handles at ``handle_m``."""
+    """Build a walker: two side frames, joined by bars in front of the patient, with handles ``handle_m`` high."""
     tube_m, length_m = rng.uniform(0.025, 0.032), rng.uniform(0.40, 0.48)
     body = sweep.within(0.1, handle_m + 0.1)
     half_m = float(np.clip(np.abs(body[:, 2]).max() + 0.07, 0.28, WIDEST_M))
@@ -213,7 +213,9 @@ def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[
 
 
 def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_m: float) -> tuple[EquipmentPart, ...]:
-    """Build a spreader bar above the head, two straps beside the head, and, if the trunk keeps still, a harness."""
+    """Build a spreader bar above the head, two straps beside the head, and a harness if the trunk keeps still.
+    sternum_m, ceiling_m: heights.
+    """
     standing = sweep.standing()
     chest = standing.within(sternum_m - 0.1, sternum_m + 0.1, 0.2)
     middle_m = float(chest[:, 0].mean())

@@ -1,4 +1,4 @@
-"""Change bodies beyond the tracker's shape space: segments of any human length and girth, shoes, braces, stumps."""
+"""Give bodies what the tracker's shape space lacks: segments of any human length and girth, shoes, braces, stumps."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FATTER: Final = (1.05, 1.20)  # range of the factor on the girth of the segments
 SHOE_M: Final = (0.003, 0.008)  # m, range of the thickness of a shoe's upper
 SOLE_M: Final = (0.010, 0.030)  # m, range of the thickness of a sole
 SHOD_SHARE: Final = 0.75  # probability that a person wears shoes
-BRACE_M: Final = (0.008, 0.018)  # m, range of the gap between a brace and the widest part of the covered segment
+BRACE_M: Final = (0.008, 0.018)  # m, range of the gap between a brace and the skin (see ``with_brace``)
 BRACED: Final[dict[BraceName, tuple[str, ...]]] = {
     "left shank": ("LeftLeg",),
     "right shank": ("RightLeg",),
@@ -44,7 +44,7 @@ class OtherBody:
 
     build: Build = "ordinary"
     braces: tuple[BraceName, ...] = ()  # segments that are covered by stiff orthoses
-    file: Path | None = None  # file of another source's body (``rigged_body``); None = drawn from the body asset
+    file: Path | None = None  # file with another source's body (see ``rigged_body``); None = drawn from the body asset
     missing: tuple[MissingPart, ...] = ()  # limbs or parts of limbs that the patient lacks; stated in recording.json
 
 
@@ -81,7 +81,7 @@ def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) 
 
 
 def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
-    """Return the body with each bone's segment scaled along and across its axis; skin weights blend the scales."""
+    """Scale each bone's segment of the body along and across its axis; where bones meet, skin weights blend scales."""
     asset, heads = body.asset, body.bone_heads
     stretch = np.tile(np.eye(3), (len(heads), 1, 1))
     for bone, name in enumerate(asset.bone_names):
@@ -107,7 +107,7 @@ def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
 
 
 def _carry_to_ends(names: tuple[str, ...], parents: np.ndarray, stretch: np.ndarray) -> None:
-    """Scale fingers and toes in place, equally in all directions, by the mean stretch of their hand or foot."""
+    """Set ``stretch`` of fingers and toes to the mean stretch of their hand or foot, equal in all directions."""
     for bone, name in enumerate(names):
         if name.endswith(("FingerBase", "HandFinger1", "Thumb", "ToeBase")):
             stretch[bone] = np.eye(3) * np.cbrt(np.linalg.det(stretch[parents[bone]]))
@@ -121,7 +121,7 @@ def to_height(body: BodyMesh, height_m: float) -> BodyMesh:
 
 
 def with_belly(body: BodyMesh, normals: np.ndarray, out_m: float) -> BodyMesh:
-    """Add a bulge of fat in front of the lower trunk."""
+    """Add a bulge of fat, at most ``out_m`` thick, in front of the lower trunk."""
     asset = body.asset
     trunk = np.isin(asset.main_bone(), [asset.bone(name) for name in ("Hips", "LowerBack", "Spine")])
     waist_m = float(body.bone_heads[asset.bone("LowerBack"), 1] + 0.05)
@@ -145,8 +145,8 @@ def with_shoes(body: BodyMesh, normals: np.ndarray, upper_m: float, sole_m: floa
 def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[BodyMesh, np.ndarray]:
     """Add a stiff shell around the segments of some bones; also return (v,): how far it covers each vertex, 0 to 1.
 
-    The gap between shell and skin is ``off_m``, or more on legs: there, the gap is measured from a radius of at least
-    the 90th percentile of the segment's radii.
+    The shell is ``off_m`` from the skin. On legs, it is at least ``off_m`` from the skin, and its radius is at least
+    ``off_m`` more than the 90th percentile of the radii of the segment's skin.
     """
     asset, vertices, covered = body.asset, body.vertices.copy(), np.zeros(len(body.vertices))
     for name in bones:

@@ -14,8 +14,8 @@ from anchorpose.simulate.movement_file import CLIP_HZ, SEATED, Clips, movement_o
 from anchorpose.simulate.timeline import ease
 
 SMOOTHING_S: Final = 0.07  # s, standard deviation of the smoothing Gaussian; Kinect v2 joints jitter by mm to cm
-OVERLAP_S: Final = 0.4  # s, time over which one repetition is blended into the next
-STRAIGHT_RAD: Final = 0.35  # rad; if an elbow is bent by less than this, its axis comes partly from earlier frames
+OVERLAP_S: Final = 0.4  # s, time over which the end of one repetition is blended into the start of the next
+STRAIGHT_RAD: Final = 0.35  # rad; if an elbow is bent by less, the axis of its bend comes partly from earlier frames
 PLANE_MEMORY_S: Final = 0.5  # s, time constant with which the axis of a nearly straight elbow is updated
 
 _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of the file's axes: left, up and ahead
@@ -25,7 +25,7 @@ _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of the file's
 class Capture:
     """A captured movement at CLIP_HZ; the subject faces +X on average. Second axis of arrays of limbs: left, right."""
 
-    start_s: float  # time of the first of the n rows
+    start_s: float  # time of the first of the n rows of the arrays
     waist_m: np.ndarray  # (n, 3)
     pelvis: np.ndarray  # (n, 3, 3) rotation from upright
     thorax: np.ndarray  # (n, 3, 3) rotation from upright
@@ -33,15 +33,15 @@ class Capture:
     arms: np.ndarray  # (n, 2, 2, 3) directions of upper arm and forearm
     legs: np.ndarray  # (n, 2, 2, 3) directions of thigh and shank
     arm_axis: np.ndarray  # (n, 2, 3) axis about which the elbow bends
-    knee_m: np.ndarray  # (n, 2, 3) vector from the line between hip and ankle to the knee
+    knee_m: np.ndarray  # (n, 2, 3) vector to the knee from the line between hip and ankle
     ankle_m: np.ndarray  # (n, 2, 3)
     toes: np.ndarray  # (n, 2, 3) direction of the foot
-    leg_m: float  # length of a leg
+    leg_m: float  # length of the subject's leg
     seated: bool  # whether the subject sits down on a seat or gets up from one
 
 
 def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: float) -> Capture:
-    """Join the clips, one after another. Time 0 s is in clip ``first`` at ``phase`` (0 = its start, 1 = its end)."""
+    """Join clips from ``from_s`` to ``until_s``. Time 0 s is in clip ``first`` at ``phase`` (0: start, 1: end)."""
     rows_before = int(np.ceil(-from_s * CLIP_HZ))
     count = rows_before + int(np.ceil(until_s * CLIP_HZ)) + 2
     zero = int(phase * (len(clips.joints_m[first]) - 1))
@@ -80,7 +80,7 @@ def _chain(clips: Clips, index: int, count: int) -> np.ndarray:
 
 
 def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float, seated: bool) -> Capture:
-    """Return joints (n, j, 3) as directions and rotations, after the subject was turned to face +X on average."""
+    """Convert joints (n, j, 3) to directions and rotations, after turning the subject to face +X on average."""
     at = {name: joints_m[:, names.index(name)] for name in names}
     across = (at["RUpperLeg"] - at["LUpperLeg"]).mean(axis=0)
     heading = np.arctan2(across[0], across[2])  # rad, angle between +Z and the direction of the subject's right side

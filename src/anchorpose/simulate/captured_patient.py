@@ -17,15 +17,16 @@ from anchorpose.simulate.posture import OUTWARD
 from anchorpose.simulate.retarget import CapturedActor, retarget
 from anchorpose.simulate.timeline import ease
 
-MARGIN_S: Final = 3.0  # s, margin before and after the recording, for cameras whose clocks are wrong
+MARGIN_S: Final = 3.0  # s of movement before and after the recording, for cameras with wrong clocks
 ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())  # angles of abduction that are tried
-GIVES_M: Final = 0.01  # m, depth of an arm in the body that is accepted, since soft tissue gives way
+GIVES_M: Final = 0.01  # m; an arm may be inside the body by at most this depth, since soft tissue gives way
 HANGING_RAD: Final = 1.0  # rad; an upper arm raised by less than this is abducted by the whole angle
 RAISED_RAD: Final = 1.6  # rad; an arm raised by more than this keeps its direction
 DRAWS: Final = 6  # maximum number of draws of a movement; the first whose arms stay outside the body is used
 CHECK_HZ: Final = 3.0  # moments per second at which arms are tested for being inside the body
 DEEPEST_M: Final = 0.15  # m, search radius for the nearest skin: half a trunk's depth, to exclude the trunk's far side
-UNDER_SKIN: Final = 0.7  # minimum cosine, for a point inside, between the nearest skin's normal and the direction to it
+# minimum cosine, for a point inside the body, between the direction to the nearest skin and the normal of that skin
+UNDER_SKIN: Final = 0.7
 FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")  # bones with one of these in the name stay outside the body
 ARMS: Final = (*FOREARMS, "Arm", "Shoulder")  # names of arm bones contain one of these; the body is all other bones
 
@@ -83,7 +84,7 @@ def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
 
 
 def _abducted(capture: Capture, angle: float) -> Capture:
-    """Abduct the arms about the thorax's forward axis. The higher an arm is raised, the smaller its angle."""
+    """Abduct the arms about the thorax's forward axis by ``angle``, or by less if they are raised."""
     arms, axes = capture.arms.copy(), capture.arm_axis.copy()
     forward = rotate(capture.thorax, np.broadcast_to(FORWARD, (len(arms), 3)))
     down = rotate(capture.thorax, np.broadcast_to(-UP, (len(arms), 3)))

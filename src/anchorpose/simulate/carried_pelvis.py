@@ -13,7 +13,7 @@ LEAST_LOAD: Final = 1e-3  # share of the load on a foot in the air; not 0, so th
 ROUNDS: Final = 8  # number of iterations that compute the tilt; each reduces the error of the tilt to a tenth
 
 LEAST_HEIGHT_M: Final = 0.1
-"""Minimum height (m) of a hip above its ankle. Below it, the leg does not reach the foot and implies no height."""
+"""Minimum height (m) of a hip above its ankle. It is used for a leg that does not reach the foot."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -41,7 +41,7 @@ STREAMS = (
     "session",
 )
 CAMERA_NAMES = ("front", "left", "right", "behind")
-AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # rad, from the patient to a camera; positive = left
+AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # rad, from patient to camera: 0 = front, + = left
 AZIMUTH_SPREAD_RAD = (0.08, 0.2, 0.2, 0.3)  # rad, maximum random deviation of each camera from ``AZIMUTH_RAD``
 WALL_M = 2.7  # m, height of the walls
 
@@ -228,7 +228,7 @@ def place_cameras(rng: np.random.Generator, config: SimulationConfig) -> tuple[C
 
 
 def look_at(position_m: np.ndarray, target_m: np.ndarray) -> np.ndarray:
-    """Return T_world_camera (4, 4) of a level camera at ``position_m`` that looks at ``target_m``."""
+    """Return T_world_camera (4, 4) of a camera at ``position_m``, without roll, that looks at ``target_m``."""
     away = (target_m - position_m) / np.linalg.norm(target_m - position_m)
     right = np.cross(away, [0.0, 1.0, 0.0])
     right /= np.linalg.norm(right)

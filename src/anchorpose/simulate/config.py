@@ -42,14 +42,14 @@ BEHIND_AND_BEFORE: Final[tuple[TaskName, ...]] = ("trunk from behind", "both kne
 FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
 """Motions for which a standing frame with a knee bar leaves no room."""
 
-SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # m, smallest and largest radius of the holes in the paper's depth images
-ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # keys of random streams other than ``clinic.STREAMS``
+SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # m, limits of ``hole_radius_m``, as in the paper that README.md cites
+ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # keys of random streams that are not in ``clinic.STREAMS``
 ROOM_MOTIONS: Final[dict[Posture, tuple[tuple[str, ...], ...]]] = {
     "stands": (("mixed",), ("squat", "reach", "arm-raise"), ("weight-shift", "trunk", "steps", "head", "reach")),
     "sits": (("reach", "arm-raise"), ("reach", "head"), ("arm-raise", "head", "standing")),
     "stands-up": (("sit-to-stand", "reach"), ("sit-to-stand", "squat", "arm-raise"), ("sit-to-stand", "trunk", "head")),
 }
-ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # ``posture`` decides on sitting
+ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # ``posture`` says who sits
 # share of the standing patients in rooms who do a captured movement, if a file of captured movements is given
 CAPTURED_SHARE: Final = 0.6
 ABSENT_SHARE: Final = 0.15  # share of the recording before a late patient comes into view
@@ -62,13 +62,13 @@ ProperShare = Annotated[float, Field(ge=0, lt=1)]
 
 @settings
 class SimulationConfig:
-    """The settings of one simulated recording. Equal settings give the same bytes."""
+    """The settings of one simulated recording. Equal settings give files that are equal byte for byte."""
 
     seed: Annotated[int, Field(ge=0)]
     seconds: Annotated[float, Field(gt=0, le=LONGEST_S)] = 10.0
     fps: Annotated[float, Field(gt=0, le=HIGHEST_HZ)] = 30.0  # Hz; 30 = the rate of every simulated sensor
     cameras: Annotated[int, Field(ge=1, le=4)] = 3  # number of cameras, in this order: in front, left, right, behind
-    sensor: Sensor = "kinect-v2"  # default = the sensor of the paper
+    sensor: Sensor = "kinect-v2"  # default = the sensor of the paper that README.md cites
     sensors: tuple[Sensor, ...] = ()  # one sensor per camera; empty = every camera has ``sensor``
     lens: LensName | None = None  # lens of the sensor; None = the usual lens of its model
     equipment: Equipment = "standing-frame"
@@ -79,25 +79,25 @@ class SimulationConfig:
     therapists: Annotated[int, Field(ge=0, le=3)] = 2  # number of therapists
     therapist_tasks: tuple[TaskName, ...] = ()  # tasks of the first therapists; the tasks of the others are drawn
     therapists_stay: bool = False  # True: therapists are present from the first to the last frame
-    # number of people who walk through between a camera and the patient
+    # number of people who walk through the room, between a camera and the patient
     passers_by: Annotated[int, Field(ge=0, le=3)] = 0
     motions: Annotated[tuple[str, ...], Field(min_length=1)] = ("mixed",)
     movement_file: Path | None = None  # file of captured movements; if given, it replaces ``motions``
     movement: str | None = None  # one of ``MOVEMENTS`` in movement_file.py, or the name of a clip in the file
     subjects: tuple[int, ...] = SUBJECTS  # numbers of the subjects of ``movement_file`` whose movements may be drawn
     speed: Speed = "mixed"
-    clothing_m: Annotated[float, Field(ge=0, le=THICKEST_CLOTHING_M)] = 0.009  # m, height of folds above the skin
+    clothing_m: Annotated[float, Field(ge=0, le=THICKEST_CLOTHING_M)] = 0.009  # m, height of the folds of clothes
     away_s: tuple[tuple[float, float], ...] = ()  # s, start and end of each absence; the patient walks out and in again
     # s, start and end of the time in which a curtain hides the patient from all cameras; None = no curtain
     curtain_s: tuple[float, float] | None = None
     hole_radius_m: float = 0.0  # m, radius of the hole cut into some frames; 0 = no holes
-    hole_share: Share = 0.5  # share of the frames with a hole
+    hole_share: Share = 0.5  # number of frames with a hole, as a share of all frames
     height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # m; None = drawn, for adults from 1.5 to 1.9
     body: OtherBody = OtherBody()  # the patient's body; default = drawn from the body asset
     pose_known: bool = True  # False: camera_to_world is null in recording.json
-    clock_late_s: tuple[float, ...] = ()  # s per camera by which an image is taken later than its time stamp says
+    clock_late_s: tuple[float, ...] = ()  # s, for each camera: how much later an image is taken than its stamp says
     clock_drift: tuple[float, ...] = ()  # s per second, for each camera, by which ``clock_late_s`` grows
-    clock_epoch_s: tuple[float, ...] = ()  # s per camera, time stamp at the start of the recording
+    clock_epoch_s: tuple[float, ...] = ()  # s, for each camera: time stamp at the start of the recording
     stamp_jitter_s: NotNegative = 0.0  # s, standard deviation of the error of every stamp
     # share of the depth images that are not written to the disk; the first camera writes all images
     dropped_share: ProperShare = 0.0
@@ -129,7 +129,7 @@ def _check_equipment(config: SimulationConfig) -> None:
     for motion in config.motions:
         _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
     captured = config.movement_file is not None
-    in_frame = config.equipment == "standing-frame" and not captured  # a frame is fitted around a captured movement
+    in_frame = config.equipment == "standing-frame" and not captured  # frames are made to fit captured movements
     clash = FRAMELESS_MOTIONS.intersection(config.motions) if in_frame else frozenset()
     _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")
     _require(not config.chest_pad or config.equipment == "parallel-bars", "a chest pad needs parallel bars")
@@ -197,7 +197,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
     """Return ``config`` with a patient who is hard to track: away at first or later, behind a curtain, or seated.
 
     A patient who walks or sits has no standing frame. Raises ValueError if other equipment keeps the patient from
-    walking, and for a captured movement.
+    walking, or if the movement is a captured one.
     """
     seconds = config.seconds
     equipment: Equipment = "none" if config.equipment == "standing-frame" else config.equipment
@@ -228,8 +228,8 @@ def rough_recorder(config: SimulationConfig) -> SimulationConfig:
 
 
 def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
-    """Return settings for the experiment in Section V of the paper: one camera and one person; in random frames, the
-    depth image has a hole around the body's centre.
+    """Return settings for the experiment in Section V of the paper that README.md cites: one camera and one person; in
+    random frames, the depth image has a hole around the body's centre.
     """
     return SimulationConfig(
         seed=seed,
@@ -286,8 +286,8 @@ def rehabilitation(
     """Return ``config`` with a captured movement, which has already begun when the recording begins. movement: None =
     drawn by the seed.
 
-    Parallel bars have a chest pad and straps, a therapist behind the patient, and one who holds the knees in front. If
-    the patient steps or raises a leg, there is neither pad nor strap, and only the therapist behind.
+    Parallel bars have a chest pad and straps, a therapist behind the patient, and one in front who holds the knees. If
+    the patient steps or raises a leg, there are no pad and no straps, and only the therapist behind.
     """
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(MOVEMENT_KEY,)))
     roomy = equipment in ("none", "sling", "parallel-bars")

@@ -28,9 +28,9 @@ from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.timeline import Movement, ball_ahead_m, stand, standing_pelvis_m
 
 SWEEP_HZ = 5.0  # Hz, rate at which the patient's movement is sampled to find the space that it needs
-STOOL_HALF_M = 0.20  # m, half a stool's depth plus a margin: from its middle to the legs of the standing patient
+STOOL_HALF_M = 0.20  # m from a stool's middle to the legs of the standing patient: half its depth, plus a margin
 CEILING_M = 2.65  # m, height of the ceiling from which a sling hangs
-BELOW_NECK_M = 0.15  # m, distance of the middle of the sternum below the joint SpineShoulder
+BELOW_NECK_M = 0.15  # m from the joint SpineShoulder down to the middle of the sternum
 HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that the patient's hands hold
 
 
@@ -104,7 +104,7 @@ def _trunk_half_width_m(person: Person, sweep: Sweep) -> float:
 
 
 def _arms_half_width_m(sweep: Sweep, rail_m: float, least_m: float) -> float:
-    """Return the half width of a frame with space for arms that move at rail height; ``least_m`` to ``WIDEST_M``."""
+    """Return the half width, ``least_m`` to ``WIDEST_M``, of a frame with space for arms that move at rail height."""
     arms = np.abs(sweep.within(rail_m - 0.12, rail_m + 0.12, arms=True)[:, 2])
     return float(np.clip(arms.max() + 0.05, min(least_m, WIDEST_M), WIDEST_M))
 

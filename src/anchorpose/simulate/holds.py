@@ -58,7 +58,8 @@ class Hold:
 def nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: np.ndarray) -> float:
     """Return the time at which the joints to hold are farthest ``outward``, that is, nearest to the therapist.
 
-    A therapist whose place suits this time has enough space to stand at all times.
+    A therapist whose place suits this time has enough space to stand at all times, since these joints never come
+    nearer.
     """
     joints_m = np.array([patient.person.body.joints(bones) for bones in patient.bones(times_s)])
     held = joints_m[:, [JOINT_INDEX[name] for name in task.holds]].mean(axis=1)
@@ -84,7 +85,7 @@ def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, 
 
 
 def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name: str, wanted: np.ndarray) -> int:
-    """Return the vertex that is farthest from a joint in the direction ``wanted``, and least far aside from it."""
+    """Return the vertex that is far from a joint in the direction ``wanted``, but near the line in this direction."""
     asset = person.body.asset
     side = "Left" if name.endswith("Left") else "Right"
     patterns = next(bones for key, bones in HOLD_BONES.items() if name.startswith(key))

@@ -19,9 +19,9 @@ HALF: Final = 2  # pixels; each block of 2 x 2 pixels of the imager becomes one 
 # Recordings do not state the settings of the real filters. With the values below, a depth edge is blurred over 12
 # pixels, as in real recordings.
 SMOOTHING: Final = 0.3  # weight of a pixel's own disparity; the filter's running value has the remaining weight
-JOINED_PX: Final = 25.0  # pixels; greater steps of disparity stay sharp: edges of objects within 0.5 m of the camera
+JOINED_PX: Final = 25.0  # pixels; greater steps of disparity are kept: edges of objects within 0.5 m of the camera
 PASSES: Final = 2  # number of passes of the spatial filter
-FILLED_PX: Final = 16  # pixels; this far into a gap, the filter fills in the last value in the row or column
+FILLED_PX: Final = 16  # pixels; this far into a gap, the filter fills in the last value before the gap
 STEPS: Final = 8.0  # per pixel; the result is rounded to multiples of 1 / STEPS pixel of disparity
 TEMPORAL: Final = 0.4  # weight of the newest frame; the blend of earlier frames has the remaining weight
 STILL_PX: Final = 0.6  # pixels of disparity; a pixel that changes by more is not smoothed over time
@@ -68,7 +68,7 @@ def _blend(before: np.ndarray, now: np.ndarray) -> np.ndarray:
 @nb.njit(cache=True)
 def _smooth_rows(disparity: np.ndarray, weight: float, joined: float, filled: int) -> None:
     """Smooth each row in place by a recursive filter. The first ``filled`` pixels of a gap get the last value before
-    the gap.
+    the gap. weight, joined: as ``SMOOTHING`` and ``JOINED_PX``.
     """
     for row in range(disparity.shape[0]):
         last, gap = disparity[row, 0], 0

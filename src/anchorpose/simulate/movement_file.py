@@ -62,7 +62,7 @@ _NAME: Final = re.compile(r"(?P<how>[ci])_m(?P<movement>\d\d)_s(?P<subject>\d\d)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clips:
-    """Clips of one subject and movement in recorded order, at 30 Hz."""
+    """Clips of one movement of one subject, at 30 Hz, in the order in which they were recorded."""
 
     names: tuple[str, ...]  # (c,) names of the clips
     joints_m: tuple[np.ndarray, ...]  # per clip (n, j, 3): x to the subject's left, y up, z ahead

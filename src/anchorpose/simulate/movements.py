@@ -139,7 +139,9 @@ class GivingWay(Movement):
     __slots__ = ()
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Return the growing strength, 0 to 1. When the movement begins to slow, its speed is twice the average."""
+        """Return the growing strength, 0 to 1, at x, a share of ``rise_s``. When the movement begins to slow, its speed
+        is twice the average.
+        """
         x = np.clip(x, 0.0, 1.0)
         return np.asarray(np.where(x < 2.0 / 3.0, 1.5 * x**2, 1.0 - 3.0 * (1.0 - x) ** 2))
 

@@ -95,7 +95,7 @@ def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
     a frame.
     """
     base = np.zeros(len(CHANNELS))
-    base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # m above the rest pose, in which the knees are bent
+    base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # m above the pelvis of the rest pose, in which the knees are bent
     for side in ("left", "right"):
         base[CHANNEL_INDEX[f"shoulder_abduct_{side}"]] = 0.45 if in_frame else 0.27
         base[CHANNEL_INDEX[f"shoulder_flex_{side}"]] = 0.25 if in_frame else 0.0
@@ -229,7 +229,7 @@ def seated_offsets(person: Person) -> tuple[tuple[str, float], ...]:
 def _draw_steps(
     rng: np.random.Generator, footwork: Footwork, start_s: float, pace: float, here: Situation
 ) -> tuple[Footwork, list[Movement]]:
-    """Draw two or four steps in place, forward or back; 3 and 4 undo 1 and 2. The pelvis shifts over the standing foot.
+    """Draw 2 or 4 steps in place, forward or back; steps 3 and 4 lead back. The pelvis shifts over the standing foot.
 
     Return ``footwork`` with the steps appended, and the shifts of the pelvis.
     """

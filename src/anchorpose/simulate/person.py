@@ -31,7 +31,7 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.rigged_body import read_rigged_body
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
-COEFFICIENT_SPREAD = 0.8  # standard deviation of each drawn coefficient, as a share of that in the shape space
+COEFFICIENT_SPREAD = 0.8  # standard deviation of each drawn coefficient, divided by that in the shape space
 BUMPS = 14  # number of bumps on the skin of a body
 FOLDS = 7  # number of waves whose sum gives the folds of clothes
 CHILD_HEIGHTS_M = (1.0, 1.5)
@@ -148,7 +148,7 @@ def draw_other_person(
 
 
 def _draw_plain(rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None) -> Person:
-    """Draw the person before ``draw_other_person`` changes segments and adds belly, braces and shoes."""
+    """Draw a person whose segments ``draw_other_person`` then changes, and to whom it adds belly, braces and shoes."""
     if config.file is not None:
         body = read_rigged_body(config.file)
         body = body if height_m is None else to_height(body, height_m)
@@ -261,7 +261,7 @@ class _Folds(NamedTuple):
 
 @nb.njit(cache=True)
 def _dress_and_skin(rest: _RestSkin, folds: _Folds, transforms: np.ndarray, bend: np.ndarray, skin: np.ndarray) -> None:
-    """Fill ``skin`` (v, 3) with the dressed skin moved by transforms (b, 3, 4); bend (b,): of each bone, radians."""
+    """Fill ``skin`` (v, 3) with the dressed skin moved by transforms (b, 3, 4); bend (b,): as ``bends`` returns it."""
     blend = np.empty((3, 4), dtype=np.float32)
     for v in range(len(rest.vertices)):
         blend[:] = 0.0

@@ -81,7 +81,7 @@ def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) 
 
 
 def ray_directions(camera: Camera) -> np.ndarray:
-    """Return a direction per pixel, (height * width, 3) float32 world, with length 1 along the optical axis.
+    """Return a direction per pixel, (height * width, 3) float32 world; its part along the optical axis has length 1.
 
     A pixel outside the lens's valid radius has no ray and gets the direction of the optical axis.
     """

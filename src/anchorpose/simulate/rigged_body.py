@@ -26,11 +26,12 @@ ENDS: Final = {
     "Leg": "Foot",
     "Foot": "ToeBase",
 }
-"""Bones that are turned to their direction in the asset's rest pose, each with the bone at whose head it ends."""
+"""Bones that are turned to their direction in the asset's rest pose, each with the bone that begins where it ends."""
 
 
 def read_rigged_body(path: Path) -> BodyMesh:
-    """Read a body and turn it to the asset's rest pose, so that every movement fits. Its joints are its bones' heads.
+    """Read a body and turn it to the asset's rest pose, so that every movement fits. The joints are the bones' near
+    ends.
 
     The file's axes are X forward, Y up and Z to the body's right, in metres. Raises InputError if the file contains no
     such body.
@@ -55,7 +56,7 @@ def read_rigged_body(path: Path) -> BodyMesh:
 
 @cache
 def sampled_vertices(asset: BodyAsset) -> np.ndarray:
-    """Return (p,): the body's vertex nearest to each of the tracker's skin points, scaled to the body's height."""
+    """Return (p,): the vertex nearest to each skin point of the tracker, once these are scaled to the body's height."""
     points = body_points()
     if len(asset.vertices) == len(points.asset.vertices):
         return points.vertex

@@ -21,8 +21,9 @@ class SensorSpec:
     focal_px: float
     nearest_m: float
     farthest_m: float
-    # factor on the axial noise that was measured on white targets: 2, as clothes, skin and floors return a quarter of
-    # the light, and a time-of-flight camera's noise is proportional to the inverse square root of the returned light
+    # factor on the axial noise that was measured on white targets. It is 2, since clothes, skin and floors return a
+    # quarter of the light, and a time-of-flight camera's noise is proportional to the inverse square root of the
+    # returned light
     noise_gain: float = 2.0
     baseline_m: float = 0.0  # m, distance between the imagers of a stereo camera
     disparity_noise_px: float = 0.06  # pixels, standard deviation of the error of disparity
@@ -148,8 +149,8 @@ LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
 }
 """Model, coefficients and valid radius of each imitated lens."""
 
-EDGE_STEP_M = 0.03  # m; at an edge, neighbouring depths differ by this much more than the surface's slope explains
-SLOPE_ALLOWANCE = 4.0  # factor on a slope's change of depth per pixel: 2 across 3 x 3 pixels, and 2 as a margin
+EDGE_STEP_M = 0.03  # m; a pixel is at an edge if depths around it differ by this much more than the slope explains
+SLOPE_ALLOWANCE = 4.0  # factor on the slope's change of depth per pixel: 2 pixels across 3 x 3, times 2 as a margin
 DROPOUT = 0.003  # probability of a lost reading anywhere
 EDGE_JITTER = 0.35  # probability that an edge pixel has the reading of its neighbour
 FLYING = 0.22  # probability that an edge pixel mixes near and far depths
@@ -250,7 +251,7 @@ def _sense_time_of_flight(
 
 
 def _spread_dots(spec: SensorSpec, sensed_m: np.ndarray) -> np.ndarray:
-    """Smooth each surface over half the spacing of the laser points. Pixels without a reading still have none."""
+    """Smooth each surface by a Gaussian whose standard deviation is half the spacing of the laser points."""
     import cv2
 
     half_spacing_px = 0.5 * float(np.sqrt(spec.width * spec.height / spec.dots))
@@ -278,7 +279,7 @@ def _sense_stereo(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarra
 
 @nb.njit(cache=True)
 def _shadowed(disparity: np.ndarray) -> np.ndarray:
-    """Return (height, width) bool: pixels of the left imager that show what a nearer object hides from the right."""
+    """Return (height, width) bool: pixels of the left imager showing what a nearer object hides from the right one."""
     height, width = disparity.shape
     hidden = np.zeros((height, width), dtype=np.bool_)
     for row in range(height):

@@ -25,7 +25,7 @@ from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 # m, the curtain's distance from the patient (more than an arm's length), half its width, and its height
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
 BACKGROUND_FRAMES = 9  # number of images of the empty room; their median is stored
-SAME_SKIN_M: Final = 0.03  # m; skin is seen if its depth is this near to its pixel's; pixels are 7 mm wide at 2.5 m
+SAME_SKIN_M: Final = 0.03  # m; the depth of seen skin differs by less from its pixel's; a pixel is 7 mm wide at 2.5 m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +85,7 @@ class Studio:
         return (self.stills_after if moves_at_s is not None and time_s >= moves_at_s else self.stills)[index]
 
     def _reading_mm(self, index: int, frame: int, image: TrueImage) -> np.ndarray:
-        """Return the image that the recorder stores. If the recorder smooths over time, earlier frames are read too."""
+        """Return the image that the recorder stores. A recorder that smooths over time also needs earlier frames."""
         reader = self.readers[index]
         first = max(0, frame - MEMORY + 1) if reader.spec.filtered else frame
         raw = []
@@ -187,7 +187,7 @@ def body_centre_m(cameras: tuple[Camera, ...], images: list[TrueImage]) -> np.nd
 
 
 def _with_hole(clinic: Clinic, images: list[TrueImage], depths_mm: list[np.ndarray]) -> list[np.ndarray]:
-    """Cut a hole as in the paper's Section V: remove all readings within ``hole_radius_m`` of the body's centre."""
+    """Remove all readings within ``hole_radius_m`` of the body's centre, as in Section V of the paper in README.md."""
     centre_m = body_centre_m(clinic.cameras, images)
     if centre_m is None:
         return depths_mm
@@ -207,7 +207,7 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
 
 
 def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return for each joint (21,), of the skin around it that faces the camera, the share that is not hidden.
+    """Return for each joint (21,) which share of the skin around it that faces the camera is not hidden.
 
     Skin may be hidden by other skin of the patient, people or equipment, or lie outside the image. The share is 0 if no
     skin around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient at the time of the image.
@@ -228,7 +228,7 @@ def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: C
 def share_behind(
     camera: Camera, still: TrueImage, figures: tuple[Figure, ...], passers: int, image: TrueImage
 ) -> float:
-    """Return the share of the patient's pixels in a camera that the last ``passers`` figures hide."""
+    """Return the share of the patient's pixels in a camera's image that the last ``passers`` figures hide."""
     if not passers or not (image.label >= PATIENT + len(figures) - passers).any():
         return 0.0
     without = int((draw_figures(camera, still, figures[:-passers]).label == PATIENT).sum())
@@ -236,7 +236,7 @@ def share_behind(
 
 
 def _unhidden(inside_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return (p,) bool: whether the pixel of each point (p, 3), camera frame, shows the patient at that depth."""
+    """Return (p,) bool: whether the depth of each point (p, 3), camera frame, is that of the patient in its pixel."""
     ahead = inside_m[:, 2] > 0.0
     columns, rows = np.rint(camera.project(np.where(ahead[:, None], inside_m, [0.0, 0.0, 1.0]))).astype(np.int64).T
     inside = ahead & (rows >= 0) & (rows < camera.height) & (columns >= 0) & (columns < camera.width)

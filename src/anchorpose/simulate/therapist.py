@@ -35,14 +35,15 @@ SHOULDERS_ABOVE_HOLD_M = 0.22  # m, preferred height of the shoulders above the 
 COMFORTABLE_REACH = 0.85  # comfortable distance from shoulder to held place, as a share of the arm's length
 DISTANCES_M = np.linspace(0.3, 1.1, 33)  # m, tried distances from the balls of the feet to the held places
 FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows; the arms follow the rest
-FARTHEST_FOLLOW_M = 0.25  # m, maximum distance over which a therapist's body follows a patient who does motions
+# m, maximum distance over which a therapist's body follows a patient without a captured movement
+FARTHEST_FOLLOW_M = 0.25
 LEAN_M = 0.12  # m, maximum distance over which a therapist's body follows a patient with a captured movement
 LOWEST_PELVIS_M = 0.30  # m, minimum height above the floor of the pelvis of a therapist who crouches
 FLATTENING = -0.45  # rad; added to the bend of finger joints: fingers, curled in the rest pose, then lie flat on skin
 HELD_M = 0.005  # m; a hand counts as holding if its wrist is at most this far from its goal
 
 PASSING_M = (0.6, 1.5)  # m, range of the distance between a camera and a person who passes it
-BESIDE_M = 3.2  # m from the point where a passer-by's path crosses the line of sight to either end of the path
+BESIDE_M = 3.2  # m from each end of a passer-by's path to the point where it crosses the line of sight
 SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # rad, tried angles of the path; 0 = across the line of sight
 CLEAR_M = 0.7  # m, intended clearance of the path from the other cameras and from the patient
 HALFWAY = (0.35, 0.65)  # range of the time at which a passer-by is at the crossing, as a share of the recording
@@ -75,7 +76,7 @@ class Therapist:
     def held_joints(
         self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray, bones: np.ndarray
     ) -> np.ndarray:
-        """Return (t, 2) int: the patient's joint that each hand holds, -1 if it holds none or cannot follow."""
+        """Return (t, 2) int: the patient's joint that each hand holds, -1 if it holds none or cannot follow it."""
         if self.hold is None:
             return np.full((len(times_s), 2), -1)
         person, wrist_bones = self.actor.person, [self.actor.person.body.asset.bone(f"{side}Hand") for side in SIDES]
@@ -196,7 +197,7 @@ def _walker(rng: np.random.Generator, person: Person, footwork: Footwork) -> The
 def _visit(
     rng: np.random.Generator, spot: np.ndarray, facing: float, arrive_s: float, leave_s: float | None
 ) -> Footwork:
-    """Return steps from the side to ``spot`` (x, z), reached at ``arrive_s``, and out at ``leave_s`` (None = stays)."""
+    """Return steps that reach ``spot`` (x, z) from the side at ``arrive_s``, and leave at ``leave_s`` (None: never)."""
     outside = spot + rng.uniform(1.6, 2.2) * _sideways(rng, spot)
     standing = stand(outside, yaw_towards(outside, spot), STANCE_M)
     footwork = walk_until(standing, spot, facing, arrive_s, STANCE_M)
@@ -260,7 +261,7 @@ def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, f
 
 
 def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray, farthest_m: float) -> None:
-    """Shift the therapist's pelvis, in place in ``channels``, as the held places (t, 2, 3) on the patient move."""
+    """Change ``channels`` so that the therapist's pelvis shifts as the held places (t, 2, 3) on the patient move."""
     pull = channels[CHANNEL_INDEX["pull_left"]]
     moved = (FOLLOW * (place_m.mean(axis=1) - hold.reference_m)).clip(-farthest_m, farthest_m)
     channels[CHANNEL_INDEX["pelvis_up"]] += pull * moved[:, 1]

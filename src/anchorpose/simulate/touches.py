@@ -13,7 +13,7 @@ from anchorpose.simulate.render import Figure
 
 TOUCH_M: Final = 0.03  # m; the skin of two people is in contact if it is at most this far apart
 JOINT_REGION_M: Final = 0.12  # m; a joint counts as touched if skin within this distance of the joint is touched
-# m; skin within this distance of a rigid surface is in contact with it; clothes fold by as much (``clothing_m``)
+# m; skin this near to a rigid surface is in contact with it; folds of clothes are about as high (``clothing_m``)
 EQUIPMENT_TOUCH_M: Final = 0.01
 
 

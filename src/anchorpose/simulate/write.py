@@ -197,7 +197,7 @@ def draw_record(clinic: Clinic, index: int) -> Record:
     kept = _kept(clinic, index, nominal_s)
     shown = np.arange(config.frames)
     doubled = (random_stream(config, "doubles", index).random(config.frames) < config.doubled_share) & kept
-    before = np.maximum.accumulate(np.where(kept, shown, -1))  # number of the last image on the disk, for each frame
+    before = np.maximum.accumulate(np.where(kept, shown, -1))  # per frame, number of the last image kept up to it
     for frame in np.flatnonzero(doubled):
         if frame > 0 and before[frame - 1] >= 0:
             shown[frame] = shown[before[frame - 1]]

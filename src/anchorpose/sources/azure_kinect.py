@@ -1,12 +1,12 @@
-"""Read Azure Kinect's recordings (``.mkv``), also those that Orbbec's wrapper of its SDK writes for Femto cameras.
+"""Read recordings (``.mkv``) by Azure Kinect's SDK, or by Orbbec's wrapper of this SDK for Femto cameras.
 
 The layout is that of the published Azure Kinect Sensor SDK (github.com/microsoft/Azure-Kinect-Sensor-SDK, MIT,
 ``src/record``): a Matroska file with the track DEPTH, uncompressed, big-endian, millimetres; the lens in the attachment
-``calibration.json``; the device's information in tags. Tracks of colour and infrared are never decoded. How the lens is
-read follows three files: ``src/calibration/calibration.c`` (the document),
-``src/transformation/mode_specific_calibration.c`` (crops, binning and the shift by half a pixel) and
+``calibration.json``; the device's information in tags. Tracks of colour and infrared are never decoded. The lens is
+read as in three files of the SDK: ``src/calibration/calibration.c`` (layout of calibration.json),
+``src/transformation/mode_specific_calibration.c`` (cropping, binning and the shift by half a pixel) and
 ``src/transformation/intrinsic_transformation.c`` (order and meaning of the parameters). Orbbec's wrapper
-(github.com/orbbec/OrbbecSDK-K4A-Wrapper) has them unchanged.
+(github.com/orbbec/OrbbecSDK-K4A-Wrapper) has these files unchanged.
 """
 
 from __future__ import annotations
@@ -39,15 +39,16 @@ other models.
 SENSOR_PX: Final = 1024
 """Width and height of the sensor; the SDK, too, refuses the calibration of a sensor of another size."""
 FOCAL: Final = (0.25, 1.0)
-"""Limits of the focal length, divided by the sensor's width; a number beyond them is damaged. They correspond to 127
-and 53 degrees of view without distortion; the maker states 120 with distortion. A real file has 0.493.
+"""Limits of the focal length, divided by the sensor's width; a number beyond them is damaged. Without distortion, the
+lower limit gives 127 degrees of view and the upper 53. The maker states 120 for its lens, which has distortion; a real
+file has 0.493.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class DepthMode:
-    """A mode of the depth camera, which reads a part of the sensor. binning: sensor pixels per image pixel, along each
-    axis; left, top: image pixels cropped at the left and at the top.
+    """A mode of the depth camera; each mode reads a part of the sensor. binning: sensor pixels per image pixel, along
+    each axis; left, top: image pixels cropped at the left and at the top.
     """
 
     name: str
@@ -64,7 +65,7 @@ MODES: Final = (
     DepthMode("WFOV_2X2BINNED", 512, 512, 2, 0, 0),
     DepthMode("WFOV_UNBINNED", 1024, 1024, 1, 0, 0),
 )
-"""All modes with a depth image; no two have the same size."""
+"""All modes with a depth image; no two have the same image size."""
 
 
 def depth_mode(width: int, height: int) -> DepthMode | None:
@@ -96,7 +97,7 @@ def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
 
 
 def _depth_camera(calibration: bytes) -> dict:
-    """Return the entry of the depth camera in the text of ``calibration.json``; raises ValueError as ``lens_of``."""
+    """Return the entry of the depth camera in the text of ``calibration.json``; raises ValueError if it has none."""
     try:
         document = parse_json(calibration.rstrip(b"\0"))
         cameras = document["CalibrationInformation"]["Cameras"]
@@ -126,7 +127,7 @@ def _parameters(camera: dict) -> tuple[float, ...]:
 
 
 def _radius(camera: dict) -> float | None:
-    """Return sqrt(x² + y²) / z of a ray up to which the lens was calibrated; None if the maker gives 0."""
+    """Return the radius, sqrt(x² + y²) / z of a ray, up to which the lens was calibrated; None if the maker gives 0."""
     radius = camera.get("MetricRadius")
     if not isinstance(radius, int | float) or not np.isfinite(radius) or radius <= 1e-4:
         return None
@@ -156,7 +157,7 @@ def open_source(path: Path) -> AzureKinectFile:
             height=mode.height,
             depth_scale=MILLIMETRE_M,
             intrinsics=lens,
-            model=container.metadata.get("title", ""),  # the wrapper for Femto writes Azure Kinect, too
+            model=container.metadata.get("title", ""),  # Orbbec's wrapper writes Azure Kinect here, too
             serial=container.metadata.get("K4A_DEVICE_SERIAL_NUMBER", ""),
         )
     cut = "" if _is_whole(path) else "the file was cut short, or its recorder did not close it: its end may be missing"
@@ -243,7 +244,7 @@ def _image(packet: Packet, height: int, width: int) -> np.ndarray:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[InputContainer]:
-    """Open the file with PyAV. It may decode only uncompressed images, so it never decodes colour, not even to detect
+    """Open the file with PyAV. PyAV may decode only uncompressed images, so it never decodes colour, not even to detect
     the formats of the tracks.
     """
     try:
@@ -306,8 +307,8 @@ def _start_us(container: InputContainer) -> tuple[int, str]:
 
 
 def _is_whole(path: Path) -> bool:
-    """Return whether the file is as long as its element ``SEGMENT`` states; a recorder that was killed states no
-    length.
+    """Return whether the file is as long as its Segment (the element that holds all tracks) states; it states no length
+    if the recorder was killed.
     """
     with open_regular(path) as file:
         head = file.read(4096)

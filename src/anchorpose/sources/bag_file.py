@@ -26,7 +26,7 @@ ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 SQLITE_MAGIC: Final = b"SQLite format 3\0"
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
-# bytes, maximum size of an unpacked message: a hundred times the usual, since a damaged file may state any size
+# bytes, maximum size of an unpacked message: a hundred times the usual size; a damaged file may state any size
 _LARGEST_BYTES: Final = 1 << 30
 _MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # field "op" of each kind of record in ROS 1
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
@@ -91,7 +91,7 @@ class BagFile(ABC):
         return None if None in counts else sum(count or 0 for count in counts)
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """Yield the messages of the topics in the order of their receipt, as far as the file can be read."""
+        """Yield the messages of the topics in the order of their receipt, up to the first damage in the file."""
         numbers, self._damage = self._on(topics), ""
         try:
             for number, received_ns, data in self._read(numbers) if numbers else ():
@@ -212,7 +212,7 @@ def _scan(path: Path) -> Iterator[tuple[int, int, bytes | Channel]]:
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[Any, bytes]]:
-    """Yield header and data of the records of ROS 1 until a record is cut off; the data of the last record may be
+    """Yield header and data of the records of a ROS 1 bag until a record is cut off; the data of the last record may be
     incomplete.
     """
     from rosbags.rosbag1.reader import Header, ReaderError, read_uint32
@@ -312,7 +312,7 @@ def _open_file(path: Path) -> BagFile:
 
 
 def files_of(folder: Path) -> tuple[Path, ...]:
-    """Return the bags of a ROS 2 folder, sorted by their numbers, which rosbag2 writes without leading zeros."""
+    """Return the bags of a ROS 2 folder, sorted by the numbers in their names, which have no leading zeros."""
     files = (path for path in folder.iterdir() if path.name.endswith(_ENDINGS) and path.is_file())
 
     def order(path: Path) -> tuple[tuple[int, str], ...]:

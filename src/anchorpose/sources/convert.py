@@ -39,8 +39,8 @@ BLOCKS: Final = 16  # number of hashed blocks of a large file; the sensor noise 
 
 SMALL: Final = 65536  # maximum size in bytes of a text file that is hashed whole
 LISTED: Final = 200
-"""Maximum number of text files in a folder that are hashed whole. Their sizes do not suffice, since correcting a lens
-may leave a file's size unchanged.
+"""Maximum number of text files in a folder that are hashed whole. Comparing sizes would not show every change:
+correcting a lens may leave a file's size unchanged.
 """
 
 TEXTS: Final = {".json", ".txt", ".csv", ".yaml", ".yml"}
@@ -99,7 +99,7 @@ def is_untouched(folder: Path) -> bool:
 
 def fingerprint(path: Path) -> tuple[int, str]:
     """Return the size in bytes of a file or folder, and a SHA-256 of samples of its content and, for a folder, of the
-    names and sizes of its files. The place of the file or folder does not matter.
+    names and sizes of its files. The place of the file or folder does not change the result.
     """
     digest = hashlib.sha256()
     if path.is_file():
@@ -264,7 +264,9 @@ def _require_images(source: Source, cameras: Sequence[CameraPlan], counts: dict[
 
 
 def _finish(out: Path, begun: dict[str, Any], plan: Plan, counts: dict[str, int], notes: tuple[str, ...]) -> None:
-    """Drop cameras without images, and write recording.json last: without it the folder is not a recording."""
+    """Remove the folders of cameras without images, and write recording.json last: without it the folder is not a
+    recording.
+    """
     cameras = [own.document() for group in plan.cameras for own in group if counts[own.camera.name]]
     for name, count in counts.items():
         if not count:
@@ -293,7 +295,8 @@ def look_at(path: Path) -> DirectInput:
     recognises it (``open_recording`` then reports the problem), otherwise its conversion beside it.
 
     A conversion beside it that was made from other content or by another version is removed. Raises InputError if files
-    in that conversion were added or changed since, or if anything else has its name.
+    in that conversion were added or changed since, or if the name of the conversion is taken by a link, or by a file or
+    folder that is no conversion.
     """
     if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:
         return DirectInput(path, path, True)

@@ -32,7 +32,9 @@ reach 16.4 m, and are rounded by at most an eighth of a millimetre.
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
-    """A depth image file, on disk or in an archive. time_s: as in ``SourceFrame``."""
+    """A depth image file, on disk or in an archive. time_s: time on the device's clock, or the image's number if times
+    are unknown.
+    """
 
     path: Path
     time_s: float
@@ -163,8 +165,8 @@ def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, s
 def scale_of(metres: np.ndarray) -> float | None:
     """Choose the metres per grey value for a camera from an image (height, width) in metres; None without a reading.
 
-    The result is a millimetre if all readings are whole millimetres. Otherwise it is the finest of a few scales that
-    can represent a quarter more than the largest reading.
+    The result is 0.001 if all readings are whole millimetres. Otherwise it is the finest of a few scales that can
+    represent a quarter more than the largest reading.
     """
     given = metres[np.isfinite(metres)].astype(np.float64)
     if given.size == 0:

@@ -198,8 +198,9 @@ def _open_images(path: Path) -> ImageFiles:
 
 
 def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
-    """Return the images with their times and True, if the names are ``<number>-<microseconds>``. Otherwise return them
-    with the numbers in their names, or with their positions if there are no such numbers, and False.
+    """Return the images with the times in their names, and True, if the names are ``<number>-<microseconds>``.
+    Otherwise return the images with the numbers in their names, or with their positions if numbers are missing or
+    repeated, and False.
     """
     stamps = [re.fullmatch(r"\D*\d+-(\d{9,})", file.stem) for file in images]
     micros = [int(stamp[1]) for stamp in stamps if stamp is not None]
@@ -229,8 +230,8 @@ def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> Sourc
 
 
 def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndarray | None:
-    """Return the times (n,) in seconds of images with these numbers (n,) by a sidecar; None if it has neither times nor
-    a rate. Raises InputError if it has another number of times.
+    """Return the times (n,) in seconds that a sidecar gives images with these numbers (n,); None if it has neither
+    times nor a rate. Raises InputError unless its number of times is n.
     """
     if given.times_s is not None:
         if len(given.times_s) != len(numbers):

@@ -1,9 +1,9 @@
 """Read recordings of apps for iPhones and iPads with LiDAR: folders of Stray Scanner, .r3d files of Record3D.
 
-Stray Scanner (github.com/strayrobots/scanner, docs/format.md): depth is 16-bit PNG in mm, camera_matrix.csv is for the
-video's pixels, odometry.csv has the time of every image. Record3D (record3d.app): a zip with ``metadata`` (JSON) and
-rgbd/<n>.depth, metres as float32 packed with LZFSE. In the metadata, the lens matrix K is written column by column, for
-the colour image of w x h pixels; dw x dh is the size of depth.
+Stray Scanner (github.com/strayrobots/scanner, docs/format.md): depth is 16-bit PNG in mm, camera_matrix.csv has the
+lens in pixels of the video, odometry.csv has the time of every image. Record3D (record3d.app): a zip with ``metadata``
+(JSON) and rgbd/<n>.depth, metres as float32 packed with LZFSE. In the metadata, the lens matrix K is written column by
+column, for the colour image of w x h pixels; dw x dh is the size of depth.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> I
 
 
 def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
-    """Read times by frame number, and the device's positions (n, 3), metres; raises InputError for other columns."""
+    """Read times by frame number, and the device's positions (n, 3) in m; raises InputError if a column is missing."""
     (_, columns), *rows = read_rows(path) or [(1, [])]
     if not {"timestamp", "frame", "x", "y", "z"} <= set(columns):
         raise InputError(path, "does not begin with the columns timestamp, frame, x, y, z", "export it again")

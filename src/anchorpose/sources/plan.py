@@ -213,7 +213,7 @@ def turn_pose(T_world_camera: np.ndarray, degrees: int) -> np.ndarray:
 
 
 def _quarter(lens: Intrinsics, height: int) -> Intrinsics:
-    """Turn a lens clockwise by 90 degrees: the old x becomes y, the old y -x. height: of the image before the turn."""
+    """Turn a lens clockwise by 90 degrees: x becomes y, and y becomes -x. height: image height before the turn."""
     d = list(lens.distortion)
     if lens.model is not LensModel.KANNALA_BRANDT:
         d[2], d[3] = d[3], -d[2]
@@ -248,7 +248,7 @@ class CameraWriter:
     """A writer of a camera's folder, which continues after the complete images of an earlier run that was stopped.
 
     given: number of images received, the earlier run's included; written: number of these that were written. The number
-    in an image's file name is its position in the source.
+    in an image's file name is its position in the source, unless ``write`` gets another number.
     """
 
     def __init__(self, folder: Path, plan: CameraPlan) -> None:
@@ -274,8 +274,8 @@ class CameraWriter:
         """Write an image and return the path of its file. An image whose time is not later than that of the previous
         image is left out, and None is returned.
 
-        time_s: as in ``SourceFrame``; number: the number for the image's file name, larger than the previous number;
-        given if the source states which images it lost.
+        time_s: time on the device's clock, or the image's number if times are unknown; number: the number for the
+        image's file name, larger than the previous number; given if the source states which images it lost.
         """
         number = self.given if number is None else number
         self.given = number + 1
@@ -315,8 +315,8 @@ class CameraWriter:
 def encode_grey(grey: np.ndarray) -> bytes:
     """Return a PNG file of grey values (height, width) uint16.
 
-    The compression uses only run lengths and Huffman coding. A search for longer repeated sequences would double the
-    time of encoding, and noisy depth images have no such sequences.
+    The compression uses only Huffman coding and the lengths of runs of one byte. A search for other repeated sequences
+    would double the time of encoding, and noisy depth images have no such sequences.
     """
     import cv2
 
@@ -326,7 +326,7 @@ def encode_grey(grey: np.ndarray) -> bytes:
 
 
 def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
-    """Return numbers and times of complete images: the file of each exists, and the last file can be decoded."""
+    """Return numbers and times of the images before the first missing file, without damaged images at the end."""
     path = folder / "timestamps.csv"
     if not path.is_file():
         return []

@@ -1,8 +1,8 @@
-"""Read folders of depth images as data sets are published: TUM and ICL-NUIM, Open3D, Redwood and ScanNet.
+"""Read folders of depth images in the layouts of public data sets: TUM and ICL-NUIM, Open3D, Redwood and ScanNet.
 
-TUM: a text file lists times and depth images, whose unit is 1/5000 m (the benchmark's file formats page); the lens is
-published per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON file with
-``intrinsic_matrix``, column by column; ``depth_scale`` in this file is in grey values per metre (Open3D's
+TUM: a text file lists times and depth images, with grey values in 1/5000 m (the benchmark's page on file formats); the
+lens is published per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON file with
+``intrinsic_matrix``, stored column by column; ``depth_scale`` in this file is in grey values per metre (Open3D's
 RGBDVideoMetadata). ScanNet's reader of .sens files writes the lens to intrinsic/intrinsic_depth.txt, depth in mm, and
 the poses of a carried camera in an arbitrary world. If a folder has no times, no times are made up.
 """
@@ -76,7 +76,7 @@ def _list_in(path: Path) -> Path | None:
 
 
 def _rows(folder: Path, text: str) -> list[FrameFile]:
-    """Return the time and depth image in each line; some lines also have the time and name of a colour image."""
+    """Return the depth image that each line names, with its time; some lines also name a colour image and its time."""
     files = list[FrameFile]()
     for line in text.splitlines():
         cells = line.split()

@@ -106,7 +106,7 @@ class BagSource:
             camera = images[topic] if topic in images else stamps[topic]
             try:
                 if topic in stamps:
-                    if camera in waiting:  # otherwise the image was damaged, and is counted already
+                    if camera in waiting:  # otherwise this camera's image was damaged, and counted before
                         yield _stamped(camera, *waiting.pop(camera), message)
                     continue
                 time_ns, depth = self._read(camera, message)
@@ -153,7 +153,7 @@ class BagSource:
 
 def _stamped(camera: int, received_ns: int, depth: np.ndarray, message: Message) -> SourceFrame:
     """Return an image of RealSense with its time stamp, which is in ``message``, the message that follows the image.
-    received_ns: time of the image's receipt. Raises DamagedBag if the two do not belong together.
+    received_ns: time of the image's receipt. Raises DamagedBag if the image and the message do not belong together.
     """
     time_ns = device_time_ns(message)
     if time_ns is None or received_ns != message.received_ns:

@@ -212,7 +212,7 @@ def metres_of(image: Image) -> np.ndarray:
     if isinstance(image, ImageMessage):
         metres = _plain(image, 4).astype(np.float32)
     else:
-        # compressed_depth_image_transport stores 1/depth: png = a / depth + b
+        # compressed_depth_image_transport stores inverse depth: grey value of the PNG = a / depth + b
         a, b = struct.unpack("<ff", bytes(image.data[4:_HEADER]).ljust(8, b"\0"))
         packed = _decode(_png_of(image)).astype(np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):

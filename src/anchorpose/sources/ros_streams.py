@@ -143,7 +143,7 @@ class _Search:
 
     def _infos_of(self, candidate: _Candidate, size: tuple[int, int]) -> list[CameraInfo]:
         """Return the ``CameraInfo`` whose topic is beside that of the images, if its size fits; otherwise all that have
-        the same optical frame and size.
+        the optical frame and the size of the images.
         """
         topic = re.sub(r"/compressed(Depth)?$", "", candidate.channel.topic)
         beside = self.infos.get(f"{topic.rpartition('/')[0]}/camera_info")

@@ -8,8 +8,8 @@ a text message that follows the image.
 Orbbec writes ROS 1 bags (OrbbecSDK_v2, public sources under MIT). The message definitions that the bag embeds lack
 fields of its images, so ROS's tools refuse the bag. Lens and serial number are written when recording ends. SDK 2.3
 writes the fields of an image in another order than 2.4 and later. SDK 1 records with a library without public sources:
-it is only known that its definitions use a type that ROS does not have (OrbbecSDK issue 195), and that the lens in its
-files is unreliable (pyorbbecsdk issue 176).
+it is only known that the message definitions in its files use a type that ROS does not have (OrbbecSDK issue 195), and
+that the lens in its files is unreliable (pyorbbecsdk issue 176).
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ def find_realsense(bag: Bag, path: Path) -> Streams | None:
 
 
 def device_time_ns(message: Message) -> int | None:
-    """Return the device's time in RealSense's metadata message, None if it has none. Raises DamagedBag if it is
-    damaged.
+    """Return the device's time in a metadata message of RealSense, None if not stated. Raises DamagedBag if the message
+    is damaged.
     """
     milliseconds = _number(_texts(message).get("timestamp", ""))
     return None if milliseconds is None else round(milliseconds * 1_000_000)
@@ -128,7 +128,7 @@ def _lens_with(fx: float, fy: float, cx: float, cy: float, D: tuple[float, ...],
     if not may_be_a_lens((fx, fy, cx, cy), D):
         return Lens(None, "the camera was not calibrated")
     if _MODELS.get(model) == "equidistant":
-        D = D[:4]  # this model has four, but ROS writes five for every model
+        D = D[:4]  # this model has four coefficients, but ROS writes five for every model
     return lens_with((fx, fy, cx, cy), D, _MODELS.get(model, model))
 
 

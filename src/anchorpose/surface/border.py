@@ -27,7 +27,7 @@ IN_FRONT_M = 0.04
 # m, maximum depth difference between the patient's skin and a hand that touches it: a hand's thickness
 TOUCHING_M = 0.10
 HOLE_RADIUS_PX = 3  # pixels, minimum radius of a hole in the readings; the lost rim around every silhouette is thinner
-MARGIN_PX = 24  # width, in pixels, of the examined strip around the patient: half of a 0.15 m hole at 2.4 m
+MARGIN_PX = 24  # width, in pixels, of the examined strip around the patient: that of a hole of 0.15 m at 2.4 m
 HOLE_ENCLOSED = 0.4  # minimum share of a hole's rim that shows the patient; below 0.5, to include holes at a limb's end
 
 
@@ -160,7 +160,7 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _surrounded(depth: np.ndarray, labels: np.ndarray, row: int, col: int, nearest: float) -> bool:
-    """Return whether all pixels around a pixel show the patient and none is nearer than ``nearest``: the usual case."""
+    """Return whether all pixels around a pixel show the patient and none is nearer than ``nearest``, as is usual."""
     surrounded = True
     for i in range(row - 1, row + 2):
         for j in range(col - 1, col + 2):

@@ -19,7 +19,7 @@ from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Sur
 # 1/rad, cost of a fold: in a path, an edge over a fold of 3 degrees counts as twice as long
 CREASE_COST: Any = np.float32(20.0)
 # m, minimum distance along the body between the skin points that the two ends of a contact's edge show; smaller
-# distances are uncertain, as skin points are 3 cm apart
+# distances prove nothing, as skin points are 3 cm apart
 LEAST_APART_M: Any = np.float32(0.07)
 # rad (6 degrees per edge), minimum fold that gives evidence of a contact; smooth skin never folds so much, so an arm
 # that is wrongly predicted to lie on it does not cut it

@@ -1,4 +1,4 @@
-"""Clean a depth frame before it is meshed: estimate its noise, smooth it, preserve edges, drop flying pixels.
+"""Clean a depth frame before it is meshed: estimate its noise, smooth it without blurring edges, drop flying pixels.
 
 Raw sensor noise lengthens geodesics by about a tenth. All computation is limited to the patient's pixels, a tenth of
 the frame.
@@ -21,7 +21,8 @@ QUANTISED_SHARE: Final = 0.3
 RANGE_SIGMAS: Final = 6.0
 # degrees, maximum slant of one surface; steeper skin is few pixels wide, and at an arm's edge depth jumps by more
 MAX_SLANT_DEG: Final = 76.0
-# sigmas of the raw noise that the jump limit includes; at an edge, smoothing leaves about half of the noise
+# number of sigmas of the raw noise that the jump limit includes. Beside an edge, smoothing halves the noise, so these
+# are about four sigmas of the smoothed depth
 JUMP_SIGMAS: Final = 2.0
 
 

@@ -67,7 +67,7 @@ FAR_ON_BODY_M: Any = np.float32(0.12)  # m along the body; only candidates farth
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
 # cosine of 120 degrees, the maximum angle between the reversed optical axis and the normal of skin that may be seen
 LEAST_FACING: Any = np.float32(-0.5)
-# factor on a pixel's width at the nearest skin, to get a pixel's minimum width: rays slant, and nodes may be nearer
+# minimum width of a pixel on nodes, divided by its width on the nearest skin: rays slant, and nodes may be nearer
 NARROWEST: Any = np.float32(0.75)
 MOST_CANDIDATES: Final = 128  # maximum number of skin points kept for one node; about fifty are within reach
 

@@ -1,4 +1,5 @@
-"""Turn one frame's labelled depth images into the patient's surface: mesh, cut, fuse the cameras, add hidden skin.
+"""Turn one frame's labelled depth images into the patient's surface: mesh them, cut and fuse the meshes, add hidden
+skin.
 
 If two cameras have nodes on the same skin, the nodes of the camera with fewer readings per area of skin are dropped: it
 sees the skin at a slant or from farther away. Of these nodes, those within two grid steps of the kept nodes stay as a

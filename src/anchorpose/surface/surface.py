@@ -31,9 +31,9 @@ class SurfaceConfig:
     min_piece_m2: NotNegative = 0.0020  # m2, half a palm; smaller pieces are left out: bits of clothes, bars and floor
     # m, maximum width of a gap across which pieces are joined, such as chin to neck; 0 = no joins
     max_join_m: NotNegative = 0.10
-    # pixels; a window of 5x5 pixels is below a finger's width at 2.4 m and reduces errors of path lengths to about 1 %
+    # pixels; smoothing in a window of 5x5 pixels (3 cm at 2.4 m) reduces errors of path lengths to about 1 %
     denoise_radius_px: Count = 2
-    # minimum number of a pixel's 8 neighbours on the same surface; on a fingertip 2 pixels wide, a pixel has 3
+    # a pixel with fewer of its 8 neighbours on the same surface is dropped; on a fingertip 2 pixels wide, a pixel has 3
     min_support: Annotated[int, Field(ge=0, le=8)] = 3
     # m, maximum width of a bridged bar: that of a knee pad and its shadow; behind wider bars the skin is unknown
     bridge_max_width_m: NotNegative = 0.15

@@ -63,7 +63,7 @@ def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     level = (heights - heights.min()) / np.ptp(heights)
     level = 1.0 - level if (level > 0.5).mean() > 0.5 else level
     sample = np.arange(len(level))
-    # at each sample, the index of the last one that was above ``HIGH`` or below ``LOW``
+    # at each sample, the index of the last sample that was above ``HIGH`` or below ``LOW``
     clear = np.maximum.accumulate(np.where((level >= HIGH) | (level <= LOW), sample, 0))
     is_high = level[clear] >= HIGH
     begun = np.flatnonzero(is_high[1:] & ~is_high[:-1]) + 1

@@ -30,7 +30,7 @@ from anchorpose.track_tree.parts import ITERATIONS, joints_of_parts, register_pa
 from anchorpose.track_tree.tree import Support, TrackResult, TreeConfig, best_branches
 
 PART_REACH_M = 0.08  # m; a node farther from the body's skin belongs to no part
-PAIR_SIGMA_M = 0.04  # m, sigma of a match's place; by geodesic distances to the best anchors it is 17 to 40 mm
+PAIR_SIGMA_M = 0.04  # m, sigma of a match's place; matches by geodesic distances to the best anchors have 17 to 40 mm
 ANCHOR_SIGMA_M = 0.05  # m, the paper's bound on the localisation error of anchors
 
 

@@ -45,7 +45,7 @@ class HypothesisConfig:
 @settings
 class GateConfig:
     """Settings of the gate e_max = e_1 + e_2: the largest change of a descriptor between two frames that anchor jitter
-    (e_1) and surface noise (e_2) explain.
+    (e_1) and surface noise (e_2) can cause.
     """
 
     # e_1, m, for anchor jitter; the gate is then 3 cm at 1 m from an anchor; the paper's 5 cm made matches worse by a
@@ -138,8 +138,8 @@ def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> 
 
 
 class Matcher:
-    """The matches of one frame's nodes in the next frame. Each match is computed on first use: with several cameras,
-    the track tree reaches only half of the nodes.
+    """The matches of one frame's nodes in the next frame. Each match is computed on first use, since the track tree
+    does not reach all nodes (with several cameras, only half of them).
     """
 
     def __init__(self, find: Callable[[np.ndarray], np.ndarray], node_count: int, subsets: np.ndarray) -> None:

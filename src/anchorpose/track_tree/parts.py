@@ -24,7 +24,8 @@ from anchorpose.surface.surface import Nodes
 # follows the noise of single nodes
 LEAST_PAIRS: Final = 6
 PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each; after five, a fit hardly changes
-# m, lower limit of the residual that halves a pair's weight: the spacing of nodes, below which pairs fit equally well
+# m, minimum for the residual that halves a pair's weight (otherwise the median residual): the spacing of nodes, since
+# pairs with smaller residuals fit equally well
 LEAST_SCALE_M: Final = 0.01
 # m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbouring nodes share
 SURFACE_SIGMA_M: Final = 0.02
@@ -62,7 +63,7 @@ def fit_pairs(
 
 @njit(cache=True)
 def _weigh(source: np.ndarray, target: np.ndarray, T: np.ndarray, weight: np.ndarray) -> None:
-    """Fill weight (n,) with Cauchy's function of residual / median residual, for the pairs after a motion T."""
+    """Fill weight (n,) with each pair's weight after a motion T: Cauchy's function of residual / median residual."""
     for row in range(len(source)):
         squared = 0.0
         for axis in range(3):

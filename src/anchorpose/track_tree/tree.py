@@ -45,7 +45,7 @@ class TrackResult:
     score: np.ndarray
     subset: np.ndarray  # (m,) int32, column (subset) in which the match is found, -1 = missed
     support: np.ndarray  # (m,) int8 of ``Support``
-    pruned: int  # number of trees in which the search was cut off; their branch is good, but another may be better
+    pruned: int  # number of trees in which the search was cut off; the branch found is good, but another may be better
 
 
 def best_branches(

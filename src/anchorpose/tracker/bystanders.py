@@ -64,10 +64,10 @@ ROUGHLY: Final = RegistrationConfig(
 )
 """Settings to fit a rough body: three registration steps, and a third as many nodes as for the patient's body."""
 
-WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # standard deviation that a pose gains in 1 s
+WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # growth of a predicted pose's sigma in 1 s
 
 TALLEST_CHILD_M: Final = 1.5  # m; people who appear taller get an adult's proportions, others a child's
-STATURE_STEP_M: Final = 0.05  # m; statures are rounded to multiples of this, the error of a stature from one frame
+STATURE_STEP_M: Final = 0.05  # m; statures are rounded to this step, since a stature from one frame has this error
 HEIGHT_SIGMA_M: Final = 0.01  # m, assumed error of a child's height; small, so that the body gets this height
 LEAST_EXPLAINED: Final = 0.75  # a body is used only if it lies near at least this share of the person's surface nodes
 # maximum share of a trunk's skin that a camera may see past (read something farther away) before the body is rejected;
@@ -80,7 +80,7 @@ LEAST_NODES: Final = 150  # minimum number of nodes to fit a body; a third of a 
 SKIN_SIGMA_M: Final = 0.03  # m, standard deviation of a bystander's skin from its prediction: clothes, hair, body shape
 GROWTH_M_S: Final = 0.4  # m/s, growth of SKIN_SIGMA_M with time, since a hand may move faster than predicted
 DAMPING: Final = 0.8  # factor on the velocity of the last movement in a prediction; below 1, since movements slow down
-FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between two trials to fit a body; doubled after each failure, up to 240
+FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between two attempts to fit a body; doubled after each failure, up to 240
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +101,7 @@ class Search:
 
     label: int
     wait: int  # number of frames until fitting is tried again
-    pause: int  # number of frames to wait after that trial if it fails
+    pause: int  # number of frames to wait after that attempt if it fails
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +133,7 @@ def bystanders_placed(
     elapsed_s: float,
 ) -> Bystanders:
     """Return the bystanders after moving their bodies over the ground to where the next frame (``pieces``) shows them.
-    memory: the skin of all people, already moved by ``find_steps``; elapsed_s: time between both frames.
+    memory: the skin of all people, already moved by ``find_steps``; elapsed_s: time from the earlier to the next frame.
     """
     seen, points, moved = memory.seen_last, body_points(), list[Bystander]()
     for one in bystanders.followed:
@@ -163,9 +163,9 @@ def follow_bystanders(
 ) -> Bystanders:
     """Return the bystanders of the next frame, from the pixels with each person's label.
 
-    If a body no longer explains the person's pixels, a new body is fitted. If this fails too, or if the person is
-    hidden, the last body stays where it is for ``MEMORY_S``, so that the person is recognised when reappearing there.
-    It is dropped earlier if a camera sees past it (reads something farther away). For a visible person without a body,
+    If a body no longer fits the person's pixels, a new body is fitted. If this fails too, or if the person is hidden,
+    the last body stays where it is for ``MEMORY_S``, so that the person is recognised when reappearing there. It is
+    dropped earlier if a camera sees past it (reads something farther away). For a visible person without a body,
     fitting is tried again after a pause.
     """
     known = {one.label: one for one in before.followed}
@@ -227,8 +227,8 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
     """Return the evidence for one person: nodes to which a body can be fitted. The person's outline is not used, since
-    half of it is the edge of an object that hides the body, not the body's own edge. If few pixels show the person, a
-    larger share of these pixels becomes nodes.
+    a large part of it is the edge of an object that hides the body, not the body's own edge. If few pixels show the
+    person, a larger share of these pixels becomes nodes.
     """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
@@ -256,7 +256,7 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
 
 
 def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander | None:
-    """Return a hidden bystander in the last pose; None after ``MEMORY_S`` or if a camera sees past the body."""
+    """Return a bystander who is hidden now, in the old pose; None after ``MEMORY_S`` or if a camera sees past it."""
     hidden_s = one.hidden_s + abs(elapsed_s)
     if hidden_s > MEMORY_S or not _is_person(one.body, one.belief.pose, evidence):
         return None
@@ -271,7 +271,7 @@ class RoughPerson(NamedTuple):
 
 
 def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughPerson | None:
-    """Fit a body of average shape and of the person's visible stature to the person with this label; return None if
+    """Fit a body of average shape, with the stature that the pixels show, to the person with this label; return None if
     too little of the person is seen.
     """
     evidence, matches = person_evidence(views, cameras, label), matches_of(views, cameras, label)
@@ -289,7 +289,7 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
 
 @lru_cache(maxsize=16)
 def ordinary_body(points: SkinPoints, steps: int) -> Body:
-    """Build an adult's or a child's average body of one height; steps: the height in units of ``STATURE_STEP_M``."""
+    """Build the average body of an adult or child of a given height; steps: height in units of ``STATURE_STEP_M``."""
     height_m = steps * STATURE_STEP_M
     if height_m >= TALLEST_CHILD_M:
         return build_body(points, shape_of_height(points.asset, height_m))
@@ -297,7 +297,7 @@ def ordinary_body(points: SkinPoints, steps: int) -> Body:
 
 
 def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystander | None:
-    """Return a bystander with a newly fitted body; None if there is no body that explains the person's pixels."""
+    """Return a bystander with a newly fitted body; None if there is no body that fits the person's pixels."""
     if person is None:
         return None
     body, found = person

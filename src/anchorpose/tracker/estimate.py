@@ -1,4 +1,4 @@
-"""Estimate a frame's joints, their states and their sigma from the registered body."""
+"""Estimate a frame's joints, their states and their standard deviations (sigma) from the registered body."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ class Estimate:
     observation: Observation | None  # results of earlier stages; None if the patient was not found, or not searched for
     belief: PoseBelief | None  # pose and its uncertainty; None if the patient is lost
     shape: FittedShape | None  # shape of the body; None if the patient was not found or not searched for
-    explained: float  # 0 to 1, share of the patient's visible surface that the body explains
+    explained: float  # 0 to 1, share of the patient's visible surface that lies near the body
     joints_m: np.ndarray  # (21, 3) m, world; NaN for lost joints
     sigma_m: np.ndarray  # (21,) m, standard deviation of the joints per axis, NaN for lost joints
     states: tuple[JointState, ...]
     # share of the track tree's nodes that have a match in this frame; None if the tree was not used
     matched_share: float | None = None
-    explanation: Explanation | None = None  # how well the pose explains the depth images; None if the patient is lost
+    explanation: Explanation | None = None  # how well the pose fits the depth images; None if the patient is lost
     why_lost: str = ""  # why all joints are lost; empty if they are not
     poor: tuple[PoorDepth, ...] = ()  # the defects that make depth images of this frame too poor for joints
     moved: bool = False  # whether limbs were found in another place than earlier frames suggested
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
-    rivals: tuple[Rival, ...] = ()  # other poses that explain the images almost as well
+    rivals: tuple[Rival, ...] = ()  # other poses that fit the images almost as well as this one
     # joint states as in ``states``, but without the rule that a joint with a large sigma is lost
     shown: tuple[JointState, ...] = ()
 
@@ -65,9 +65,9 @@ class Estimate:
 class Earlier(NamedTuple):
     """The values from earlier frames that an estimate needs."""
 
-    rivals: Sequence[Rival] = ()  # other poses that explain the images almost as well
+    rivals: Sequence[Rival] = ()  # other poses that fit the images almost as well as this one
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
-    unseen_s: np.ndarray | None = None  # (PARTS, 2) s, time since each half of each limb was last seen
+    unseen_s: np.ndarray | None = None  # (PARTS, 2) s, time since a limb's halves (cut at elbow or knee) were last seen
 
 
 _NOTHING_OPEN: Final = Earlier()
@@ -150,8 +150,8 @@ def _sigma(
     noise = noise_covariance(body, belief, evidence, noises, config.registration)
     patch_m = finest_patch_m(evidence, noises)
     sigma = joint_sigma(body, posed, belief.covariance, uncertainty, noise, patch_m)
-    # the posterior trusts the pose of the frame before, but people move: the longer a part is hidden, the less certain
-    # it is
+    # the posterior trusts the pose of the frame before, but people move: sigma grows with the time that a part is
+    # hidden
     sigma = frame_alone_sigma(
         body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
     )
@@ -215,7 +215,7 @@ def _states(
     poor: Sequence[PoorDepth | None],
     config: TrackConfig,
 ) -> tuple[JointState, ...]:
-    """Return the joint states: hidden, not observed, for a joint that is seen only by cameras with too coarse depth."""
+    """Return the joint states; a joint seen only by cameras with too coarse depth counts as hidden, not as observed."""
 
     def by(views: Sequence[View | None]) -> tuple[JointState, ...]:
         return joint_states(body.points, posed, explanation.covering, views, evidence.cameras, config.visibility)

@@ -27,8 +27,8 @@ def follow_patient(run: Run, frames: Iterable[FrameSet], known: FittedShape | No
     """Yield an estimate for every frame, in order. All joints are lost until the patient is found; after a loss, the
     patient is searched for again.
 
-    frames: all frames, forward or backward in time; the first should be the room's initial frame. known: the learnt
-    shape of the patient's body; None before learning.
+    frames: all frames, forward or backward in time; the first should be the one where tracking begins
+    (``Room.initial_frame``). known: the learnt shape of the patient's body; None before learning.
     """
     choice = run.room.initial_frame.choice if run.room.initial_frame else None
     for estimate, _ in follow_openly(run, frames, choice, known):
@@ -75,7 +75,7 @@ class Follower:
         self.run = run
         self.tracker = None
         self._choice, self._known, self._begin = choice, known, begin
-        self._search = None  # set after a followed patient was lost
+        self._search = None  # a search is set when a followed patient is lost
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
@@ -87,7 +87,7 @@ class Follower:
 
     @property
     def memory(self) -> BystanderMemory:
-        """Return the bystander memory of the last frame; empty before the patient is found for the first time."""
+        """Return the remembered skin of all people after the last frame; empty until the patient is first found."""
         if self.tracker is not None:
             return self.tracker.window.seen[-1].memory
         return empty_memory() if self._search is None else self._search.memory

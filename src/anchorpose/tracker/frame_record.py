@@ -34,7 +34,7 @@ class FrameRecord:
 
     joints: JointFrame
     body: BodyPose
-    explained: ExplainedFrame  # how well the pose explains the depth images
+    explained: ExplainedFrame  # how well the pose fits the depth images
     anchors: AnchorFrame
     matched_share: float | None  # share of the track tree's nodes that have a match; None if no tree was used
     near: Nearness | None  # nearness of other people; None if the patient is lost
@@ -86,7 +86,7 @@ def smoothed_record(
     record: FrameRecord, answer: PassResult, body: Body, explanation: Explanation | None
 ) -> FrameRecord:
     """Return the record of one pass with the joints and the pose replaced by ``answer``, the combined result of both
-    passes. explanation: how well the smoothed pose explains the frame.
+    passes. explanation: how well the smoothed pose fits the frame.
     """
     lost = np.array([state is JointState.LOST for state in answer.states])
     position = np.where(lost[:, None], np.nan, answer.joints_m)

@@ -23,7 +23,7 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
 
-# metres by which joints are displaced per metre of error in one camera's pose, if other cameras see them, too
+# assumed displacement of joints as a share of the error in one camera's pose, if other cameras see them, too
 AMONG_OTHERS: Final = 0.5
 REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
@@ -108,8 +108,8 @@ def remedy_of(doubt: PoseDoubt) -> str:
 
 
 def exchanged_cameras(scenes: Sequence[Scene]) -> tuple[str, str] | None:
-    """Return the names of two cameras that were probably exchanged: if both get each other's pose and lens, all cameras
-    show the same room. None if there are no such cameras.
+    """Return the names of two cameras that were probably exchanged: if each of them gets the pose and lens of the
+    other, the depth images of all cameras show the same room. None if there are no such cameras.
     """
     for a, b in combinations(range(len(scenes)), 2):
         first, second = scenes[a].camera, scenes[b].camera

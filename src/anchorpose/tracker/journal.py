@@ -14,8 +14,8 @@ An object or array that occurs twice in a value is still a single one after read
 becomes two containers.
 
 Each file has a digest (checksum) of its content and its name, so that a renamed file is refused. Each pass stores its
-frames in blocks and, with each block, the state that the next frame needs. A run always continues from values that were
-stored and read back, so that a resumed run has exactly the results of an uninterrupted run.
+frames in blocks and, with each block, the state that the next frame needs. Even an uninterrupted run goes on with
+values that were stored and read back, so that a resumed run has exactly the same results.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class _Reader:
         self._objects: list[object] = []
 
     def value(self, node: Any, kind: Any) -> Any:
-        """Return the value of a tree node, of this type or, for a union, of one of its types."""
+        """Return the value of a tree node; its type is ``kind`` or, if this is a union, one of the union's types."""
         kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
         if isinstance(node, dict):
             found = self._named(node, kinds)

@@ -31,7 +31,7 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
-# number of frames kept for each frame that learning uses; of the kept frames, it uses those whose poses differ most
+# for each frame that learning uses, this many are kept; of all kept frames, those whose poses differ most are used
 CANDIDATES: Final = 2
 
 
@@ -122,7 +122,7 @@ class _Window:
 
     kept: list[_Seen]
     seconds: float  # s, time from the start of this stretch (see ``_windows``) to the end of this window
-    moved: float  # nats, cost of all movements in this window that turned the body round from one frame to the next
+    moved: float  # nats, cost of this window's movements by which the body turned round between two frames
     tracker: PatientTracker | None  # the tracker after this window; None if tracking ended
     turned: Start | None  # the opposite facing in the frame ``frame``; None if this frame excludes it
     frame: int  # number of the first frame with the patient; 0 in later stretches
@@ -176,7 +176,7 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
     facing. If the whole stretch does not decide, the result also contains the other facing.
 
     A single frame may show too little to decide which way the patient faces. Over several windows, a wrong facing
-    becomes evident: no body of human shape explains all of them, or the person seems to turn round at some time.
+    becomes evident: no body of human shape fits all of them, or the person seems to turn round at some time.
     """
     lead, mine, theirs = _compared(one, other, run)
     if theirs is None:
@@ -272,13 +272,13 @@ def _windows(
 
 
 def _moved(before: _Seen, after: _Seen) -> float:
-    """Return the cost, in nats, of the body's movement from one frame to the next."""
+    """Return the cost (improbability), in nats, of the body's movement from one frame to the next."""
     expected = expected_joints(before.body, before.belief.later(before.pose, _apart_s(before, after)))
     return expected.moved(after.body.joints(after.pose))
 
 
 def _seen(estimate: Estimate, run: Run) -> _Seen | None:
-    """Return the values of a frame to learn from; None if no body explains it or a reviewer marked it as unusable."""
+    """Return the values of a frame to learn from; None if no body fits it or a reviewer marked it as unusable."""
     if estimate.belief is None or estimate.shape is None or estimate.observation is None:
         return None
     if estimate.explained < LEAST_EXPLAINED or run.room.review.why_unusable(estimate.frame_set.frame) is not None:
@@ -328,7 +328,7 @@ def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
 
 
 def _learn(known: ShapeBelief, kept: Sequence[_Seen], count: int, reaches_m: Sequence[float], run: Run) -> ShapeBelief:
-    """Return the belief ``known`` after learning from those ``count`` frames of a window whose poses differ most."""
+    """Return the belief ``known`` after learning from the ``count`` frames of ``kept`` that differ most in pose."""
     chosen = most_different(body_points(), [seen.pose for seen in kept], count)
     return learn_body(
         body_points(),

@@ -1,4 +1,4 @@
-"""Check how well the pose explains each frame, and search for misplaced limbs."""
+"""Check how well the pose fits each frame, and search for misplaced limbs."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class LimbWatch:
         """Search for misplaced limbs if the frame contradicts the pose (``is_doubtful``, ``_misnamed``); return None if
         it does not, or during a pause.
 
-        explanation: how well the registered pose explains the frame.
+        explanation: how well the registered pose fits the frame.
         """
         self.search_wait -= 1
         waiting = self.search_wait >= 0 and explanation.uncovered_m2 < MORE * self.left_uncovered_m2
@@ -61,8 +61,8 @@ class LimbWatch:
         return self._search(body, found, predicted, explanation, seen)
 
     def look_for_whole(self, body: Body, lost: Registration, predicted: PoseBelief, seen: Observation) -> Search | None:
-        """Search for another pose if the registered body explains nothing: the body may face the opposite way, or its
-        limbs may be in other places. Return None if no search is due or it finds nothing.
+        """Search for another pose after the registration failed: the body may face the opposite way, or its limbs may
+        be in other places. Return None if no search is due or it finds nothing.
         """
         self.search_wait -= 1
         config = self.run.config.registration
@@ -104,7 +104,7 @@ def hidden_limbs(body: Body, explanation: Explanation) -> list[Chain]:
 
 
 def explained_by(body: Body, found: Registration, seen: Observation) -> Explanation:
-    """Compute how well a registered pose explains a frame."""
+    """Compute how well a registered pose fits a frame."""
     return explain(body.points, pose_points(body, found.belief.pose), seen.evidence)
 
 

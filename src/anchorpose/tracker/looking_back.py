@@ -1,4 +1,4 @@
-"""Track back from a frame in which a limb or the patient was found again, against the direction of the pass.
+"""Track backward, against the direction of the pass, from a frame in which a limb or the patient was found again.
 
 If a limb or patient is found again, it was often in view in earlier frames already, but not at the predicted place. So
 the patient is tracked back from that frame, until both directions agree or nothing is seen. Each frame is then taken

@@ -23,7 +23,7 @@ from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
 # a node's distances to anchors are left out if a hole in the surface lengthens them, but only if at least this many
-# others remain; three identify a node (paper, Section IV-D), and four give four subsets of three anchors
+# others remain; three distances identify a node (paper, Section IV-D), and four allow four choices of three
 LEAST_TRUSTED = 4
 # number of frames between two checks by the learnt descriptor; a check takes a third of the time to track a frame
 DESCRIBED_EVERY: Final = 8
@@ -31,7 +31,7 @@ DESCRIBED_EVERY: Final = 8
 
 def is_described(frame: int) -> bool:
     """Return whether the learnt descriptor checks this frame: whether it assigns skin to the same limbs as the pose,
-    and whether it finds several people in the patient's pixels. The choice of frames does not depend on predictions.
+    and whether it finds several people in the patient's pixels. The choice depends only on the number of the frame.
     """
     return frame % DESCRIBED_EVERY == 0
 
@@ -43,11 +43,11 @@ class Expectation:
     skin: ExpectedSkin
     sigma_m: np.ndarray  # (p,) m, standard deviation of each skin point
     anchors_m: np.ndarray  # (5, 3) expected places of the anchors: head, hands and feet
-    facing: np.ndarray  # (3,) direction in which the trunk faces, a level unit vector
+    facing: np.ndarray  # (3,) direction in which the trunk faces, a horizontal unit vector
     frames_without_fit: int  # number of frames since the body was last fitted
 
     def apart_m(self, other: Expectation) -> float:
-        """Return the 90th percentile of the distances between the skin points of two expectations."""
+        """Return the 90th percentile of how far the same skin points lie apart in two expectations."""
         return float(np.quantile(np.linalg.norm(self.skin.points_m - other.skin.points_m, axis=1), 0.9))
 
     def moved(self, step: np.ndarray) -> Expectation:
@@ -146,6 +146,6 @@ class Start:
     observation: Observation
     shape: FittedShape
     belief: PoseBelief
-    explained: float  # 0 to 1, share of the patient's visible surface that the body explains
-    rivals: tuple[Rival, ...] = ()  # other poses that explain the frame almost as well
-    turned: Rival | None = None  # the opposite facing, even if it explains the frame badly; None once a body is learnt
+    explained: float  # 0 to 1, share of the patient's visible surface that lies near the body
+    rivals: tuple[Rival, ...] = ()  # other poses that fit the frame almost as well as the best pose
+    turned: Rival | None = None  # the opposite facing, even if it fits the frame badly; None once a body is learnt

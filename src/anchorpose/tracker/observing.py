@@ -1,4 +1,6 @@
-"""Observe a frame (label its people, mesh the patient, find the anchors), and hold the frames of the look-ahead."""
+"""Observe a frame (label its people, mesh the patient, find the anchors), and hold the look-ahead (the later frames
+that are read before a pose is estimated).
+"""
 
 from __future__ import annotations
 
@@ -107,7 +109,7 @@ def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
 
 
 def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
-    """Return the bystander memory, each person's skin moved to where the next frame's pixels (``pieces``) show them."""
+    """Return the remembered skin of all people, moved to where the next frame's pixels (``pieces``) show them."""
     memory = before.memory
     return memory.moved(find_steps(memory.seen_last, pieces, run.room.cameras))
 
@@ -157,7 +159,7 @@ def _separated(
 
 
 def see_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:
-    """Return the bystanders of the next frame, or ``before`` if bystanders get no bodies by the settings."""
+    """Return the bystanders of the next frame, or ``before`` if the settings switch off the bystanders' bodies."""
     if not run.config.follow.bystanders:
         return before
     with run.stage("bystanders"):
@@ -283,8 +285,8 @@ class Window:
             held.popleft()
 
     def matchers(self) -> list[Matcher]:
-        """Return one matcher for each pair of successive observed frames. It gives, for each node of the earlier frame
-        and each subset of anchors, the matching node of the later frame.
+        """Return one matcher for each pair of successive observed frames. For each node of the earlier frame, it gives
+        one matching node of the later frame per subset of the anchors.
         """
         associate = self.run.associate or (lambda now, later, config: link(now, later, config.hypotheses, config.gate))
         found = [

@@ -1,4 +1,4 @@
-"""Separate other people whose pixels have the patient's label; the learnt descriptor counts the people there."""
+"""Give other people whose pixels have the patient's label new labels; the learnt descriptor finds these people."""
 
 from __future__ import annotations
 
@@ -84,8 +84,8 @@ def _may_be_others(theirs: Sequence[Pieces | None], people: People, skin: cKDTre
 
 
 def _nearest(people: People, place_xz_m: np.ndarray) -> int:
-    """Return the number of the person with most surface near a place (2,): area times a normal density of the
-    distance.
+    """Return the index of the person with most surface near a place (2,): the largest product of the person's area and
+    a normal density of the distance from the place.
     """
     weight = [
         person.area_m2 * np.exp(-0.5 * np.sum((person.ground_xz_m - place_xz_m) ** 2) / APART_M**2)

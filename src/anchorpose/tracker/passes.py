@@ -65,8 +65,8 @@ class Route:
 
     def stretches(self) -> tuple[Stretch, ...]:
         """Return the stretches of the recording to learn the body from. One begins at the initial frame. Up to two more
-        begin at the frames that show the patient best among all frames that are over a minute away. A body part that is
-        hidden in one stretch may be in view in another.
+        begin at the frames that show the patient best among those more than a minute away from it and from each other.
+        A body part that is hidden in one stretch may be in view in another.
         """
         chosen = list(self.room.initial_frames[:1])
         for other in self.room.initial_frames[1:]:
@@ -177,7 +177,7 @@ class _Passes:
     def _both_ways(self, name: str, positions: Sequence[int], body: Body) -> None:
         """Track from the initial frame to one end and back, and combine both passes.
 
-        The frames are then read a third time, to compute how well the smoothed poses explain them.
+        The frames are then read a third time, to compute how well the smoothed poses fit them.
         """
         usable = self.run.room.review.why_unusable
 

@@ -39,7 +39,7 @@ from anchorpose.tracker.observing import Window, gather, isolate, see_anchors, s
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
-# a patient is in view if at least this share of the joints is inside a camera's image; the hips leave it last
+# a patient is in view if at least this share of the joints is inside a camera's image
 IN_VIEW: Final = 0.25
 # m, half a forearm's width; a frame is observed again if the patient is now predicted farther than this from the place
 # that was predicted when the frame was first observed
@@ -63,12 +63,12 @@ class PatientTracker:
     pace: Pace
     last: LastSeen
     watch: LimbWatch
-    rivals: tuple[Rival, ...]  # other poses that explain the last frames almost as well
+    rivals: tuple[Rival, ...]  # other poses that fit the last frames almost as well as the best pose
     turned: Rival | None  # the opposite facing in the first frame, as in ``Start``
     moved: bool  # whether limbs were found in another place than earlier frames suggested
     feet: StandingFeet
     ends: frozenset[int]  # joint numbers of hands and feet that were lost and have not been seen since
-    limb_seen_s: np.ndarray  # (PARTS, 2) s, time at which each half of each limb was last seen; NaN = never
+    limb_seen_s: np.ndarray  # (PARTS, 2) s, when a limb's halves (split at elbow or knee) were last seen; NaN = never
     skin_sigma_m: np.ndarray
     first: Estimate
 
@@ -155,8 +155,8 @@ class PatientTracker:
         return abs(self.window[1].frame_set.time_s - self.window[0].frame_set.time_s)
 
     def next_hypothesis(self) -> GlobalHypothesis | None:
-        """Return the best branches of the track tree from this frame, with its matches in the next frame; None if the
-        next frame does not show the patient.
+        """Return the best branches of the track tree from the last registered frame, with the matches of this frame's
+        nodes in the next frame; None if the next frame does not show the patient.
         """
         if len(self.window) < 2:
             return None
@@ -320,7 +320,8 @@ class PatientTracker:
                 self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration
             )
             explanation = explained_by(self.body, best, seen)
-            # if a rival replaced the pose, the prediction does not apply; the rival's own pose is then expected
+            # if a rival (another pose that fits almost as well) replaced the pose, the rival's own pose is expected
+            # instead of the predicted pose
             expected = predicted if best is found else best.belief
             search = self.watch.look(self.body, best, explanation, expected, seen)
         else:

@@ -26,7 +26,7 @@ STAYS_M: Final = 0.40
 # m; people whose usual places are closer together are the same person; half of the minimum distance between the
 # pelvises of two people
 SAME_M: Final = 0.15
-# minimum share of a person's nodes that a rough body must explain; people have at least 0.68, objects up to 0.70
+# minimum share of a person's nodes that must lie near the rough body; people have at least 0.68, objects up to 0.70
 # (``MOST_PAST`` rejects these)
 HUMAN: Final = 0.65
 # maximum share of a trunk that cameras may see past (read something farther away); it is 0.25 for a person in a lunge,
@@ -34,11 +34,11 @@ HUMAN: Final = 0.65
 MOST_PAST: Final = 0.3
 HELP_M: Final = 1.2  # m, maximum distance between the pelvises of helper and patient; an outstretched arm plus a step
 FACES: Final = 0.7  # minimum cosine between a helper's heading and the direction to the patient: 45 degrees
-ASIDE_M: Final = 0.4  # m; a person this far from the cameras' axes loses 0.7 votes; cameras are aimed only by eye
-OUTSIDE_M: Final = 0.2  # m; a person this far outside the equipment loses 0.7 votes; a patient may lean out of it
+ASIDE_M: Final = 0.4  # m; a person this far from the cameras' axes loses ln 2 votes (0.7); cameras are aimed by eye
+OUTSIDE_M: Final = 0.2  # m; a person this far outside the equipment loses ln 2 votes (0.7); patients may lean out
 SURE: Final = 1.0  # minimum lead in votes for a sure choice: odds of three to one if votes are log likelihoods
-# number added to the number of frames without the person; so a person seen only once gets few votes, since the body may
-# have been fitted to an arm
+# added to the number of frames in which the person is missing, so that a person seen only once gets few votes: the body
+# of such a person may have been fitted to an arm
 CHANCE: Final = 2
 # m below the top of the head; the trunk of a standing or sitting person is at all these seven heights
 CHEST_M: Final = np.linspace(0.35, 0.75, 7)
@@ -119,7 +119,7 @@ def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndar
 def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
-    """Return all seen people with their votes; if a human body explains some of them, only these."""
+    """Return all seen people with their votes; if some of them are human (``_is_human``), only these."""
     members = _joined(_followed(sightings))
     human = [seen for seen in members if _is_human(seen)]
     return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]
@@ -166,10 +166,10 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Return whether a rough body explains most of the person, and cameras do not see past the body's trunk.
+    """Return whether most of the person lies near the fitted rough body, and cameras do not see past its trunk.
 
-    The upper quartile of the explained shares decides, since a patient behind a pad and a therapist is hardly seen
-    before standing up.
+    The upper quartile over the sightings of the share near the body decides, since a patient behind a pad and a
+    therapist is hardly seen before standing up.
     """
     bodies = _bodies(seen)
     if not bodies:
@@ -294,7 +294,7 @@ def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candid
 
 def distance_m(one: SeenPerson, place_xz_m: np.ndarray) -> float:
     """Return the distance of a place from a person's fitted pelvis or from the person's place on the ground, whichever
-    is nearer: users may give either.
+    is nearer: users may mean one or the other.
     """
     return float(min(np.linalg.norm(one.place_xz_m - place_xz_m), np.linalg.norm(one.person.ground_xz_m - place_xz_m)))
 

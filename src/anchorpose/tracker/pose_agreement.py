@@ -37,9 +37,10 @@ LEAST_SHARED: Final = 500  # minimum number of points that both cameras see; wit
 POINTS: Final = 20000  # number of compared points of the room
 POINTS_OF_PEOPLE: Final = 3000  # number of compared points of the people in a frame
 FRAMES: Final = 8  # maximum number of frames in which people are compared
-# m; poses are doubted if the surfaces seen by both cameras are farther apart; with correct poses: at most 0.009
+# m; poses are doubted if the surfaces seen by both cameras are farther apart than this; correct poses: at most 0.009
 OFF_M: Final = 0.015
-# m; if the surfaces seen by both cameras are farther apart, the recording is refused; then each pose is 10 cm wrong
+# m; if the surfaces seen by both cameras are farther apart, the recording is refused, since each of the two poses is
+# then about 10 cm wrong
 REFUTED_M: Final = 0.15
 
 
@@ -47,7 +48,8 @@ REFUTED_M: Final = 0.15
 class SeenPast:
     """The shares of one camera's surfaces that another camera sees past (it reads something farther away).
 
-    Of the two directions, the larger share counts. A share is NaN if both cameras see too little of the same surface.
+    Each camera's surfaces are compared with the readings of the other camera; the larger share counts. A share is NaN
+    if both cameras see too little of the same surface.
     """
 
     cameras: tuple[str, str]
@@ -117,8 +119,8 @@ def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
     """Return the doubt that the comparison of two cameras raises about their poses; None if there is no doubt.
 
     If the common surfaces determine a displacement, it decides; otherwise the shares of surface seen past
-    (``SeenPast``) decide. Then, with unknown clocks, only the share of the room can refute a pose: the cameras may show
-    people at different times.
+    (``SeenPast``) decide. Of these shares, only that of the room can refute a pose if the clocks are unknown: the
+    cameras may show people at different times.
     """
     past, names = pair.past, " and ".join(pair.past.cameras)
     if pair.by is not None:
@@ -131,7 +133,7 @@ def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
         return None
     much_of_room = MUCH_OF_ROOM if np.isfinite(past.of_people) else ROOM_ALONE
     refuted = past.of_room > much_of_room or (clocks_known and past.of_people > MUCH_OF_PEOPLE)
-    sentence = f"cameras {names} {past.measured}"  # a share is no distance: off_m is NaN, and no sigma is increased
+    sentence = f"cameras {names} {past.measured}"  # a share states no distance: off_m is NaN, and sigma stays the same
     return PoseDoubt(DoubtSource.CAMERAS, past.cameras, sentence, float("nan"), refuted)
 
 
@@ -151,7 +153,7 @@ def _largest(shares: Sequence[float]) -> float:
 
 
 def _share(counts: Sequence[tuple[int, int]]) -> float:
-    """Return the share of points seen past; counts: results of ``_past``. NaN if too few points can be decided."""
+    """Return the share of points seen past; counts: results of ``_past``. NaN if too few points can be compared."""
     past, known = np.sum(counts, axis=0) if counts else (0, 0)
     return float(past / known) if known >= LEAST_SHARED else float("nan")
 
@@ -169,11 +171,11 @@ def _people_past(here: Pieces, there: Pieces, one: Scene, other: Scene) -> tuple
 
 
 def _past(world_m: np.ndarray, other: Scene, depth_m: np.ndarray) -> tuple[int, int]:
-    """Return how many of the points (n, 3) another camera sees past (reads something farther away), and at how many
-    points it can be decided. depth_m (height, width): that camera's depth image.
+    """Return how many of the points (n, 3) another camera sees past (reads something farther away), and how many of the
+    points can be compared. depth_m (height, width): that camera's depth image.
 
-    It can be decided at a point in view if the camera has a reading there and nothing hides the point. A point is
-    compared with the reading nearest to the camera among the pixels at most ``AWAY_M`` beside it.
+    A point in view can be compared if the camera has a reading there and nothing hides the point. It is compared with
+    the reading nearest to the camera among the pixels at most ``AWAY_M`` beside it.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
     column, row, inside = other.camera.pixel_of(seen)

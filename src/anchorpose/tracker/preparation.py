@@ -35,10 +35,10 @@ from anchorpose.tracker.sighting import rough_body_of, sight_people
 from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
 # factor on the number of samples if there is no image of the empty room: the room is then put together from samples in
-# which different parts of it are free
+# which people hide different parts of it
 BLIND_SAMPLES = 3
-# number of frames examined before, and again after, the frame in which the user gave the patient's place; within this
-# time, a person walks half a step
+# number of frames examined before, and again after, the frame in which the user gave the patient's place: so few that a
+# person walks only half a step meanwhile
 AROUND: Final = 6
 LOOKS: Final = 3  # maximum number of frames from which the direction that the patient faces is found
 
@@ -234,8 +234,8 @@ def _background(settled: Settled, number: int) -> BackgroundModel:
 def heading_of_patient(
     room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
 ) -> int | None:
-    """Return the index of the heading (a level unit vector, (3,)) that is nearest to the patient's facing; None unless
-    all examined frames agree.
+    """Return the index of the heading (a horizontal unit vector, (3,)) that is nearest to the patient's facing; None
+    unless all examined frames agree.
 
     room: its initial frames are indices into ``samples``. Several frames are used, because in a single frame another
     person may be mistaken for a part of the patient.
@@ -247,7 +247,7 @@ def heading_of_patient(
 
 
 def _facing(room: Room, frame_set: FrameSet, look: InitialFrame, config: TrackConfig) -> np.ndarray | None:
-    """Return the level direction (3,) in which the patient faces in a frame; None if too little of them is seen."""
+    """Return the horizontal direction (3,) in which the patient faces; None if too little of the patient is seen."""
     isolated = isolate_first(frame_set, look.choice, Run(room, config))
     body = rough_body_of(isolated.views, room.cameras, PixelLabel.PATIENT)
     return None if body is None else np.array([body.facing_xz[0], 0.0, body.facing_xz[1]])

@@ -121,22 +121,22 @@ def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, .
 
 
 def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief:
-    """Return the belief (adult or child) that fits a shape best, by its whole-body coefficients and clothes."""
+    """Return the belief (adult or child) under which a shape's whole-body coefficients and clothes are likeliest."""
     asset = body_points().asset
     return min(beliefs, key=lambda belief: belief.common(asset).cost(shape))
 
 
 def shape_cost(shape: FittedShape, subject: Subject, config: TrackConfig) -> float:
     """Return the sum of a shape's squared deviations from its likeliest group (adults or children), in standard
-    deviations. The cost in nats is half of it.
+    deviations. Half of this sum is the cost in nats, as for a normal distribution.
     """
     likely = likeliest(known_beliefs(subject, config), shape)
     return float(likely.common(body_points().asset).cost(shape))
 
 
 def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> FirstShape:
-    """Return the bodies to try first. They have the stated or else the visible stature, and agree with the other
-    statements about the patient.
+    """Return the bodies to try first. They have the stated stature, or without one the visible stature, and agree with
+    the other statements about the patient.
 
     A child's body is included only if a child may be this tall, or if the stated age is a child's.
     """
@@ -175,6 +175,6 @@ def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> s
 
 
 def is_human(shape: FittedShape) -> bool:
-    """Return whether a person may be as tall as this shape; if not, the body was probably fitted to half a person."""
+    """Return whether a person may be as tall as this shape; if not, it was probably fitted to a part of a person."""
     shortest, tallest = STATURES_M
     return shortest < standing_height(body_points().asset, shape)[0] < tallest

@@ -25,7 +25,7 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet
 
 LEAST_S: Final = 1.0  # s, minimum time at rest; a person who turns round to walk back stands still for half a second
-LEAST_SAMPLES: Final = 6  # minimum number of sampled frames of an object at rest, to measure the spread of its readings
+LEAST_SAMPLES: Final = 6  # minimum number of samples that show an object at rest, to measure the spread of its readings
 SETTLING: Final = 2  # number of sampled frames left out after an object came to rest, since it may still move
 # two minimum shares: of the connected foreground that contains an object, the share at rest; of the object's pixels,
 # the share that came to rest only after the first samples
@@ -60,7 +60,7 @@ class RestingObject:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Still:
-    """The surface at each pixel that is at rest until the last of n sampled frames."""
+    """For each pixel, the surface that stays at rest until the last of n sampled frames."""
 
     depth_m: np.ndarray  # (height, width) float32 m, depth of the surface at rest; 0 where there is none
     since: np.ndarray  # (height, width) int, first sample that reads this surface; no later sample reads farther
@@ -125,8 +125,8 @@ def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
 
 
 def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndarray:
-    """Return the samples (k,) that show enough of a piece at rest, without the first ``SETTLING`` samples; an empty
-    array if there are too few.
+    """Return the numbers (k,) of the samples that show enough of a piece at rest, without the first ``SETTLING``
+    samples; an empty array if there are too few.
     """
     since = np.percentile(still.since[piece], SHOWN)
     samples = np.flatnonzero(still.agrees[:, piece].mean(axis=1) > SHOWN / 100.0)
@@ -185,7 +185,7 @@ def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet])
 
 
 def _person_share(one: RestingObject, frames_m: Sequence[np.ndarray], camera: Camera) -> float:
-    """Return the share of an object's pixels that look like a person (descriptor): median of ``CHECKED`` frames."""
+    """Return the share of an object's pixels that the descriptor takes for a person: median of ``CHECKED`` frames."""
     chosen = [int(one.samples[k]) for k in thin(len(one.samples), CHECKED)]
     row, column, _ = nearest_rays(camera)
     return float(

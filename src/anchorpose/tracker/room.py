@@ -67,7 +67,7 @@ class Room:
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """Return the cameras with the poses that are used."""
+        """Return the cameras with the poses that tracking uses."""
         return self.calibration.cameras
 
 

@@ -22,11 +22,11 @@ from anchorpose.tracker.patient_choice import outside_m
 from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.start import NoStart
 
-# m; a person this close to the patient's last place counts as there, since places of partly seen people have errors
+# m; a person this close to the patient's last place counts as being there: places of partly seen people have errors
 NEAR_M: Final = 0.5
 WALK_M_S: Final = 1.5  # m/s, people's walking speed
 RETURN_S: Final = 1.0  # s, minimum time in which a person can walk out of the image, turn round and come back
-# m; if less than this width of the patient is left at the image border, the patient is leaving: half a trunk, or a head
+# m, width of half a trunk or a head; a patient who is seen less wide than this at the image border is leaving
 STRIP_M: Final = 0.15
 BORDER: Final = 0.1  # share of the image's width or height; stereo cameras may read nothing in a border this wide
 CUT: Final = 0.5  # a border cuts a person off if it touches at least this share of the person's pixel rows (or columns)
@@ -61,7 +61,7 @@ class Search:
     patient has walked out of the image.
     """
 
-    memory: BystanderMemory  # the bystander memory after the last frame searched
+    memory: BystanderMemory  # the remembered skin of all people after the last frame searched
     _belief: PoseBelief
     _time_s: float
     _place_xz_m: np.ndarray
@@ -82,8 +82,8 @@ class Search:
         """Return who may be the patient in this frame, or why nobody may be. Call it for all frames in order.
 
         A new person may be a bystander who was there before, if the patient has left the image or if the person appears
-        in another place. Such a person counts as the patient only in the equipment, or while all bystanders are in
-        view. A person who enters too soon after the patient has left is not the patient.
+        in another place. Such a person counts as the patient only if standing in the equipment, or while all bystanders
+        are in view. A person who enters too soon after the patient has left is not the patient.
         """
         pieces, cameras = find_all_pieces(frame_set, run.room.scenes), run.room.cameras
         elapsed_s = frame_set.time_s - self._time_s

@@ -44,7 +44,7 @@ class RoughBody:
 
     place_xz_m: np.ndarray  # (2,) the pelvis on the floor
     facing_xz: np.ndarray  # (2,) unit vector from the back to the front
-    explained: float  # 0 to 1, share of the person's nodes that the body explains
+    explained: float  # 0 to 1, share of the person's nodes that lie near the body
     past: float  # 0 to 1, share of the trunk's skin that cameras see past: they read something farther away there
 
 
@@ -105,7 +105,7 @@ def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera])
 def _bodies(
     pieces: Sequence[Pieces | None], people: People, cameras: Sequence[Camera], numbers: np.ndarray
 ) -> tuple[RoughPerson | None, ...]:
-    """Fit rough bodies to the people with these numbers."""
+    """Fit a rough body to each person whose index is in ``numbers``."""
     views = label_people(pieces, people, np.arange(len(people.people)))
     return tuple(rough_person(views, cameras, PixelLabel.PATIENT + number) for number in numbers.tolist())
 

@@ -36,8 +36,8 @@ APART_M: Final = 0.06
 # m, half a shoulder breadth; if the passes place the trunk farther apart, all limbs are taken from the same pass as the
 # trunk
 TRUNK_APART_M: Final = 0.15
-HIDDEN_COST: Final = 0.5  # cost of taking a pass in a frame, per joint that is hidden in it; a seen joint costs 0
-LOST_COST: Final = 2.0  # cost of taking a pass in a frame, per lost joint: cameras read something farther away there
+HIDDEN_COST: Final = 0.5  # cost of taking a limb from a pass in a frame, per joint that is hidden there; seen: 0
+LOST_COST: Final = 2.0  # the same cost per lost joint (one where cameras read something farther away)
 SWITCH_COST: Final = 0.2  # cost of switching from one pass to the other, less than that of a hidden joint in one frame
 # additional cost of switching per metre by which the limb jumps; a jump of 0.2 m costs as much as one lost joint
 SWITCH_COST_PER_M: Final = 10.0
@@ -115,7 +115,9 @@ class PassResult:
 
 
 def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], usable: bool) -> PassResult:
-    """Return the part of an estimate to keep until the other pass reaches its frame; without a pose if not usable."""
+    """Return the part of an estimate that is kept until the other pass reaches the same frame; without a pose if the
+    frame is not ``usable``.
+    """
     if estimate.belief is None or not usable:
         blank = np.full((JOINT_COUNT, 3), np.nan)
         return PassResult(None, blank, blank[:, 0].copy(), (JointState.LOST,) * JOINT_COUNT)
@@ -200,8 +202,8 @@ def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray,
 
 
 def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -> np.ndarray:
-    """Return (t, PARTS) the weight of the second pass for trunk and limbs: by inverse variance where both agree, else 0
-    or 1.
+    """Return (t, PARTS) the weight of the second pass for trunk and limbs: by inverse variance where both passes agree,
+    else 0 or 1.
     """
     apart_m = np.nan_to_num(np.linalg.norm(there.joints_m - back.joints_m, axis=2))
     costs = np.array([_JOINT_COST[way.state_code] for way in (there, back)])
@@ -283,7 +285,7 @@ def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weigh
 
 
 def explain_smoothed(frame_set: FrameSet, answer: PassResult, body: Body, run: Run) -> Explanation | None:
-    """Compute how well the combined pose explains a frame; None without a pose.
+    """Compute how well the combined pose fits a frame; None without a pose.
 
     frame_set: the frame, read again, since all frames' depth images would fill the memory; ``answer`` has the labels.
     """

@@ -1,7 +1,7 @@
-"""Find where tracking begins: the frame that shows the patient best, and the body that explains it.
+"""Find where tracking begins: the frame that shows the patient best, and the body that fits the patient there.
 
-In some frames, a therapist who holds the patient is mistaken for a part of the patient. There, no body explains all
-pixels with the patient's label, so another frame is preferred.
+In some frames, a therapist who holds the patient is mistaken for a part of the patient. In these frames, no body fits
+all pixels with the patient's label, so another frame is preferred.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from anchorpose.tracker.sighting import Crowd, SeenPerson, Sighting
 SEEN = 0.3
 # maximum rarity (sum of squared joint deviations) of a usual pose; correct first poses: 15 to 60, wrong poses: over 100
 USUAL = 60.0
-# minimum quality of a start in a recording without equipment; correct: 0.35; a wrong one in a crowd: below 0.25
+# minimum quality of a start in a recording without equipment; correct: 0.35, wrong in a crowd: below 0.25
 LEAST_QUALITY = 0.25
 # minimum seen share of the skin of trunk and head: as much as a face, or as a part of a chest between other people
 LEAST_TRUNK = 0.05
@@ -64,7 +64,7 @@ LEAST_TRUNK = 0.05
 TURN_GATE = 21.1
 # maximum deviation, in standard deviations, of any of 16 shape components; one adult in a thousand exceeds it
 MOST_DEVIATIONS = 4.0
-LEAST_EXPLAINED = 0.55  # minimum share of the surface that a first pose must explain
+LEAST_EXPLAINED = 0.55  # minimum share of the surface that must lie near the body in a first pose
 HANGS_M = 0.35  # m, maximum height of the feet above the floor; even on a high bed or a treadmill, feet are lower
 UPRIGHT = 0.7  # minimum cosine between trunk and vertical for testing HANGS_M; the feet of people who lie may be high
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
@@ -166,7 +166,7 @@ def _facing_as(facing: Facing, rivals: Sequence[Rival]) -> list[Rival]:
 
 
 def start_turned(seen: Observation | None, turned: Rival | None, config: TrackConfig) -> Start | None:
-    """Return the start with the opposite facing in a frame; None if that facing has no body or explains nothing."""
+    """Return the start with the opposite facing in a frame; None if that facing has no body or does not fit."""
     if seen is None or turned is None or turned.body is None:
         return None
     found = posterior(turned.body, turned.belief.pose, turned.belief, seen.evidence, config.registration)
@@ -200,7 +200,7 @@ def _first_pose(seen: Observation, person: MatchedPerson, shape: FirstShape, run
 
 
 def _why_not(start: Start, run: Run) -> NoStart | None:
-    """Return why a first pose is rejected although it explains the images; None if it is accepted."""
+    """Return why a first pose is rejected although it fits the images; None if it is accepted."""
     body = build_body(body_points(), start.shape)
     posed, evidence = pose_points(body, start.belief.pose), start.observation.evidence
     explanation = explain(body.points, posed, evidence)
@@ -224,7 +224,7 @@ def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
 
 
 def quality(start: Start) -> float:
-    """Return the quality of a start, 0 to 1: the share of the surface that the body explains, reduced for each forearm
+    """Return the quality of a start, 0 to 1: the share of the surface that lies near the body, reduced for each forearm
     and shank that is hardly seen, and for a rare pose.
 
     The pose of a hidden limb is arbitrary, and a limb that is confused with another person's limb in the first frame
@@ -254,11 +254,11 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     return Start(seen, shape, found.belief, found.explained, estimate.rivals)
 
 
-CROWDED_M: Final = 1.0  # m, arm plus half a trunk; a frame scores less if another person is closer to the patient
+CROWDED_M: Final = 1.0  # m, arm plus half a trunk; a frame scores less if another person is this close to the patient
 MERGED: Final = 0.5  # factor on the score of a frame with fewer people than usual: two people may be taken for one
 # a frame with a start of this quality is used at once; 0.95 to 1 for a patient alone, 0.7 with a therapist's arm
 WELL: Final = 0.92
-WHOLE: Final = 0.8  # minimum share of the patient's usual visible surface; a narrow strip is explained by any pose
+WHOLE: Final = 0.8  # minimum share of the patient's usual visible surface; any pose fits a narrow strip
 TRIES: Final = 8  # maximum number of frames in which a body is fitted; each takes one or two seconds
 # share of the candidates' time span; a frame nearer than this to a tried frame scores less, since it would probably
 # fail for the same reason
@@ -275,7 +275,7 @@ def rank_initial_frames(
     """Return the frames that show the patient; frames that show the patient well and nobody nearby come first.
 
     frames: positions in the recording; sightings: the people in each frame. If the user gave the patient's place, only
-    the first unbroken series of frames with the patient there is used, since the given place is that at the start.
+    the first unbroken series of frames with the patient there is used, since the user gave the place at the beginning.
     """
     patient = choose_patient(sightings, equipment, patient_xz_m, cameras)
     if patient is None:
@@ -363,13 +363,13 @@ def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> flo
 def best_of(
     candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], tuple[float, float]]
 ) -> InitialFrame:
-    """Return the first frame that shows the whole patient and is explained well, else the most probable of all tried.
+    """Return the first frame that shows the whole patient and that a body fits well, else the most probable of all
+    tried.
 
-    explained: returns, for a frame, how well a body explains the patient, 0 to 1, and the body's log probability in
-    nats, minus a penalty for unexplained surface. A body with the wrong facing explains as much surface, but it makes
+    explained: returns, for a frame, how well a body fits the patient, 0 to 1, and the body's log probability in nats,
+    minus a penalty for surface far from the body. A body with the wrong facing lies near as much surface, but it makes
     the depth readings less probable, or its shape is rare. If a person behind the patient has the patient's label, no
-    body explains all of the surface. The frame with the best score is tried first, then frames far from all tried
-    frames.
+    body fits all of the surface. The frame with the best score is tried first, then frames far from all tried frames.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:

@@ -22,7 +22,7 @@ from anchorpose.isolation.scene import Pieces
 REACH_M: Final = 0.60  # m, maximum length of a step from frame to frame: 3 m/s at 5 frames per second
 GRID_M: Final = 0.05  # m, spacing of the steps (movements over the ground) that are tried: half a limb's width
 SAME_M: Final = 0.06  # m, maximum gap between a moved point and its reading: half the grid step, clothes and noise
-PAST_M: Final = 0.15  # m; if a reading is this far behind a point, the point is not there
+PAST_M: Final = 0.15  # m; if a reading is this far behind a point, the point counts as refuted (not there)
 POINTS: Final = 250  # maximum number of points used per person; the share of them that is found has an error of 0.03
 STAYED: Final = 0.6  # if this share of a person's points is found again without a step, the person has not walked
 PLACED: Final = 0.4  # no step is needed if this share of the predicted skin is found; the limbs hide the rest
@@ -44,7 +44,7 @@ def find_steps(
 
     skin_m: (n, 3) world points per label: the person's skin seen in the last frame. A moved point counts as found if a
     pixel of a person lies at its depth, as refuted if a camera sees past it (reads something farther away), and as
-    unknown if it is hidden. The combination of steps that explains most points is chosen.
+    unknown if it is hidden. The combination of steps with which most points are found and fewest refuted is chosen.
     """
     shown = [(pixels, projection_of(camera)) for pixels, camera in zip(pieces, cameras, strict=True) if pixels]
     free = [pixels.index >= 0 for pixels, _ in shown]

@@ -73,7 +73,7 @@ def is_loopback(host: str) -> bool:
 
 
 MOST: Final = 48  # maximum number of open connections; some systems allow only 256 open files
-MOST_PER_CLIENT: Final = 24  # most open connections per client address: four windows with six connections each
+MOST_PER_CLIENT: Final = 24  # most open connections per client address: four browser windows, six connections each
 CLOSING_S: Final = 1.0  # s, maximum time that a connection may take to close after it was shut down
 
 

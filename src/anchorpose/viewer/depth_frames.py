@@ -70,7 +70,7 @@ UNLABELLED: Final = 255
 """Label of all pixels if there is no people.parquet."""
 
 ROOM_STEP: Final = 3
-"""Step in rows and columns at which pixels of the room are sent, which is fine enough for orientation."""
+"""Step in rows and columns at which pixels of the room are sent to the page, which is fine enough for orientation."""
 
 UNLABELLED_STEP: Final = 2
 """Step in rows and columns at which pixels of images without person labels are sent, since most of these pixels show
@@ -238,7 +238,7 @@ def _pixels(depth_m: np.ndarray, labels: np.ndarray | None, camera: Camera, room
     coarse_first = np.argsort(_fineness(row, column), kind="stable")
     row, column = row[coarse_first], column[coarse_first]
     grey = np.rint(depth_m[row, column] / np.float32(camera.depth_scale))
-    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)  # shading takes long, so only this part
+    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)  # only this part is shaded, to save time
     lit = shade(depth_m[top : row.max() + REACH_PX + 1, left : column.max() + REACH_PX + 1], camera)
     look = 256 * lit[row - top, column - left].astype(np.uint16) + labels[row, column]
     return np.column_stack([column, row, grey, look]).astype(np.uint16)

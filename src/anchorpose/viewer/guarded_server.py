@@ -191,7 +191,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
 
     def refuse(self, status: HTTPStatus, sentence: str) -> None:
         """Send a refusal with a sentence, and end the connection."""
-        self.close_connection = True  # else unread content of this request would be taken for the next one
+        self.close_connection = True  # else unread content of this request would be taken for the next request
         self.send(status, Response(json.dumps({"error": sentence}).encode(), JSON))
 
     def send(self, status: HTTPStatus, response: Response) -> None:

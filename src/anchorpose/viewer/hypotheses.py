@@ -72,7 +72,7 @@ class HypothesisWorker:
         patient_xz_m: the patient's place in the results, None if lost.
         """
         self.cancel()
-        context = multiprocessing.get_context("spawn")  # the server has threads, whose locks must not be copied
+        context = multiprocessing.get_context("spawn")  # forking would copy the locks of the server's threads
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
         with self._lock:  # so that cancel finds either a started process or none
@@ -111,9 +111,9 @@ def hypotheses_of(
     the anchors (extrema of the body's surface), distances to its anchors give one match per node.
 
     Arrays: nodes (m, 3) and reached (m, s, 3) float32 world metres, NaN where a subset finds no match; best (m,) int32:
-    index of the subset whose match the track tree chose for the node, -1 if it chose none; asked (m,) uint8: 1 if the
-    track tree was searched for the node. meta: subsets [[anchor names]]; frames [this, next]. tick: called for each
-    frame read.
+    index of the subset whose match the track tree (the node's matches over several frames) chose, -1 if it chose none;
+    asked (m,) uint8: 1 if this tree was searched for the node. meta: subsets [[anchor names]]; frames [this, next].
+    tick: called for each frame read.
     """
     # importing the tracker takes a second, so only the process that needs it does
     from anchorpose.tracker.config import TrackConfig

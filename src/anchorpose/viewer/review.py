@@ -96,8 +96,8 @@ def _if_there(table: FrameTable[Any], results: Path) -> Any:
 
 
 def describe(review: Review) -> dict[str, Any]:
-    """Return what the viewer's page needs before it shows a frame, for JSON. The position of a listed frame is its row
-    in the results.
+    """Return what the viewer's page needs before it shows a frame, for JSON. The ``position`` of a frame listed in
+    "worst" or "unexplained" is its row in the results.
     """
     return {
         **describe_scene(review),
@@ -178,7 +178,7 @@ class WorstFrame:
 
 
 def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
-    """Return the moments that the pose explains least, as in run.json and in the report, the worst first."""
+    """Return the moments at which the pose fits the depth images worst, as in run.json and the report; worst first."""
     rows = {int(number): row for row, number in enumerate(table.frame)}
     return tuple(WorstFrame(rows[moment.frame], moment.reason, None) for moment in worst_moments(table))
 

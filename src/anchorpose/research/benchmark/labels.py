@@ -14,7 +14,7 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # pixels on each side of a label; the median depth within them is the depth of the labelled skin
+PATCH_PX: Final = 3  # pixels from a label to the sides of a square, whose median depth is that of the labelled skin
 # m, maximum distances of a tracked joint in front of and behind the skin at its label; a farther joint counts as lost
 IN_FRONT_M, BEHIND_M = 0.10, 0.35
 TRUNK: Final = ("SpineShoulder", "SpineBase")
@@ -84,7 +84,8 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
 
 
 def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return, for each labelled joint, its distance in metres from the tracked joint, across the line of sight.
+    """Return, for each labelled joint, the distance between label and tracked joint, perpendicular to the line of
+    sight, in m.
 
     joints_m (21, 3): tracked joints, world. The distance is inf if the tracked joint is lost, or too far in front of or
     behind the labelled skin (``IN_FRONT_M``, ``BEHIND_M``). Joints without a reading at the label are left out.

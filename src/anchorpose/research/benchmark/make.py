@@ -37,7 +37,7 @@ from anchorpose.threads import one_thread
 DOCUMENT: Final = "benchmark.json"
 FORMAT: Final = "anchorpose-benchmark"
 REFERENCE: Final = "reference.json"  # file beside this module: fingerprints of recordings made on Linux, x86-64
-HOLE_SHARE: Final = 0.5  # share of a recording's frames with a hole, as in the paper; the first never has one
+HOLE_SHARE: Final = 0.5  # share of a recording's frames with a hole, as in the paper; the first frame never has one
 STEP: Final = 2  # pixels between neighbouring nodes, as in the tracker's mesh
 TRUTH_UNIT_M: Final = 1e-4  # m, true joints are rounded to multiples of this before their hash is computed
 
@@ -136,7 +136,7 @@ def make_group(group: Group, out: Path) -> None:
 
 
 def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -> None:
-    """Copy the recording with holes of each size, in the same frames; write nodes and true matches of its pairs."""
+    """Cut holes of each size into copies of the recording, in the same frames; write nodes and their true matches."""
     camera, frames = recording.cameras[0].name, range(len(recording.streams[0].files))
     seen = [patient_pixels(recording, labels / camera, frame) for frame in frames]
     centre_m = np.array([points.mean(axis=0) for _, points in seen])

@@ -106,7 +106,9 @@ class Group:
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """Return the groups of a part. at_most: maximum number of single recordings, and of clinics; the first seeds."""
+    """Return the groups of a part. at_most: maximum number of single recordings, and of clinics, in the order of their
+    seeds.
+    """
     single, clinic = SEEDS[part]
     return tuple(
         Group(part, is_clinic, seed)

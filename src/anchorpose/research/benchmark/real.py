@@ -27,8 +27,9 @@ Joints = dict[tuple[str, str, int], np.ndarray]
 def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskScore]:
     """Return the score by name of the recording, for each labelled recording in the folder ``recordings``.
 
-    The error of a joint is its distance from a label, across the line of sight. The labels of both labellers count. A
-    joint that is not at the labelled person's depth counts as missing. Raises InputError if no recording has labels.
+    The error of a joint is its distance from a label, measured perpendicular to the line of sight. The labels of both
+    labellers count. A joint that is not at the labelled person's depth counts as missing. Raises InputError if no
+    recording has labels.
     """
     joints, scores = _read(answers / FILE), dict[str, TaskScore]()
     names = sorted({path.name.split(".")[0] for path in labels.glob("*.first.json")})

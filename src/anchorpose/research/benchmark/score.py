@@ -1,6 +1,6 @@
 """Score answers task by task, and compare two sets of answers, question by question.
 
-In the share of answers within a distance of the truth, missing answers count as outside; their share is also given.
+A missing answer counts as farther from the truth than any limit; the share of missing answers is also given.
 """
 
 from __future__ import annotations

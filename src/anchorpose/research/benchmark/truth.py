@@ -48,7 +48,9 @@ class PairTruth:
         return moved
 
     def nearest(self) -> np.ndarray:
-        """Return the best possible answers (n,) int: the second frame's nodes nearest to true places, -1 if hidden."""
+        """Return the best possible answer (n,) int: the second frame's node nearest to each true place, -1 if the place
+        is hidden.
+        """
         best, seen = np.full(len(self.first_m), -1, np.int64), self.places.seen
         best[seen] = cKDTree(self.second_m).query(self.places.place_m[seen])[1]
         return best

@@ -65,7 +65,7 @@ class ExperimentConfig:
     all methods.
 
     The frame rate of ten per second follows from the paper's samples: 200 samples (frames) contain slow and fast
-    movements of all limbs. 200 consecutive video frames take too little time for this, so the samples must be about a
+    movements of all limbs. 200 consecutive video frames cover too short a time for this, so the samples must be about a
     tenth of a second apart.
     """
 
@@ -95,7 +95,8 @@ class ExperimentConfig:
     # first seed of the training recordings, on which settings are chosen, and whose movements serve to predict poses
     training_seed: int = 401
     training_recordings: Count = 4
-    training_samples: Annotated[Count, Field(ge=40)] = 200  # number of frames of the movements that predict poses
+    # number of frames of the reference movements, by which poses are predicted
+    training_samples: Annotated[Count, Field(ge=40)] = 200
     # number of pairs of frames per training recording, once without and once with holes, on which settings are tried
     training_windows: Count = 2
     tuned: bool = True  # False: every method uses its first setting

@@ -27,7 +27,9 @@ REGIONS = {
     "shank": ("Leg",),
     "foot": ("Foot", "Toe"),
 }
-"""Beginnings of the names of each region's bones, without Left or Right. The longest beginning that fits decides."""
+"""Beginnings of the names of each region's bones, without Left or Right. The longest beginning that fits a bone's name
+decides.
+"""
 
 LAST_WITHOUT_SIDE = 1  # index of "trunk" in ``REGIONS``, the last region without left and right; later ones are limbs
 

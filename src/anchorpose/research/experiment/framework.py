@@ -24,7 +24,7 @@ from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
 NO_HEIGHT_M = np.nan  # m, patient's height until the body is set; only the later search for anchors needs it
-NEVER_M = 1000.0  # m; no match is this far from its predicted place, so the track tree rejects none
+NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects none
 ANYWHERE_M = 10.0  # m, radius within which matches are searched; as in the paper, it contains all nodes
 ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks: all of them
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)

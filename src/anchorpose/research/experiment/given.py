@@ -156,7 +156,7 @@ class GivenFrames:
         return len(self.room.recording.streams[0].files)
 
     def _same_as_uncut(self, position: int) -> GivenFrames | None:
-        """Return the frames before holes were cut if no hole was cut into the frame at this position, else None."""
+        """Return ``uncut`` if the frame at this position lost no readings to a hole, else None."""
         return None if self._cut[position] else self._uncut
 
     def start(self, position: int, observing: Hashable, make: Callable[[], Start]) -> Start:

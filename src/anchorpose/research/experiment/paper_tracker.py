@@ -113,8 +113,8 @@ HELD_EVERY: Final = 4  # every fourth skin point outside of the arm is held in p
 def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
     """Return the pose after moving each arm whose hand is seen more than ``CONTRADICTED_M`` from its place in the pose.
 
-    The arm's skin points are pulled to the nodes that ``match_skin`` matches with them, and the hand's tip to the
-    anchor. The rest of the body stays.
+    The arm's skin points are pulled to the nodes that ``match_skin`` matches with them, and the tip of its hand to the
+    hand's anchor. The rest of the body stays.
     """
     lost = contradicted_by(body, pose, seen.anchors, CONTRADICTED_M) & HANDS
     bones = [bone for chain in CHAINS for bone in chain.bones if lost[ANCHOR_NAMES.index(chain.joints[0])]]

@@ -99,7 +99,7 @@ class Task:
     hole_m: float
     method: Method
     setting: object
-    path: Path  # file of its result
+    path: Path  # file of the task's result
     forms: tuple[Form, ...]  # forms of the framework in which joints are tracked
     pairs: int  # number of pairs of frames whose matches are compared
 
@@ -117,7 +117,7 @@ class Plan:
     methods: tuple[Method, ...]
     settings: Mapping[str, object]  # setting of each method, by its key
     movements: Path  # file of the reference movements
-    movements_digest: str  # digest of this file's content
+    movements_digest: str  # digest of the content of ``movements``
     store: ResultStore
     training: bool = False  # whether the plan is for choosing settings, so that every setting of every method is tried
 

@@ -122,7 +122,7 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
 
 
 def _tempered(log_weight: np.ndarray, left: float) -> float:
-    """Return the largest part of the likelihood, up to ``left``, that leaves ``EFFECTIVE`` of particles effective."""
+    """Return the largest part of the likelihood, up to ``left``, with enough (``EFFECTIVE``) effective particles."""
 
     def effective(share: float) -> float:
         return 1.0 / float((_weights(share * log_weight) ** 2).sum())

@@ -72,7 +72,7 @@ class TriedSetting:
     """One setting of a method that was tried on the training recordings."""
 
     setting: str
-    score_mm: float  # mean distance of its matches from the truth; a node without a match counts as ``MISSED_MM``
+    score_mm: float  # mean distance of the setting's matches from the truth; ``MISSED_MM`` for a node without a match
     chosen: bool
 
 

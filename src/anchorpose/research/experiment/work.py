@@ -78,7 +78,7 @@ class Trial:
     windows: dict[SurfaceConfig, list[tuple[Window, Truth]]] = field(default_factory=dict)
 
     def within(self, forms: Sequence[Form]) -> Trial:
-        """Return the trial with only some of the forms."""
+        """Return the trial with only these forms of the framework."""
         return replace(self, runs={form: self.runs[form] for form in forms})
 
 
@@ -290,7 +290,7 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Return the part of a track that other methods also have: the segments without their first frames."""
+    """Return those frames of tracked joints that other methods also have: the segments without their first frames."""
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
         kept[start + 1 : start + length] = True

@@ -1,4 +1,4 @@
-"""Compute with angles in kernels: fast arctangents, and the peaks of histograms around a circle."""
+"""Compute with angles in compiled functions: fast arctangents, and the peaks of histograms around a circle."""
 
 from __future__ import annotations
 
@@ -64,7 +64,8 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
 def peak_fraction(bins: np.ndarray) -> float:
     """Return the direction of the peak, as a share of a turn.
 
-    The peak is the top of the parabola through the first of the fullest bins and its two neighbours.
+    The peak is the top of the parabola through the fullest bin (the first, if several are equally full) and its two
+    neighbours.
     """
     peak = 0
     for b in range(len(bins)):
@@ -80,7 +81,7 @@ def peak_fraction(bins: np.ndarray) -> float:
 def smooth(bins: np.ndarray, rounds: int) -> None:
     """Replace every bin, ``rounds`` times, by the mean of itself and its neighbours, weighted 1 : 2 : 1.
 
-    Each round increases the variance of a peak by 0.5, in squared bins.
+    Each round increases the variance of a peak by 0.5 squared widths of a bin.
     """
     for _ in range(rounds):
         first, before = bins[0], bins[-1]

@@ -120,7 +120,7 @@ def _lowest(one: float, other: float) -> float:
 def image_side(samples: int) -> int:
     """Return the number of pixels on a side of an image with ``samples`` pixels per cell.
 
-    The image holds the cells, their margins, and one more pixel all around for the gradients.
+    The image holds the cells, a margin of half a cell all around, and one more pixel all around for the gradients.
     """
     return (CELLS + 1) * samples + 2
 
@@ -130,7 +130,7 @@ def cell_shares(samples: int) -> np.ndarray:
 
     The second value is the number of the first cell (cell 0 is the margin); the third is the share of the next cell.
     """
-    # from the image's middle, in cells
+    # distance of each pixel from the image's middle, in widths of a cell
     away = (np.arange(image_side(samples)) - 0.5 * (image_side(samples) - 1)) / samples
     cell = away + 0.5 * CELLS + 0.5
     return np.stack([np.exp(-(away**2) / (0.5 * CELLS * CELLS)), np.floor(cell), cell - np.floor(cell)], axis=1)
@@ -147,7 +147,7 @@ def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray
     and scaled again. Source: Lowe 2004 (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
     """
     side = len(image)
-    bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # with a margin of cells, which is discarded
+    bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # with a margin, one cell wide, which is discarded
     across, length, turn = np.empty((CELLS + 2, ORIENTATIONS)), np.empty(side), np.empty(side)
     for i in range(1, side - 1):
         _row_gradients(image[i - 1], image[i], image[i + 1], length, turn)
@@ -189,9 +189,10 @@ def _row_gradients(above: np.ndarray, row: np.ndarray, below: np.ndarray, length
 
 @njit(cache=True)
 def _difference(before: float, here: float, after: float) -> float:
-    """Return the difference of height over two pixels.
+    """Return the height of the pixel after minus that of the pixel before.
 
-    It is taken on one side only if the other neighbour is unknown, and is NaN if the pixel itself is unknown.
+    If one of these heights is unknown, return twice the difference between the other one and the height ``here``.
+    Return NaN if ``here`` is unknown, or both others are.
     """
     first = here if np.isnan(before) else before
     last = here if np.isnan(after) else after

@@ -2,8 +2,8 @@
 
 Samples are nodes of the source surface that lie far apart, and candidates such nodes of the target. Samples are mapped
 so that the distances between them change as little as possible. First, branch and bound maps the few farthest samples
-onto few candidates and keeps the best maps that differ. Then all samples are mapped onto more candidates. Then, for the
-best maps, samples may move to any node. All other nodes are mapped by their distances to the samples.
+onto few candidates and keeps the best maps that differ. Then all samples are mapped onto more candidates. Then, in the
+best maps, each sample may move to any node of the target. All other nodes are mapped by their distances to the samples.
 Source: Bronstein, Bronstein and Kimmel 2006 (doi:10.1073/pnas.0508601103): their least squares, with branch and bound
 for the initial map.
 """
@@ -32,7 +32,8 @@ def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarra
     k is ``count`` unless there are fewer nodes. The fields (k, n) float32 are in metres, ``APART_M`` on other pieces.
     The first node is the farthest from the middle of its piece; the middle is the node nearest to the mean. A piece
     without samples counts as farther away than any node of a piece with samples. Raises ValueError for nodes that are
-    not finite. Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): at most twice as coarse as the best choice.
+    not finite. Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): the greatest distance of a node from its
+    nearest sample is at most twice the least possible one.
     """
     wanted = min(count, len(surface))
     nodes, fields = np.empty(wanted, np.int32), np.empty((wanted, len(surface)), np.float32)
@@ -131,7 +132,7 @@ def _solve(source: Surface, target: Surface, config: GmdsConfig) -> tuple[GmdsMa
 
 
 def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
-    """Return a surface of the finite nodes on pieces of at least the share ``min_piece``, and their numbers (k,)."""
+    """Return a surface of the finite nodes on pieces of at least the share ``min_piece``; (k,) their old numbers."""
     node = np.flatnonzero(np.isfinite(surface.points_m).all(axis=1)).astype(np.int32)
     finite = keep_nodes(surface, np.isin(np.arange(len(surface)), node))
     piece = pieces(finite)
@@ -140,7 +141,9 @@ def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
 
 
 def _starts(among_a: np.ndarray, among_b: np.ndarray, config: GmdsConfig) -> tuple[np.ndarray, bool]:
-    """Return (m, k) int32 maps of the first samples to candidates, the best first, and whether the best is proven."""
+    """Return (m, k) int32 maps of the first samples to candidates, best first, and whether it is proven that none is
+    better.
+    """
     few = min(config.first_samples, len(among_a))
     a = np.ascontiguousarray(among_a[:few, :few])
     b = np.ascontiguousarray(among_b[: config.first_candidates, : config.first_candidates])
@@ -182,7 +185,7 @@ def _spacing_m(distances: np.ndarray) -> float:
 def _refined(
     target: Surface, among_a: np.ndarray, places: np.ndarray, fields: np.ndarray, config: GmdsConfig
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Move each sample in turn to its node of least stress until none moves; return places, their fields and stress."""
+    """Move each sample in turn to the node of least stress until none moves; return places, their fields and stress."""
     places, fields, unmoved = places.copy(), fields.copy(), 0
     for step in range(config.sweeps * len(places)):
         at = step % len(places)

@@ -23,7 +23,7 @@ from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
 MIN_SLACK: Final = 1e-5  # minimum excess of two sides of a triangle over the third, as a share of the mean edge length
-FLIPS_PER_EDGE: Final = 50  # maximum flips per half-edge, far above what a mesh needs; rounding might make them endless
+FLIPS_PER_EDGE: Final = 50  # maximum flips per half-edge, more than any mesh needs; rounding might cause endless flips
 TOLERANCE: Final = 1e-9  # rounding error of a cotangent; an edge is not flipped for less
 
 
@@ -72,9 +72,9 @@ def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.
 
     points_m (n, 3) float64 metres; triangles (f, 3) int of finite points, with any orientation. Returns edges (6 f, 2)
     int32 and values (6 f, 2) float64. An edge is its tail and head node, which are the same if the edge was flipped
-    across the outline. Its values are half the cotangent of the opposite angle, and the part of the triangle's area in
-    m² at this edge that is nearest to its tail, which equals the part nearest to its head. Each triangle counts twice,
-    as front and as back.
+    across the outline. Its values are half the cotangent of the opposite angle, and the area, m², of that part of the
+    triangle at this edge that is nearest to the tail; the part nearest to the head is as large. Each triangle counts
+    twice, as front and as back.
     """
     tail, after, twin = _both_sides(np.asarray(triangles, np.int64))
     apart = points_m[tail] - points_m[tail[after]]
@@ -138,7 +138,7 @@ def _flip_all(tail: np.ndarray, after: np.ndarray, twin: np.ndarray, length: np.
 
 @njit(cache=True)
 def _other_diagonal(h: int, g: int, after: np.ndarray, length: np.ndarray) -> float:
-    """Return the distance between the two corners opposite an edge when both triangles are laid flat."""
+    """Return the distance between the two corners opposite an edge when both triangles are laid in one plane."""
     base = length[h]
     beside, from_j, from_i = 2.0 * _area(h, after, length) / base, length[after[h]], length[after[after[h]]]
     along = (base * base + from_i * from_i - from_j * from_j) / (2.0 * base)

@@ -44,7 +44,7 @@ class LdSiftConfig:
 
     radius_m: Positive = 0.15  # m, half the width of all 4 x 4 cells; a larger radius distinguishes more, but is slow
     beyond: Beyond = Beyond.UNKNOWN
-    floor_m: Positive = 0.05  # m, depth below the node of the plane of ``Beyond.FLOOR``
+    floor_m: Positive = 0.05  # m, how far below the node the plane of ``Beyond.FLOOR`` lies
     samples: Count = 6  # number of pixels on a cell's side; fewer would miss an arm seen from the side
 
 
@@ -54,12 +54,12 @@ def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
     A row is NaN if the node has no position, normal or triangle, or if its depth map has no known gradient: the map is
     exactly flat, or its surface is nowhere two pixels wide.
 
-    The depth map shows the triangles within reach along the edges, seen along the node's normal. It is turned so that
-    the longer principal axis of the area that the surface covers, such as a limb's direction, always has the same
-    direction in the image. SIFT then describes it. By default, pixels that no triangle covers are unknown and have no
-    gradient, so that the end of the camera's view is not an edge. The authors describe only detected points of closed
-    meshes, at the scale of each point and turned by the gradients around it. Here every node is described at the same
-    scale.
+    The depth map shows the triangles whose nodes are within ``REACH * radius_m`` along the edges, seen along the node's
+    normal. It is turned so that the longer principal axis of the area that the surface covers, such as a limb's
+    direction, always has the same direction in the image. SIFT then describes it. By default, pixels that no triangle
+    covers are unknown and have no gradient, so that the end of the camera's view is not an edge. The authors describe
+    only detected points of closed meshes, at the scale of each point and turned by the gradients around it. Here every
+    node is described at the same scale.
     """
     config = config or LdSiftConfig()
     rings = rings_within(surface, config.radius_m * REACH)
@@ -87,7 +87,7 @@ class _Mesh(NamedTuple):
 
 
 class _View(NamedTuple):
-    """The settings of the depth map as the kernels need them."""
+    """The settings of the depth map in the form that compiled functions take."""
 
     half: float  # m, half the width of all cells
     floor: float  # m, height of the floor; NaN without a floor

@@ -18,9 +18,10 @@ def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarr
     """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where undefined.
 
     points_m (n, 3). x lies along the widest spread and z across the surface; each points to the side with more
-    neighbours. If both sides have the same number, only the five neighbours of median distance count. normals (n, 3):
-    if given, z points to the side of the node's normal instead; on a nearly flat surface, noise decides which side has
-    more neighbours. A frame is undefined if the node has fewer than five neighbours at other positions, or no normal.
+    neighbours. If both sides have the same number, only five neighbours count: those in the middle when sorted by
+    distance. normals (n, 3): if given, z points to the side of the node's normal instead; on a nearly flat surface,
+    noise decides which side has more neighbours. A frame is undefined if the node has fewer than five neighbours at
+    other positions, or no normal.
     """
     points = as_points(points_m, "points_m")
     unit = as_points(normals, "normals") if normals is not None else np.empty((0, 3), np.float32)
@@ -70,7 +71,7 @@ def _spread(
 ) -> int:
     """Fill ``spread`` with the covariance about the node; return the number of neighbours used.
 
-    A neighbour's weight is its distance to the surface of the sphere. Since only the axes are used, the covariance is
+    A neighbour's weight is ``radius`` minus its distance from the node. Since only the axes are used, the covariance is
     not divided by the sum of the weights.
     """
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

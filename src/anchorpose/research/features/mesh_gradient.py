@@ -1,8 +1,8 @@
 """Compute derivatives on the mesh: the gradient of a function known at the nodes, and the curvature of the surface.
 
 Curvature is computed from the change of the normals, since second differences of depth are mostly noise. The normals
-are already fitted to many pixels. A further fit over all neighbours within a few centimetres preserves the curvature of
-a limb or a nose. On planes, spheres and cylinders, the result is exact.
+are already fitted to many pixels. A further fit, of the normals' change over all neighbours within a few centimetres,
+preserves the curvature of a limb or a nose. On planes, spheres and cylinders, the result is exact.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
 
 
 FLAT_RATIO = 1e-3
-"""Minimum ratio of width to length of the neighbours' spread. Below it, they are nearly on a line: no derivative."""
+"""Minimum ratio of width to length of the neighbours' spread. Below it, they nearly form a line: no derivative."""
 
 
 def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:
@@ -74,7 +74,8 @@ def _curvatures(
 ) -> np.ndarray:
     """Return the curvatures by the normal equations of S = [[a, b], [b, c]].
 
-    Each neighbour gives two equations: dn_u = a u + b v and dn_v = b u + c v.
+    A neighbour at (u, v) in the tangent plane, whose normal differs by (dn_u, dn_v), gives two equations: dn_u = a u +
+    b v and dn_v = b u + c v.
     """
     curvatures = np.full((len(points), 2), np.nan, np.float32)
     frame, d = np.empty((3, 3)), np.empty(4)
@@ -98,7 +99,7 @@ def _curvatures(
         both, flat = uu + vv, uu * vv - uv * uv
         if not flat > (FLAT_RATIO * both) ** 2:
             continue
-        # a, b and c solve [uu uv 0; uv both uv; 0 uv vv] [a b c] = [ru rb rv]
+        # the normal equations, with uu, uv, ... as sums: [uu uv 0; uv both uv; 0 uv vv] [a b c] = [ru rb rv]
         b = (rb - uv * ru / uu - uv * rv / vv) / (both - uv * uv / uu - uv * uv / vv)
         a, c = (ru - uv * b) / uu, (rv - uv * b) / vv
         middle, apart = 0.5 * (a + c), np.sqrt(0.25 * (a - c) ** 2 + b * b)

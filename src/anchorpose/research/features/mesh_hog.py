@@ -37,8 +37,8 @@ class MeshHogConfig:
     # number of times that the first axis's histogram is smoothed 1 : 2 : 1, since grid neighbours have only eight
     # directions
     smoothing: Annotated[int, Field(ge=0)] = 16
-    slices: TwoOrMore = 4  # number of slices of each of the three planes, by position
-    orientations: TwoOrMore = 8  # number of orientations in each slice, by direction of the gradient
+    slices: TwoOrMore = 4  # number of sectors of each of the three planes, between which nodes are divided by position
+    orientations: TwoOrMore = 8  # number of bins in each slice, for the direction of the gradient
     spread: Positive = 0.3  # sigma of the Gaussian weight, as a share of radius_m
 
     @property
@@ -81,7 +81,7 @@ PLANES = ((0, 1, 1.0), (0, 2, -1.0), (2, 1, -1.0))
 
 
 class _Layout(NamedTuple):
-    """The settings of the histograms as the kernels need them."""
+    """The settings of the histograms in the form that compiled functions take."""
 
     sigma_m: float  # sigma of the Gaussian weight
     directions: int

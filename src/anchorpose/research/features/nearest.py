@@ -81,7 +81,7 @@ class _RoughSquares:
     def __init__(self, target: np.ndarray) -> None:
         self._mean = target.mean(axis=0)
         moved = target - self._mean
-        # values are divided by their maximum, since squares of float32 soon overflow or vanish
+        # values are divided by the largest absolute value, since squares of float32 soon overflow or become 0
         self._unit = float(np.abs(moved).max(initial=0.0)) or 1.0
         moved /= self._unit
         size2 = np.einsum("ij,ij->i", moved, moved)

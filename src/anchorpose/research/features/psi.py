@@ -1,11 +1,11 @@
 """Compute the paper's match of a node (Section IV): the middle of psi.
 
 Psi is the set of nodes of the other frame with similar distances to some anchors. On a limb, psi is a band that ends at
-the outline, where the sensor stops seeing the skin. Its average position then lies too far inside, and no node at the
-outline would ever be a match. The unclipped middle is the place at which psi's distances equal those of the node; it
-follows by regressing position on distance over psi (least squares). If nothing clips psi, both middles are the same.
-The regression needs three anchors: two feet determine only how far along a leg a node is, and a regression on them
-would lead off the leg.
+the outline, where the sensor stops seeing the skin. The average position of this clipped band lies too far from the
+outline, so no node at the outline would ever be a match. The unclipped middle is the place at which psi's distances
+equal those of the node; it follows by regressing position on distance over psi (least squares). If nothing clips psi,
+both middles are the same. The regression needs three anchors: two feet determine only how far along a leg a node is,
+and a regression on them would lead off the leg.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ FEWEST: Final = 8  # minimum number of nodes of psi for a regression over three 
 
 
 def subsets_with_pieces(source: np.ndarray, target: np.ndarray, found: np.ndarray, size: int) -> np.ndarray:
-    """Return (s, size): all subsets of ``size`` found anchors (5,) bool, and smaller ones, filled up with ``NONE``.
+    """Return (s, size): all subsets of ``size`` of the found anchors, and smaller subsets, filled up with ``NONE``.
 
-    source (n, 5), target (m, 5): the distances of two frames, not finite if no path leads from an anchor to the node.
-    If paths lead from fewer than ``size`` anchors to a piece of surface, no subset of this size has distances there;
-    the anchors that reach the piece then form its only subset.
+    found (5,) bool. source (n, 5), target (m, 5): distances of the nodes of two frames to the anchors, not finite if no
+    path leads from the anchor to the node. If paths lead from fewer than ``size`` anchors to a piece of surface, no
+    subset of this size has distances there; the anchors that reach the piece then form its only subset.
     """
     whole = anchor_subsets(found, size)
     reached = [row for table in (source, target) for row in np.unique(np.isfinite(table) & found, axis=0)]
@@ -46,12 +46,13 @@ def match_by_psi(
     unclipped: bool,
     squared: bool = False,
 ) -> np.ndarray:
-    """Return (k, s) int32: the node of psi nearest to its middle under each subset, -1 where psi is empty.
+    """Return (k, s) int32: for each source node and subset, the node of psi nearest to psi's middle; -1 if psi is
+    empty.
 
     source (k, 5), target (n, 5): metres. places_m (n, 3): positions of the target nodes. subsets: the result of
-    ``subsets_with_pieces``; a filled-up subset applies only if its anchors alone reach the node or its match. squared:
-    True = as the paper's inequality is printed, the squared norm (m²) of the differences of distance is below e_max
-    (m); False = the norm itself is below e_max.
+    ``subsets_with_pieces``; a filled-up subset applies only if paths lead from all its anchors, and from no other, to
+    the node or its match. squared: True = as the paper's inequality is printed, the squared norm (m²) of the
+    differences of distance is below e_max (m); False = the norm itself is below e_max.
     """
     known = subsets != NONE
     distance = np.where(known, source[:, np.where(known, subsets, 0)], 0.0)
@@ -86,8 +87,9 @@ def _match_all(
 ) -> np.ndarray:
     """Compute the result of ``match_by_psi``.
 
-    limit2 (k, s): bound on the squared norm of the differences of distance to the anchors. reached, target_reached: one
-    bit for each anchor that reaches the node. only (s,): the bits of a filled-up subset, -1 for other subsets.
+    limit2 (k, s): bound on the squared norm of the differences of distance to the anchors. reached (k,), target_reached
+    (n,): for each node of source and target, the sum of the bits (1, 2, 4, ...) of the anchors from which a path leads
+    to it. only (s,): the sum of the bits of a filled-up subset's anchors, -1 for other subsets.
     """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     psi, offset = np.empty(len(target), np.int64), np.empty((len(target), subsets.shape[1]))

@@ -85,7 +85,7 @@ def _statistics(
 
 @njit(cache=True)
 def _to_local(points: np.ndarray, own: int, near: np.ndarray, frame: np.ndarray, local: np.ndarray) -> int:
-    """Fill local with the node itself and its neighbours in its frame; return their number."""
+    """Fill local with the node itself and its neighbours, in the node's local frame; return their number."""
     local[0, 0] = local[1, 0] = local[2, 0] = ZERO
     px, py, pz = points[own, 0], points[own, 1], points[own, 2]
     for axis in range(3):
@@ -160,7 +160,8 @@ class Triangles(NamedTuple):
 
 
 def prepare_triangles(points: np.ndarray, faces: np.ndarray) -> Triangles:
-    """Return faces (f, 3) int of points (n, 3) as kernels need them, without those with a corner of unknown position.
+    """Return faces (f, 3) int of points (n, 3) as kernels need them, without faces that have a corner of unknown
+    position.
 
     Raises ValueError if a corner is not a node.
     """
@@ -240,7 +241,7 @@ def _scatter(
     """Fill the surface's scatter about a point and its first moment, both up to a factor; return the sum of weights.
 
     The integral of p p^T over a triangle is, up to a factor, the scatter of its corners plus twelve times p p^T of its
-    centroid. Its weight is its area times the squared distance of its centroid to the sphere.
+    centroid. A triangle's weight is its area times the squared distance of its centroid to the sphere's surface.
     """
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     lx, ly, lz, total = 0.0, 0.0, 0.0, 0.0

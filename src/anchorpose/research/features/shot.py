@@ -14,8 +14,8 @@ from anchorpose.research.features.local_frame import FEWEST, as_frames, local_fr
 from anchorpose.research.features.neighbours import Neighbours, as_oriented, find_neighbours
 from anchorpose.settings import Positive, settings
 
-SECTORS, LEANS = 32, 10  # numbers of sectors (8 around, 2 outwards, 2 upwards) and of steps of a normal's cosine to z
-COLUMNS = LEANS + 1  # number of columns of each sector
+SECTORS, LEANS = 32, 10  # sectors (8 around, 2 outwards, 2 upwards), intervals of a normal's cosine with z
+COLUMNS = LEANS + 1  # columns of each sector, one for each end of an interval
 SIZE = SECTORS * COLUMNS
 _HALF = np.float32(0.5)
 _TO_SECTOR = np.float32(4.0 / np.pi)
@@ -90,8 +90,8 @@ def _locate(
 ) -> None:
     """Fill place (4, k) with the position of each neighbour's vote in the histograms.
 
-    The rows are eighths of a turn from -x, share of the radius, inclination from z (radians), and steps of the normal's
-    cosine to z.
+    The rows are: direction about z, in eighths of a turn from -x; distance, as a share of the radius; inclination from
+    z, in radians; cosine of the angle between the neighbour's normal and z, mapped from [-1, 1] to [0, ``LEANS``].
     """
     px, py, pz = oriented[own, 0], oriented[own, 1], oriented[own, 2]
     x0, x1, x2 = frame[0, 0], frame[0, 1], frame[0, 2]
@@ -123,7 +123,7 @@ def _vote(turn: np.float32, out: np.float32, inclination: np.float32, lean: np.f
     weight = ONE - abs(off)
 
     off = _TWO * out - _HALF - np.float32(outer)  # neighbour's distance from its shell's middle, in widths of a shell
-    inwards = off > ZERO if outer == 0 else off < ZERO  # whether the neighbour lies towards the other of two shells
+    inwards = off > ZERO if outer == 0 else off < ZERO  # whether it lies between the middles of both shells
     row[column + (2 * COLUMNS if outer == 0 else -2 * COLUMNS)] += abs(off) if inwards else ZERO
     weight += ONE - abs(off)
 

@@ -15,12 +15,12 @@ from anchorpose.research.features.laplacian import Laplacian, surface_laplacian
 from anchorpose.settings import Count, Positive, settings
 from anchorpose.surface.surface import Surface
 
-# number of eigenpairs; on a body's 0.45 m², the shortest wave is 10 cm long; Sun et al. and Aubry et al. used 300 on
-# closed meshes
+# number of eigenpairs; on the 0.45 m² of a body's seen surface, the shortest wave is 10 cm long; Sun et al. and Aubry
+# et al. used 300 on closed meshes
 PAIRS: Final = 150
 LANCZOS_VECTORS: Final = 1.6  # vectors per eigenpair; on body meshes of 2,300 nodes, this is faster than 1.3 or 2.5
 START: Final = 20110413  # seed of Lanczos's first vector; with ARPACK's own vector, two runs differ in the last digits
-DECAY: Final = 4.0 * np.log(10.0)  # exponent at which a wave has decayed to 1e-4, which sets first and last time (Sun)
+DECAY: Final = 4.0 * np.log(10.0)  # exponent of a decay to 1e-4; it sets the first and last time, as in Sun et al.
 
 
 def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
@@ -55,7 +55,7 @@ class Spectrum:
 
     @property
     def positive(self) -> np.ndarray:
-        """Return (k,) bool: eigenvalues other than the pieces' zeros."""
+        """Return (k,) bool: all eigenvalues but the zero that each piece of surface has."""
         return self.eigenvalues > 0.0
 
 
@@ -200,7 +200,7 @@ def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
 class SiHksConfig:
     """Settings of the scale-invariant heat kernel signature."""
 
-    # first time, in octaves relative to 1 m²; until then, no wave has decayed much
+    # first time, in octaves relative to 1 m²; before it, no wave has decayed much
     first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0
     octaves: Positive = 24.0  # as in Bronstein and Kokkinos; at the end, 4 m², a body's longest wave has decayed
     steps_per_octave: Count = 16  # as in Bronstein and Kokkinos
@@ -235,7 +235,8 @@ class WksConfig:
     """Settings of the wave kernel signature: energies, and how sharply they are resolved."""
 
     energies: Count = 100  # number of energies, as in Aubry et al.
-    # standard deviation of the logarithm of an energy, in steps between energies, as in Aubry et al.
+    # standard deviation of the Gaussian of an energy's logarithm, in distances between adjacent energies, as in Aubry
+    # et al.
     width_steps: Positive = 7.0
     range_per_m2: Range | None = None  # eigenvalues between which energies lie; None = those of the spectrum
 

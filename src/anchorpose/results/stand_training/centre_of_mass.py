@@ -24,8 +24,8 @@ from anchorpose.settings import NotNegative, Positive, settings
 
 
 class Segment(NamedTuple):
-    """A body segment. mass: its share of the body's mass, per side. fraction: position of its centre of mass between
-    start (0) and end (1).
+    """A body segment. mass: its share of the body's mass (of a limb, that of one side). fraction: position of its
+    centre of mass between start (0) and end (1).
 
     starts, ends: joints at whose mean the segment starts and ends; ``{side}`` stands for Left and Right.
     """
@@ -170,7 +170,7 @@ def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
 
 
 def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
-    """Return the sway's path, mean velocity, root mean square forwards (AP), sideways (ML), and 95 % ellipse area."""
+    """Return the sway's path, mean velocity, root mean square forwards (AP) and sideways (ML) and 95 % ellipse area."""
     bouts = sway_bouts(session, config)
     if not bouts:
         why = (
@@ -250,8 +250,8 @@ def _bout(session: Session, run: slice, config: SwayConfig) -> Bout:
 
 
 def _patient_axes(session: Session, run: slice) -> np.ndarray:
-    """Return two unit vectors (x, z) on the floor as rows (2, 2): the patient's mean heading, and to the patient's
-    right.
+    """Return two unit vectors (x, z) on the floor as rows (2, 2): the patient's mean heading, and the direction to the
+    patient's right.
     """
     hips = session.joints.position_m[run][:, [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]]]
     across = (hips[:, 1] - hips[:, 0])[:, [0, 2]]

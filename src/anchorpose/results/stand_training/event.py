@@ -30,8 +30,8 @@ ONSET_SIGMA_S: Final = 0.04
 """Standard deviation in s of the error of an onset, measured on constructed events (docs/measures.md)."""
 
 CHANGE_SHARE: Final = float(np.sqrt(2.0 * (1.0 - SYSTEMATIC_SHARE)))
-"""Ratio of the sigma of a change between two frames to the sigma of a single value. It is small since both values have
-the same systematic error.
+"""Ratio of the sigma of a change between two frames to the sigma of a single value. It is below sqrt(2), since both
+values have the same systematic error.
 """
 
 
@@ -49,8 +49,8 @@ class EventConfig:
     # m, minimum distance of the extrapolated centre of mass from the feet's outline; less may be an error of the
     # outline
     beyond_m: Positive = 0.05
-    # minimum depth of an event in sigmas; in ten minutes, 0.7 of the 3000 windows of 0.4 s of both knees exceed it by
-    # chance
+    # minimum depth of an event in sigmas: two knees have 3000 windows of 0.4 s in ten minutes, of which 0.7 exceed it
+    # by chance
     times_sigma: Positive = 3.5
 
 
@@ -104,7 +104,7 @@ def beginning_in(events: Sequence[Event], rows: slice) -> list[Event]:
 
 
 def fast_enough(time_s: np.ndarray) -> bool:
-    """Return whether the frames (n,) are dense enough for events; False for a single frame."""
+    """Return whether the frames (n,) are dense enough in time to find events; False for a single frame."""
     return bool(usual_step_s(time_s) <= 1.0 / LEAST_HZ + ROUNDING_S)
 
 

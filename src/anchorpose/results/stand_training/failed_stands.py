@@ -55,7 +55,7 @@ def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Ite
 
 
 BACK: Final = 0.5
-"""Share of ``failed_rise``, the minimum rise of a failed stand; with a lower rise, the patient is back on the seat."""
+"""With a rise below this share of ``failed_rise`` (minimum rise of a failed stand), the patient is back on the seat."""
 
 BEFORE_S: Final = 1.5
 """Time in s before the pelvis leaves the seat; the median height in this time is the start of the rise. The rise itself

@@ -57,7 +57,7 @@ class IndependenceConfig:
 class _Part(NamedTuple):
     """A body part whose extension is measured. angle: the name of its angle, None for the trunk's inclination. regions:
     regions where a contact helps to extend it. beside: neighbouring regions; a hand on the border may be reported in
-    either region. joints: joints at ``regions``; if a joint is unseen, a hand that holds the part may be unseen too.
+    the wrong region. joints: joints at ``regions``; if a joint is unseen, a hand that holds the part may be unseen too.
     """
 
     name: str
@@ -215,7 +215,7 @@ def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Co
     """Return the frames in which the part is extended and has none of the ``contacts``.
 
     A frame is uncertain in three cases: an unseen contact may not exist, a contact on an unseen part may be missing,
-    and a person's hand beside the part may be on it.
+    and a person's hand that is reported beside the part may be on it.
     """
     frame, people = session.joints.frame, with_people(contacts)
     touch = touch_of(frame, [contact for contact in contacts if contact.part in part.regions])

@@ -44,8 +44,9 @@ _FEET: Final = [*_ANKLES, JOINT_INDEX["FootLeft"], JOINT_INDEX["FootRight"]]
 
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
-"""Unit vectors (2, 72) at equal angles. The distance of a point from a convex outline is the largest, over all
-directions, of how far the point lies beyond the outline in that direction; these 72 give it within 0.1 %.
+"""Unit vectors (2, 72) at equal angles. A point's distance from a convex outline is found by measuring, in every
+direction, how far the point lies beyond the outline; the largest value is the distance. These 72 directions give it
+within 0.1 %.
 """
 
 

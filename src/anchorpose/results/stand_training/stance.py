@@ -97,7 +97,7 @@ _INCLINATIONS: Final = AngleGroup(
 
 
 def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return the height (n,) in m of the pelvis above the lower ankle, on which the patient stands, and its sigma."""
+    """Return the height (n,) in m of the pelvis above the lower ankle (of the foot on the floor), and its sigma."""
     height, variance = joints.position_m[..., 1], joints.sigma_m**2
     hips, ankles = ([JOINT_INDEX[f"{name}{side}"] for side in ("Left", "Right")] for name in ("Hip", "Ankle"))
     both_m = height[:, ankles]
@@ -145,7 +145,7 @@ class UprightConfig:
 
     thigh_enter_deg: Positive = 40.0
     thigh_leave_deg: Positive = 45.0
-    height_enter: Positive = 0.85  # leg lengths, pelvis height; thigh and shank then lean by about 30 degrees
+    height_enter: Positive = 0.85  # leg lengths, least pelvis height; thigh and shank then lean by about 30 degrees
     height_leave: Positive = 0.80
     trunk_enter_deg: Positive = 45.0
     trunk_leave_deg: Positive = 50.0

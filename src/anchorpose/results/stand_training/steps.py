@@ -115,7 +115,7 @@ def _length(path_m: np.ndarray, other_m: np.ndarray, swing: slice) -> float | No
 
 
 def _until_at_rest(speed: np.ndarray, run: slice) -> slice:
-    """Extend the run by the slow beginning and end of its movement, for as long as the speed decreases outwards."""
+    """Extend the run at both ends, while the speed decreases, by the movement's slow beginning and end."""
     start, stop = run.start, run.stop
     while start > 1 and speed[start - 1] < speed[start]:
         start -= 1
@@ -186,7 +186,7 @@ def _mean(
     session: Session, name: str, side: str | None, unit: str, found: list[tuple[float, Step]], sigma: float, why: str
 ) -> Measure:
     """Return the mean of the values in ``found`` as a measure. Half of the variance (sigma^2) of each value's error is
-    taken to be common to all values.
+    assumed to be common to all values.
     """
     if not found:
         return unknown(name, unit, why, side)

@@ -176,7 +176,7 @@ def single_leg_stance(session: Session, side: str) -> Measure:
     error = systematic_sigma(np.hypot(session.joints.sigma_m[:, lifted], session.joints.sigma_m[:, stands]))
     runs = [
         _longest_on_one_leg(session, height + shift * error, stands) for shift in (0.0, -1.0, 1.0)
-    ]  # as measured, and with a systematic error of plus or minus one sigma
+    ]  # with heights as measured, lower and higher by their systematic sigma
     run, seconds = runs[0]
     if run is None or seconds < LEAST_STANCE_S:
         why = f"the other foot was never seen off the floor for {LEAST_STANCE_S:g} s while upright on a foot in place"
@@ -189,7 +189,7 @@ _OTHER: Final = {"left": "right", "right": "left"}
 
 
 def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> tuple[slice | None, float]:
-    """Return the longest run of frames with the other ankle lifted and the standing ankle in place, and its seconds."""
+    """Return the longest run of frames with one ankle lifted and the ankle ``stands`` in place, and its seconds."""
     time_s = session.joints.time_s
     best: tuple[slice | None, float] = (None, 0.0)
     for run in unbroken_runs(session.upright & (height_m > LOWERED_M), time_s, 2.0 * usual_step_s(time_s)):

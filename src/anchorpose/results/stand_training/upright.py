@@ -103,16 +103,16 @@ def _sigma_s(session: Session, config: UprightConfig) -> float:
 
 @settings
 class TransitionConfig:
-    """Settings of transitions. Seated means that both thighs are nearly level and the pelvis rests for a while, so a
-    short squat is not sitting.
+    """Settings of transitions. Seated means that both thighs are nearly level, the pelvis rests for a while, and the
+    centre of mass is behind the heels.
 
-    A longer squat is not sitting either, since nobody squats with the centre of mass behind the heels. Standing must
-    last, too: a patient who nearly stands and sinks back has not stood up.
+    So a squat is not sitting: a short squat has no rest, and nobody squats with the centre of mass behind the heels.
+    Standing must last, too: a patient who nearly stands and sinks back has not stood up.
     """
 
     seated_enter_deg: Positive = 65.0  # degrees from the vertical; sitting begins if both thighs exceed it
     seated_leave_deg: Positive = 55.0  # degrees from the vertical; sitting ends if a thigh is below it
-    behind_feet_m: Positive = 0.07  # m, minimum distance of the centre of mass behind the ankles: a heel plus errors
+    behind_feet_m: Positive = 0.07  # m, least distance of a seated centre of mass behind the ankles: a heel plus errors
     rest_s: Positive = 1.0  # s, minimum time of the pelvis within ``rest_height`` of its seated or standing height
     rest_height: Positive = 0.05  # leg lengths, tolerance of the pelvis's height at rest
     settle_s: Positive = 3.0  # s before and after the transition in which the heights of the two postures are measured
@@ -146,8 +146,8 @@ class Postures(NamedTuple):
 
 
 def settled_postures(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> Postures:
-    """Return the runs of frames in which the patient sits, and those in which the patient stands, each with a rest of
-    at least ``rest_s``. state (n,): as ``upright`` returns it.
+    """Return the runs of frames in which the patient sits, and those in which the patient stands; in each, the pelvis
+    is at rest for at least ``rest_s``. state (n,): as ``upright`` returns it.
     """
     time_s, seconds, thigh = joints.time_s, frame_seconds(joints.time_s), stance.thigh_deg
     seated = hold(thigh >= config.seated_enter_deg, thigh < config.seated_leave_deg, np.isfinite(thigh)) == UPRIGHT
@@ -254,7 +254,7 @@ def _transition(
         lengths.append(float(time_s[before.start + last] - time_s[before.start + first]))
     first, last = _moving(way, middle, config.edge)
     step = usual_step_s(time_s[before.start : after.stop])
-    off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # for a shift by the whole noise
+    off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # if ``edge`` is off by ``noise``
     sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # sampling: each end lies anywhere between two frames
     return Transition(
         SIT_TO_STAND if rises else STAND_TO_SIT,

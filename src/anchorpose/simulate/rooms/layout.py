@@ -14,13 +14,13 @@ from anchorpose.simulate.rooms.walls import Outline
 TRIES: Final = 120  # maximum number of places that are tried for a piece
 CAMERA_CLEAR_M: Final = 0.7  # m, radius around the camera that stays free of furniture
 PATIENT_CLEAR_M: Final = 0.75  # m, radius around the patient that stays free for movements
-SIGHT_CLEAR_M: Final = 0.35  # m on both sides of the line of sight from the camera to the patient, free of furniture
+SIGHT_CLEAR_M: Final = 0.35  # m that stay free of furniture on both sides of the line of sight from camera to patient
 LEGS_CLEAR_M: Final = 0.5  # m, distance between the patient and furniture in front of the legs
 BELOW_SIGHT_M: Final = 0.04  # m; low furniture stays this far below the line from the camera to the patient's middle
 
 
 def first_lanes(room: RoomConfig, camera_m: np.ndarray) -> list[Lane]:
-    """Return the areas that stay free in any room: around the patient, the camera and the line of sight between."""
+    """Return the areas that stay free in any room: around the patient, the camera and the line between both."""
     here = (float(camera_m[0]), float(camera_m[1]))
     return [disc(np.zeros(2), PATIENT_CLEAR_M), disc(camera_m, CAMERA_CLEAR_M), Lane(here, (0.0, 0.0), SIGHT_CLEAR_M)]
 

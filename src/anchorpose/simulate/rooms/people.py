@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 SEATED_MOTIONS: Final = ("reach", "arm-raise", "head")
 STANDING_MOTIONS: Final = ("standing", "weight-shift", "trunk", "head", "reach")
 BACK_REST_M: Final = 0.45  # m, height of a chair's back rest above the seat
-RISING_S: Final = 2.0  # s; a seat is fitted to at least this time, in which the person of ``_rising`` stands up
+RISING_S: Final = 2.0  # s, minimum duration to which a seat is fitted; within it, the person of ``_rising`` stands up
 
 
 def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Actor | CapturedActor:
@@ -125,7 +125,7 @@ def moved_actor(actor: Actor, place_m: np.ndarray, yaw: float) -> Actor:
 
 
 def over_origin(patient: Actor, seat: Piece | None, share: float) -> tuple[Actor, Piece | None]:
-    """Move a person and the seat forward by a share of the distance by which sitting down moves the pelvis backward."""
+    """Move a person and the seat forward by ``share`` times the distance that sitting down moves the pelvis back."""
     ahead_m = -share * dict(seated_offsets(patient.person))["pelvis_forward"]
     place = np.array([ahead_m, 0.0])
     return moved_actor(patient, place, 0.0), None if seat is None else seat.placed(place, 0.0)

@@ -1,4 +1,4 @@
-"""Build furniture of boxes, cylinders and free meshes; each piece stands on the floor around its own origin."""
+"""Build furniture of boxes, cylinders and other meshes; each piece stands on the floor around its own origin."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Piece:
 def piece_of(
     parts: Iterable[EquipmentPart], metal: Iterable[EquipmentPart] = (), sheets: np.ndarray | None = None
 ) -> Piece:
-    """Make a piece from dull parts, parts of bare metal, and triangles (n, 3, 3) of cloth, leaves and paper."""
+    """Make a piece from parts, parts of bare metal, and ``sheets``: triangles (n, 3, 3) of cloth, leaves and paper."""
     dull, bare = triangles_of(parts), triangles_of(metal)
     cloth = np.zeros((0, 3, 3)) if sheets is None else sheets
     triangles = np.concatenate([dull, cloth, bare])

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 ROOM_KEY: Final = 1002  # key of a room's random streams; ``clinic`` and ``config`` use other keys
 STREAMS: Final = ("plan", "patient", "programme", "walls", "people", "furniture", "spoil", "beyond")
 ASKEW_RAD: Final = 0.35  # rad, maximum angle between the line of sight and the room's long axis
-PERSON_CLEAR_M: Final = 0.5  # m, radius around a person who sits or stands that stays free
+PERSON_CLEAR_M: Final = 0.5  # m, radius of the free area around a person who sits or stands
 WALK_CLEAR_M: Final = 0.35  # m on both sides of a walking person's path that stay free
 TRIES: Final = 200  # maximum number of places that are tried for a person
 SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "sits": 1.0}
@@ -82,7 +82,7 @@ class _Draft:
     outline: Outline
     back: BackWall
     camera_m: np.ndarray  # (3,)
-    taken: list[Lane]  # areas of the floor that stay free, or are occupied
+    taken: list[Lane]  # areas of the floor in which nothing more may be placed
     half_view: float  # tangent of half of the horizontal field of view
     doorways: list[Lane]  # paths of walking people; a side wall has a doorway where a path crosses it
     pieces: list[Piece]
@@ -240,7 +240,7 @@ def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
     """Add low furniture before the patient's legs, then clutter, then a door that opens."""
     room = draft.room
     head_m = person.height_m * (SEATED_SHARE if room.posture != "stands" else 1.0)
-    free = draft.taken[3:]  # without the three areas of ``first_lanes``
+    free = draft.taken[3:]  # without the three areas of ``first_lanes``, which low furniture may enter
     draft.pieces.extend(stand_before(rng, room, draft.camera_m, head_m, free))
     draft.pieces.extend(lay_out(rng, room, draft.outline, [*draft.taken, *free]))
     if room.moved == "door" and draft.back.opening is not None:

@@ -10,8 +10,8 @@ import numpy as np
 from anchorpose.simulate.render import PATIENT, TrueImage
 
 BLOB_PX: Final = 2.5  # pixels, standard deviation of the Gaussian that shapes the patches in which readings fail
-DARK_LOSS: Final = (0.15, 0.55)  # range of the share of black cloth without a reading
-SHINY_LOSS: Final = (0.3, 0.8)  # range of the share of bare metal without a reading
+DARK_LOSS: Final = (0.15, 0.55)  # range of the share of pixels of black cloth that have no reading
+SHINY_LOSS: Final = (0.3, 0.8)  # range of the share of pixels of bare metal that have no reading
 BURST_CHANCE: Final = 0.15  # probability that another camera's light disturbs a frame
 BURST_SHARE: Final = (0.08, 0.35)  # range of the share of disturbed pixels in a disturbed frame
 WRONG_SHARE: Final = 0.4  # share of the disturbed pixels with a wrong reading; the others have no reading

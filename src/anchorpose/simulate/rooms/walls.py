@@ -212,7 +212,7 @@ def _draw_panel(
     width_m: tuple[float, float],
     height_m: tuple[float, float],
 ) -> Panel | None:
-    """Draw a panel that is apart from the ``taken`` panels, and add it to them; None if there is no space left."""
+    """Draw a panel in ``seen`` (z range), apart from the ``taken`` ones; add it to them. None if no space is left."""
     for _ in range(TRIES):
         wide_m = rng.uniform(*width_m)
         if wide_m > seen[1] - seen[0]:

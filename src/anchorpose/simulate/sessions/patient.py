@@ -40,7 +40,7 @@ BACK_AFTER_S, BACK_S = 2.5, 1.0
 RECOVERY_S: Final = BACK_AFTER_S + BACK_S + HANDS_S
 
 CLONUS_HZ: Final = (3.5, 7.0)  # Hz, range of a clonus's frequency
-CLONUS_DEG: Final = (2.0, 5.0)  # degrees, range of a clonus's amplitude at the knee; the ankle moves half as much
+CLONUS_DEG: Final = (2.0, 5.0)  # degrees, range of a clonus's amplitude at the knee; that of the ankle is half as large
 CLONUS_S: Final = 4.0  # s, duration of a clonus: two analysis windows (2 s each) of the measure of tremor
 SWELLS_S: Final = 0.3  # s, time in which a clonus grows at its beginning, and subsides at its end
 
@@ -115,8 +115,8 @@ def _let_go(from_s: float, to_s: float) -> Movement:
 
 
 def _falls(trial: PlannedTrial) -> tuple[float, float]:
-    """Return when the hands leave the rails for a recovery step and when they are back, in the middle of the time in
-    which the knees stay extended.
+    """Return when the hands leave the rails for a recovery step and when they are back. Both times are around the
+    middle of the time in which the knees stay extended.
     """
     middle_s = sum(trial.holds_s) / 2.0
     return middle_s - RECOVERY_S / 2.0 - HANDS_S, middle_s + RECOVERY_S / 2.0

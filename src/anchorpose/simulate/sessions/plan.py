@@ -20,7 +20,7 @@ SHORTEST_TRIAL_S: Final = 10.0  # s, enough for a failed stand, standing up, and
 PAUSE_S: Final = 4.0  # s before every trial and after the last, in which the patient sits down or bends the knees
 BLOCK: Final = 2  # number of trials of each condition in a block; their order within the block is random
 
-# degrees, knee flexion between extensions. The patient still stands; it is above 25 degrees, at which an extension ends
+# degrees, knee flexion between extensions. The patient still stands. An extension ends at 25 degrees, which is less
 RESTING_DEG: Final = 30.0
 HELD_DEG: Final = (9.0, 15.0)  # degrees, range of the flexion of extended knees without stimulation
 SIDES_DEG: Final = 2.0  # degrees, maximum difference between a patient's left and right knee
@@ -76,7 +76,7 @@ class PlannedTrial:
 
     @property
     def condition(self) -> str:
-        """Return the trial's condition, as in the column trial_type."""
+        """Return the trial's condition, as in the column trial_type of events.tsv."""
         return ON if self.amplitude_v > 0 else OFF
 
     @property

@@ -1,4 +1,4 @@
-"""Define the preset ``stimulation``: trials of a patient between parallel bars, with a therapist on either side."""
+"""Define the preset ``stimulation``: trials of a patient between parallel bars, with a therapist on each side."""
 
 from __future__ import annotations
 

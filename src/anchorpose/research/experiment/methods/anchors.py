@@ -30,7 +30,9 @@ PAPER_SUBSET: Final = 3  # number of anchors in a subset, N_S: "three anchor nod
 class AnchorSetting:
     """Settings of matching by psi, the set of nodes with similar distances to the anchors (see ``features.psi``)."""
 
-    gate: GateConfig = PAPER_GATE  # largest difference in distance of a node and its psi; the authors chose it by hand
+    # largest difference between the anchor distances of a node and of the nodes in its psi; the paper's authors chose
+    # it by hand
+    gate: GateConfig = PAPER_GATE
     unclipped: bool = True
     squared: bool = False
     # whether the anchors with paths to a piece of surface that a hole cuts off from other anchors also form a subset

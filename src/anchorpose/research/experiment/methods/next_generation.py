@@ -28,11 +28,11 @@ SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that w
 # sigma^2, maximum squared deviation of a distance or place, since occlusions change distances; greater deviations, and
 # those of unknown distances, count as this
 MOST: Final = 9.0
-MOST_SHOT: Final = 18.0  # sigma^2, the same for a signature, which changes if a hole is beside its node
+MOST_SHOT: Final = 18.0  # sigma^2, maximum squared deviation of a signature; it changes if a hole is beside its node
 # m, distance from the predicted place beyond which a match is rejected: a hand at 3 m/s may move as far between two
 # frames, and its descriptor still identifies it
 GIVEN_UP_M: Final = 0.30
-ROWS: Final = 500  # number of nodes matched at once, to save memory; with 2,000 possible matches each, 4 MB
+ROWS: Final = 500  # number of nodes matched at once, to save memory; with 2,000 possible matches each, they need 4 MB
 SUBSET: Final = 3  # number of anchors in a subset, N_S in the paper
 
 
@@ -83,7 +83,7 @@ def _associate(setting: NextSetting) -> Associate:
         source = now.descriptor - jitter_m(now, following, unlike(now, following))
 
         def find(nodes: np.ndarray) -> np.ndarray:
-            # deviations of signatures, from the cache instead of this closure, since they take 16 MB for 2,000 nodes
+            # deviations of signatures, read from the cache again and not kept in this closure: 16 MB for 2,000 nodes
             local = unlike(now, following)
             match = np.empty((len(nodes), len(subsets)), np.int32)
             per2 = (setting.anchor_sigma_m**-2, setting.place_sigma_m**-2)

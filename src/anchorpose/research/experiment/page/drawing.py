@@ -58,7 +58,7 @@ FAMILY_NAMES: Final = {
 class DrawnFigure:
     """A figure drawn from tables, as SVG and PNG."""
 
-    key: str  # name of its files
+    key: str  # name of the figure's files
     caption: str  # caption, with the figure's name in the paper
     svg: str
     png_bytes: bytes
@@ -70,8 +70,9 @@ class FigureSpec:
 
     key: str
     caption: str
-    tables: tuple[str, ...]  # keys of the tables that it needs
-    draw: Callable[[Sequence[Table]], Any]  # function that draws it from these tables, even if methods are missing
+    tables: tuple[str, ...]  # keys of the tables that the figure needs
+    # function that draws the figure from these tables, even if they lack some methods
+    draw: Callable[[Sequence[Table]], Any]
 
 
 def new_figure(width: float, height: float, **grid: Any) -> tuple[Any, Any]:
@@ -211,6 +212,6 @@ def draw_heat(axes: Any, table: Table, most: float, text: Callable[[float], str]
 
 
 def most_of(table: Table) -> float:
-    """Return the largest mean of a table, the end of a scale; 1 if it has no mean or only zeros."""
+    """Return the largest mean of a table, as the end of an axis or colour scale; 1 if it has no mean or only zeros."""
     means = [row.value.mean for row in table.rows if np.isfinite(row.value.mean)]
     return max(means, default=1.0) or 1.0

@@ -54,7 +54,7 @@ def form_tables(results: ExperimentResults) -> list[Table]:
 
 
 def _columns(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return form, hole's radius and table's column, for all forms with no hole and with the largest hole."""
+    """Return form, radius of the hole and column of the table, for each form with no hole and with the largest."""
     found = []
     for form in results.config.forms:
         holes = Tracking(results, form).holes(Scene.PAPER)
@@ -146,7 +146,9 @@ def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable
 
 
 def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return form, hole's radius and table's column, for the forms that fit parts to the surface, with other holes."""
+    """Return form, radius of the hole and column of the table, for forms that fit parts to the surface, with the holes
+    of other sizes than in ``_columns``.
+    """
     return [
         (form, hole, Column(f"{form} {hole:g}", f"{FORM_NAMES[form]}, {hole:.2f} m"))
         for form in results.config.forms

@@ -151,7 +151,7 @@ WindowKey = tuple[str, float, int]
 
 
 class Matching:
-    """All matches in the paper's scene between frames a given time apart, in windows that all methods ran on."""
+    """All matches in the paper's scene between frames a given time apart, in windows on which all methods ran."""
 
     def __init__(self, results: ExperimentResults, gap_s: float | None = None) -> None:
         """Select the matches of one gap. gap_s: None = the shortest gap."""

@@ -162,7 +162,7 @@ class TrackingClaims:
         )
 
     def next_constant(self) -> Claim:
-        """Judge the claim of "greater invariance": the paper's future work has almost the same error at every hole."""
+        """Judge the claim of "greater invariance": the future method has almost the same error at all sizes of hole."""
         return Claim(
             "next-constant",
             "Section VI (future work)",

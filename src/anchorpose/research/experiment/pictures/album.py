@@ -250,7 +250,7 @@ PAPER_SIZE: Final = "azure-kinect"  # camera in whose image a person has as many
 def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
     """Return the times on a depth image in which a person has as many pixels as the paper's mesh has nodes.
 
-    The image is from a simulated camera with a finer resolution (``PAPER_SIZE``). None if it cannot be made.
+    The image is from a simulated camera with a finer resolution (``PAPER_SIZE``). None if the image cannot be made.
     """
     if clip.simulation is None or not plan.config.tuned:
         return None
