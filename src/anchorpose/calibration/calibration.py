@@ -62,7 +62,7 @@ class FloorResidual:
 
 
 class DoubtSource(StrEnum):
-    """The source of a doubt about a pose."""
+    """What made a camera's pose doubtful."""
 
     FLOOR = "floor"
     UPSIDE_DOWN = "people on a floor above the camera"

@@ -183,7 +183,7 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
                 continue
             facing += 1
         elif y < 0.1:
-            continue  # readings on the floor beside the equipment are allowed
+            continue  # so near to the floor, a point beside the equipment may show the floor
         d, w = _reading(image, cx, cy, cz)
         if d <= 0.0:
             continue

@@ -24,7 +24,7 @@ class JumpLimit:
     slope: float  # factor of z: change of depth per pixel on the steepest surface that returns a reading
 
     def at(self, depth_m: np.ndarray) -> np.ndarray:
-        """Return the limit of every pixel, in the shape of ``depth_m``."""
+        """Return the largest depth step within one surface at every pixel, in the shape of ``depth_m``."""
         return self.square * depth_m**2 + self.slope * depth_m
 
 

@@ -121,7 +121,7 @@ def summarise(table: ExplainedTable) -> ExplainedSummary:
 
 
 def worst_moments(table: ExplainedTable) -> tuple[Moment, ...]:
-    """Return at most ``MOST_MOMENTS`` moments, at least ``APART_S`` apart, the least explained frame first."""
+    """Return at most ``MOST_MOMENTS`` moments, at least ``APART_S`` apart, the worst first."""
     badness = unexplained(table)
     rows = worst_rows(np.where(badness >= 1.0, badness, np.nan), table.time_s, APART_S, MOST_MOMENTS)
     return tuple(Moment(int(table.frame[row]), float(table.time_s[row]), _reason(table, row)) for row in rows)

@@ -1,4 +1,4 @@
-"""Draw a patient who does a captured movement. If a broad body is in the way of the arms, the arms are abducted."""
+"""Simulate a patient who does a captured movement. If a broad body is in the way of the arms, the arms are abducted."""
 
 from __future__ import annotations
 

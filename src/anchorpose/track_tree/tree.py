@@ -67,8 +67,8 @@ def best_branches(
     A missed node has no children: its branch ends and costs ``missed_cost_m`` for each remaining level. A branch may
     also end at this cost although it has children. The search is branch and bound: children are visited in order of
     distance, and a branch is left as soon as it costs at least as much as the best one found. So the optimum is exact
-    unless the tree is pruned. Of equal branches, the lower subset is taken. Raises ValueError if the shapes do not fit
-    or a match points outside its surface.
+    unless the tree is pruned. Of branches with equal costs, the one of the first subset is taken. Raises ValueError if
+    the shapes do not fit or a match points outside its surface.
     """
     _check(matches, positions_m, predicted_m)
     costs = [np.zeros(level.shape, np.float32) for level in matches] if costs_m is None else costs_m

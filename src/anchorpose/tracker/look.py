@@ -44,7 +44,7 @@ class Mirror:
     shown: int  # number of frames that show both a person beyond the gap and the twin's possible place
 
     def is_in(self, other: Mirror) -> bool:
-        """Return whether both mirrors are one gap, which is found twice if its wall was recognised as two planes."""
+        """Return whether both mirrors are the same gap in a wall, found twice if the wall was taken for two planes."""
         return self.scene == other.scene and bool((self.gap & other.gap).any())
 
     @property

@@ -33,7 +33,7 @@ FAR_COST: Final = 0.2
 MOST_WALKERS: Final = 5  # maximum number of people whose steps are compared jointly; more do not fit into an image
 MOST_STEPS: Final = 4  # maximum number of steps considered for each person
 APART_M: Final = 0.25  # m, minimum distance between two people's axes, and between two considered steps of a person
-LEAST_POINTS: Final = 60  # minimum number of a person's points (a hand has as many); fewer give no reliable share
+LEAST_POINTS: Final = 60  # minimum number of a person's points (a hand has as many); with fewer, no step is found
 
 
 def find_steps(

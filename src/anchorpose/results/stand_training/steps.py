@@ -115,7 +115,7 @@ def _length(path_m: np.ndarray, other_m: np.ndarray, swing: slice) -> float | No
 
 
 def _until_at_rest(speed: np.ndarray, run: slice) -> slice:
-    """Extend the run at both ends, while the speed decreases, by the movement's slow beginning and end."""
+    """Extend the run outward at both ends as long as the speed falls, to the movement's slow beginning and end."""
     start, stop = run.start, run.stop
     while start > 1 and speed[start - 1] < speed[start]:
         start -= 1

@@ -31,7 +31,7 @@ class Mover:
     yaws: np.ndarray  # (k,) rad, positive to the left
 
     def figure(self, time_s: float) -> Figure:
-        """Return the piece at its place at a time, labelled as a part of the room."""
+        """Return the piece of furniture at its place at a time, labelled as a part of the room."""
         x, z = (np.interp(time_s, self.times_s, self.places_m[:, axis]) for axis in (0, 1))
         yaw = float(np.interp(time_s, self.times_s, self.yaws))
         points = self.piece.triangles.reshape(-1, 3) @ turns_about(UP, np.array([yaw]))[0].T + np.array([x, 0.0, z])
