@@ -34,6 +34,7 @@ def test_a_clock_and_its_inverse_are_one():
     assert clock.own_s(600.0) - 600.0 == pytest.approx(-1.2 + 300 * 8e-5)
 
 
+@pytest.mark.thorough
 def test_shared_surfaces_give_the_lag_to_three_milliseconds_and_it_turns_its_sign_with_the_cameras(room):
     found = surface_lag(clip(room, 0), clip(room, 1), AHEAD_S + 0.05, 0.12)
     assert found.lag_s == pytest.approx(AHEAD_S, abs=0.003)
@@ -52,6 +53,7 @@ def test_a_wrong_pose_of_centimetres_does_not_bias_the_lag(room):
     assert found.lag_s == pytest.approx(AHEAD_S, abs=0.008)
 
 
+@pytest.mark.thorough
 def test_signals_give_the_lag_without_any_pose(room):
     signals = [
         motion_signal(

@@ -98,6 +98,7 @@ def test_what_is_no_buckle():
     assert not {episode.kind for episode in found} & set(EVENT_KINDS)
 
 
+@pytest.mark.thorough
 def test_standing_for_ten_minutes_has_no_event_whatever_the_errors():
     for sigma_m in (0.006, 0.012, 0.025):
         assert len(all_events(tracked(still(600.0), sigma_m, 5))) == 0

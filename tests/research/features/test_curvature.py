@@ -30,6 +30,7 @@ def as_table(rings: Rings, count: int) -> np.ndarray:
     return table
 
 
+@pytest.mark.thorough
 def test_neighbours_and_their_distances_are_those_of_dijkstra_links_included() -> None:
     present = np.random.default_rng(1).random((20, 20)) > 0.3
     surface = flat_grid(20, 20, 0.02, present)

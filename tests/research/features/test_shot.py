@@ -28,6 +28,7 @@ def plain_frame(points, own, radius_m):
     return np.stack([x, np.cross(z, x), z]), any(ties)
 
 
+@pytest.mark.thorough
 def test_frames_equal_pcls():
     reference = pcl_reference()
     near = find_neighbours(reference["points_m"], float(reference["radius_m"]))
