@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from clinic_builder import bare, shoot
@@ -17,8 +18,10 @@ from anchorpose.calibration.equipment_pose import (
     NoPose,
     angle_between,
     find_equipment,
+    refit,
 )
-from anchorpose.calibration.equipment_refine import see_still
+from anchorpose.calibration.equipment_refine import see_still, standing_prior
+from anchorpose.calibration.equipment_search import search_floor
 from anchorpose.calibration.first_frames import find_floor, what_stays
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import invert_rigid, transform_points
@@ -40,6 +43,17 @@ FRAME = EquipmentModel(
         box("rail-left", (-0.05, 0.9, -0.4), (0.7, 0.04, 0.04)),
         Cylinder("rail-right", np.array([-0.05, 0.9, 0.4]), np.array([1.0, 0.0, 0.0]), 0.02, 0.7),
         box("knee-bar", (0.3, 0.45, 0.0), (0.05, 0.09, 0.75)),
+    )
+)
+BARS = EquipmentModel(
+    tuple(
+        Cylinder(f"{name}-{side}", np.array([x, y, z]), np.array(axis), 0.017, length_m)
+        for side, z in (("left", -0.35), ("right", 0.35))
+        for name, x, y, axis, length_m in (
+            ("rail", 0.0, 0.9, [1.0, 0.0, 0.0], 1.6),
+            ("back-post", -0.7, 0.45, [0.0, 1.0, 0.0], 0.9),
+            ("front-post", 0.6, 0.45, [0.0, 1.0, 0.0], 0.9),
+        )
     )
 )
 TABLE = EquipmentModel(
@@ -127,6 +141,32 @@ def test_a_part_that_is_elsewhere_than_the_file_says_is_named(rise_m):
     assert isinstance(found, NoEquipmentPose)
     assert found.part is not None  # the bar or, where the rest was lifted to meet it, another
     assert found.why in (NoPose.PART_MISSING, NoPose.PART_ELSEWHERE, NoPose.PART_UNREAD)
+
+
+@pytest.mark.parametrize(("place", "worn_px"), [((2.4, 1.2, 0.1), 0), ((2.3, 1.3, 0.8), 1)])
+def test_bars_are_found_along_their_length_and_where_their_edges_read_the_wall(place, worn_px):
+    there, bars = camera_at(place, (0.0, 0.8, 0.0), 512, 424), prepare_equipment(BARS)
+    seen = cv2.dilate(picture(there, *ROOM, *BARS.parts, seed=1), np.ones((1, 2 * worn_px + 1), np.uint8))
+    view = see_still(unposed(there), [seen], None, NOISE_PER_M, find_floor(seen, there, NOISE_PER_M))
+    best = search_floor(view, bars.samples, 0.0)[0]
+    turned = (best @ turn for turn in (np.eye(4), *bars.symmetry.same, *bars.symmetry.alike))
+    off = min(errors(invert_rigid(T), there.T_world_camera, bars.samples.centre_m) for T in turned)
+    assert off[0] < 40.0  # the refinement starts from a pose that is correct within a bar's width
+    assert off[1] < 3.0
+
+
+@pytest.mark.parametrize(("range_m", "why"), [(2.3, None), (3.2, NoPose.PART_UNREAD)])
+def test_only_within_the_cameras_range_do_missing_readings_show_that_a_part_is_absent(range_m, why):
+    place = camera()
+    seen = picture(place, *ROOM, *FRAME.parts)
+    floor = find_floor(seen, place, NOISE_PER_M)
+    beyond_m = float(transform_points(invert_rigid(place.T_world_camera), FRAME.parts[0].center_m)[2])
+    assert 2.3 < beyond_m < 3.2  # the depth of the left post
+    view = see_still(unposed(place), [np.where(seen < 2.3, seen, 0.0)], None, NOISE_PER_M, floor)
+    view.frames_m[0, 0, 0] = range_m  # a reading at the end of the range, beside the equipment
+    true = invert_rigid(place.T_world_camera)
+    found = refit(view, prepare_equipment(FRAME), true, standing_prior(0.0), EquipmentPoseConfig())
+    assert (found.why if isinstance(found, NoEquipmentPose) else None) == why
 
 
 @pytest.mark.slow

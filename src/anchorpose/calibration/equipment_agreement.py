@@ -37,7 +37,8 @@ LEAST_LEAD: Final = 0.15
 LEAST_COMPARED: Final = 300  # minimum number of points that must be compared
 
 REMEDY: Final = (
-    "compare equipment.json with the room, add a background.png of the empty room, or give camera_to_world yourself"
+    "compare equipment.json with the room, add a background.png of the empty room, "
+    "switch the camera's depth filters off, or give camera_to_world yourself"
 )
 
 ChooseHeading = Callable[[tuple[Camera, ...], float, Sequence[np.ndarray]], int | None]

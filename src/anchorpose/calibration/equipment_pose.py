@@ -103,7 +103,9 @@ class PartEvidence:
 
 
 def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
-    """Compare the equipment as predicted at a pose with the frames, frame by frame."""
+    """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface that the camera would see
+    at a flat angle, or beyond its range, is left out.
+    """
     parts = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)
     if prediction is None:
@@ -114,7 +116,8 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
     rays = view.camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
     ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
     facing = np.abs(np.sum(rendering.normal[row, column] * ahead, axis=1)) / np.linalg.norm(ahead, axis=1)
-    row, column = row[facing > LEAST_COSINE], column[facing > LEAST_COSINE]
+    readable = (facing > LEAST_COSINE) & (rendering.depth_m[row, column] <= view.range_m)
+    row, column = row[readable], column[readable]
     depth = rendering.depth_m[row, column].astype(np.float64)
     readings = view.frames_m[:, *rendering.window][:, row, column]
     gate = tolerance_m + NOISE_GATE * view.noise_per_m * depth**2

@@ -54,6 +54,11 @@ class StillView:
     noise_per_m: float
     floor: FloorPlane
 
+    @property
+    def range_m(self) -> float:
+        """Return the largest depth read, in metres. Missing readings beyond it do not show that equipment is absent."""
+        return float(self.frames_m.max())
+
 
 def see_still(
     camera: Camera, frames_m: Sequence[np.ndarray], background_m: np.ndarray | None, noise: float, floor: FloorPlane
@@ -158,7 +163,8 @@ def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: 
 def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> ObservedEdges:
     """Find in the frames where the part ends at each outline pixel.
 
-    A frame in which a nearer object hides a pixel of the line across the outline is not evidence for that pixel.
+    A frame in which a nearer object hides a pixel of the line across the outline is not evidence for that pixel. Pixels
+    of the outline beyond the camera's range are not usable.
     """
     outline, reach_px = prediction.outline, gate.reach_px
     steps = np.arange(-reach_px + 1, reach_px + 1)
@@ -180,7 +186,7 @@ def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> Obser
     inner = first.sum(axis=1)
     seen = -(inner - 1) - 0.5 + np.where(counted, share, 0.0).sum(axis=1)
     deepest = share[np.arange(len(row)), reach_px - np.maximum(inner, 1)]
-    usable = (inner > 0) & inside.all(axis=1)
+    usable = (inner > 0) & inside.all(axis=1) & (outline.depth_m <= view.range_m)
     usable &= ((free > 0) | ~counted).all(axis=1) & ~same[:, reach_px:].any(axis=1)
     there, goes_on = deepest > MOSTLY, share[:, -1] > MOSTLY
     return ObservedEdges(seen, usable & there & ~goes_on, usable & there & goes_on, usable & ~there)

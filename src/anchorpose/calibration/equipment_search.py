@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 import numba as nb
 import numpy as np
+from scipy.ndimage import binary_dilation
 
 from anchorpose.calibration.equipment_model import EquipmentSamples, rotation_about_y
 from anchorpose.calibration.equipment_refine import StillView
@@ -189,13 +190,28 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
             continue
         margin = tolerance_m + NOISE_GATE * image.noise_per_m * cz * cz
         if on_surface:
-            if abs(d - cz) < margin:
+            if abs(d - cz) < margin or (d > cz and _at_edge(image, cx, cy, cz, margin)):
                 total += w
             elif d > cz:
                 total -= THROUGH_WEIGHT
         elif abs(d - cz) < margin:
             total -= len(surface) / len(outside) * 0.5
     return total / max(facing, 1)
+
+
+@nb.njit(cache=True)
+def _at_edge(image: SearchImage, x: float, y: float, z: float, margin_m: float) -> bool:
+    """Return whether one of the four pixels around a point in the camera frame reads the point's depth. Then the point
+    lies less than a pixel inside a thin bar, and its own pixel may read the background.
+    """
+    column, row = pixel_of_ray(x / z, y / z, image.lens)
+    c, r = int(np.floor(column)), int(np.floor(row))
+    height, width = image.depth_m.shape
+    for i in range(max(r, 0), min(r + 2, height)):
+        for j in range(max(c, 0), min(c + 2, width)):
+            if abs(image.depth_m[i, j] - z) < margin_m:
+                return True
+    return False
 
 
 @nb.njit(cache=True)
@@ -308,6 +324,9 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
     wide = farthest * max(camera.width / 2 / camera.intrinsics.fx, 0.3) + samples.radius_m
     counts = (int(heights.max() / CELL_M) + 2, int(2 * wide / CELL_M) + 1, int(farthest / CELL_M) + 1)
     space = fill_space(image, counts, wide)
+    # directions are tried a cell apart at a bar's ends, so a correct bar may reach into the cells beside its own cells
+    beside = binary_dilation(space == OCCUPIED, np.ones((1, 3, 3), bool)) & (space == FREE)
+    space[beside] = UNKNOWN
     value = np.array([0, 1, -THROUGH_WEIGHT, BROAD_WEIGHT], np.float32)[space]
     yaws = np.arange(0.0, 2 * np.pi - 1e-9, YAW_STEP_RAD)
     sums = np.empty((len(yaws), counts[1], counts[2]), np.float32)
