@@ -32,12 +32,15 @@ def _seeds(scenes: str, use: Use, count: int) -> range:
     return range(first, first + count)
 
 
+RIGID_EQUIPMENT: Final[tuple[presets.Equipment, ...]] = ("standing-frame", "parallel-bars", "walker", "wheelchair")
+
+
 def calibration(use: Use, quick: bool) -> Iterator[Case]:
     """Yield clinics whose cameras are found from the equipment, and clinics without equipment."""
     sensors = get_args(presets.Sensor)
     for seed in _seeds("calibration", use, 1 if quick else 20):
-        turn, number = divmod(seed, len(sensors))  # bars move on by one sensor per turn, so that every sensor sees some
-        equipment: presets.Equipment = "parallel-bars" if (number + turn) % 5 == 4 else "standing-frame"
+        turn, number = divmod(seed, len(sensors))
+        equipment = RIGID_EQUIPMENT[(number + turn) % len(RIGID_EQUIPMENT)]  # each sensor sees other equipment per turn
         config = SimulationConfig(seed=seed, seconds=4.0, fps=4.0, sensor=sensors[number], equipment=equipment)
         title = "from the equipment, depth " + ("filtered" if config.sensor.endswith("filtered") else "not filtered")
         yield Case(title, Simulated(f"calibration-{seed}", config), probe=Probe("calibration"))

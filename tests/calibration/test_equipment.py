@@ -18,9 +18,10 @@ from anchorpose.calibration.equipment_pose import (
     NoPose,
     angle_between,
     find_equipment,
+    gather_evidence,
     refit,
 )
-from anchorpose.calibration.equipment_refine import see_still, standing_prior
+from anchorpose.calibration.equipment_refine import Refined, see_still, standing_prior
 from anchorpose.calibration.equipment_search import search_floor
 from anchorpose.calibration.first_frames import find_floor, what_stays
 from anchorpose.calibration.world import find_world
@@ -153,6 +154,24 @@ def test_bars_are_found_along_their_length_and_where_their_edges_read_the_wall(p
     off = min(errors(invert_rigid(T), there.T_world_camera, bars.samples.centre_m) for T in turned)
     assert off[0] < 40.0  # the refinement starts from a pose that is correct within a bar's width
     assert off[1] < 3.0
+
+
+def worn_bars(share):
+    """A coarse view of the bars. A share of the pixels on them, drawn at random, reads the wall behind them."""
+    place = camera_at((2.3, 1.3, 0.8), (0.0, 0.8, 0.0), 256, 212)
+    seen, wall = picture(place, *ROOM, *BARS.parts), picture(place, *ROOM)
+    worn = (wall - seen > 0.1) & (np.random.default_rng(0).random(seen.shape) < share)
+    return place, see_still(
+        unposed(place), [np.where(worn, wall, seen)], None, NOISE_PER_M, find_floor(wall, place, NOISE_PER_M)
+    )
+
+
+@pytest.mark.parametrize(("share", "through"), [(0.25, 0.0), (1.0, 1.0)])
+def test_pixels_that_see_through_a_bar_count_only_where_no_pixel_beside_them_shows_it(share, through):
+    place, view = worn_bars(share)
+    fit = Refined(invert_rigid(place.T_world_camera), np.eye(6), 0.0, 0.0, 0.0)
+    evidence = gather_evidence(view, prepare_equipment(BARS), fit, EquipmentPoseConfig().tolerance_m)
+    assert evidence.through_share == pytest.approx(through, abs=0.05)
 
 
 @pytest.mark.parametrize(("range_m", "why"), [(2.3, None), (3.2, NoPose.PART_UNREAD)])

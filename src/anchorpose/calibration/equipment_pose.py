@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+import cv2
 import numpy as np
 
 from anchorpose.calibration.equipment_model import SAME_M, Equipment
@@ -104,7 +105,8 @@ class PartEvidence:
 
 def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
     """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface that the camera would see
-    at a flat angle, or beyond its range, is left out.
+    at a flat angle, or beyond its range, is left out. So are pixels that see through it beside pixels that show it:
+    edge pixels of a bar often read the background.
     """
     parts = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)
@@ -131,11 +133,15 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
     def total(mask: np.ndarray) -> np.ndarray:
         return np.bincount(part[mask], area[mask], parts)
 
+    shown, past = (free > 0) & (on >= behind), (free > 0) & (on < behind)
+    beside = np.zeros(rendering.part.shape, np.uint8)
+    beside[row[shown], column[shown]] = 1
+    past &= cv2.dilate(beside, np.ones((3, 3), np.uint8))[row, column] == 0
     hidden = (free == 0) & (before > 0)
     filled, outlined = _outline_shares(view, prediction, fit.edge_bias_px, tolerance_m)
     return PartEvidence(
-        on_m2=total((free > 0) & (on >= behind)),
-        through_m2=total((free > 0) & (on < behind)),
+        on_m2=total(shown),
+        through_m2=total(past),
         hidden_m2=total(hidden),
         unread_m2=total((free == 0) & (before == 0)),
         pixels=np.bincount(part[~hidden], minlength=parts),
