@@ -11,7 +11,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.calibration.equipment_model import SAME_M, Equipment
+from anchorpose.calibration.equipment_model import SAME_M, Equipment, Rendering
 from anchorpose.calibration.equipment_refine import (
     FINE,
     STEADY_ERROR_M,
@@ -104,9 +104,9 @@ class PartEvidence:
 
 
 def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
-    """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface that the camera would see
-    at a flat angle, or beyond its range, is left out. So are pixels that see through it beside pixels that show it:
-    edge pixels of a bar often read the background.
+    """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface that the camera cannot read
+    is left out. So are pixels that see through it beside pixels that show it: edge pixels of a bar often read the
+    background.
     """
     parts = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)
@@ -114,19 +114,13 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
         nothing = np.zeros(parts)
         return PartEvidence(nothing, nothing, nothing, nothing, nothing, np.full(parts, np.nan), 1.0, 0.0)
     rendering = prediction.rendering
-    row, column = np.nonzero(rendering.part >= 0)
-    rays = view.camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
-    ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
-    facing = np.abs(np.sum(rendering.normal[row, column] * ahead, axis=1)) / np.linalg.norm(ahead, axis=1)
-    readable = (facing > LEAST_COSINE) & (rendering.depth_m[row, column] <= view.range_m)
-    row, column = row[readable], column[readable]
+    row, column = _readable(view, rendering)
     depth = rendering.depth_m[row, column].astype(np.float64)
     readings = view.frames_m[:, *rendering.window][:, row, column]
     gate = tolerance_m + NOISE_GATE * view.noise_per_m * depth**2
     on = (np.abs(readings - depth) < gate).sum(axis=0)
     behind = (readings > depth + gate).sum(axis=0)
-    before = ((readings > 0) & (readings < depth - gate)).sum(axis=0)
-    free = on + behind
+    free, before = on + behind, ((readings > 0) & (readings < depth - gate)).sum(axis=0)
     lens = view.camera.intrinsics
     area, part = depth**2 / (lens.fx * lens.fy), rendering.part[row, column]
 
@@ -149,6 +143,17 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
         filled_share=filled,
         outlined_share=outlined,
     )
+
+
+def _readable(view: StillView, rendering: Rendering) -> tuple[np.ndarray, np.ndarray]:
+    """Return the row and column (n,), in the rendering, of each pixel whose surface lies within the camera's range and
+    is not seen at a flat angle.
+    """
+    row, column = np.nonzero((rendering.part >= 0) & (rendering.depth_m <= view.range_m))
+    rays = view.camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
+    ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
+    facing = np.abs(np.sum(rendering.normal[row, column] * ahead, axis=1)) / np.linalg.norm(ahead, axis=1)
+    return row[facing > LEAST_COSINE], column[facing > LEAST_COSINE]
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
