@@ -72,9 +72,9 @@ class NoPose(StrEnum):
 class PartEvidence:
     """The evidence in the depth frames for each part at a pose; arrays (parts,), areas in m^2.
 
-    on, through, hidden, unread: areas of the predicted surface that are seen in place, seen through, hidden, and
-    without reading; pixels: number of pixels that are not hidden; shift_m: apparent displacement of the part, NaN if
-    inaccurate. filled_share, outlined_share: see ``_outline_shares``.
+    on, through, hidden, unread: areas of the predicted surface that are seen in place, seen through, hidden or out
+    of range, and without reading; pixels: number of pixels that are not hidden; shift_m: apparent displacement of
+    the part, NaN if inaccurate. filled_share, outlined_share: see ``_outline_shares``.
     """
 
     on_m2: np.ndarray
@@ -104,9 +104,9 @@ class PartEvidence:
 
 
 def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
-    """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface that the camera cannot read
-    is left out. So are pixels that see through it beside pixels that show it: edge pixels of a bar often read the
-    background.
+    """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface beyond the camera's range
+    counts as hidden. Pixels that see through the equipment beside pixels that show it are left out: edge pixels of a
+    bar often read the background.
     """
     parts = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)
@@ -114,7 +114,7 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
         nothing = np.zeros(parts)
         return PartEvidence(nothing, nothing, nothing, nothing, nothing, np.full(parts, np.nan), 1.0, 0.0)
     rendering = prediction.rendering
-    row, column = _readable(view, rendering)
+    row, column = _facing(view, rendering)
     depth = rendering.depth_m[row, column].astype(np.float64)
     readings = view.frames_m[:, *rendering.window][:, row, column]
     gate = tolerance_m + NOISE_GATE * view.noise_per_m * depth**2
@@ -131,13 +131,13 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
     beside = np.zeros(rendering.part.shape, np.uint8)
     beside[row[shown], column[shown]] = 1
     past &= cv2.dilate(beside, np.ones((3, 3), np.uint8))[row, column] == 0
-    hidden = (free == 0) & (before > 0)
+    hidden = (free == 0) & ((before > 0) | (depth > view.range_m))
     filled, outlined = _outline_shares(view, prediction, fit.edge_bias_px, tolerance_m)
     return PartEvidence(
         on_m2=total(shown),
         through_m2=total(past),
         hidden_m2=total(hidden),
-        unread_m2=total((free == 0) & (before == 0)),
+        unread_m2=total((free == 0) & ~hidden),
         pixels=np.bincount(part[~hidden], minlength=parts),
         shift_m=part_shifts(view, equipment, fit),
         filled_share=filled,
@@ -145,11 +145,9 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
     )
 
 
-def _readable(view: StillView, rendering: Rendering) -> tuple[np.ndarray, np.ndarray]:
-    """Return the row and column (n,), in the rendering, of each pixel whose surface lies within the camera's range and
-    is not seen at a flat angle.
-    """
-    row, column = np.nonzero((rendering.part >= 0) & (rendering.depth_m <= view.range_m))
+def _facing(view: StillView, rendering: Rendering) -> tuple[np.ndarray, np.ndarray]:
+    """Return the row and column (n,), in the rendering, of each pixel whose surface is not seen at a flat angle."""
+    row, column = np.nonzero(rendering.part >= 0)
     rays = view.camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
     ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
     facing = np.abs(np.sum(rendering.normal[row, column] * ahead, axis=1)) / np.linalg.norm(ahead, axis=1)

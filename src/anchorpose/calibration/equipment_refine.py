@@ -254,7 +254,8 @@ def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: Floo
     """Improve T_camera_model from a start correct within a bar's width; None if too little of the equipment is seen.
 
     The method is Gauss-Newton with Tukey's weights. It fits all six degrees of freedom, with rotations about the
-    equipment's centre, and the edge bias: sensors make bars look thicker or thinner, equally on both sides.
+    equipment's centre, and the edge bias: sensors make bars look thicker or thinner, equally on both sides. If the
+    residuals are larger than the assumed errors, the covariance is scaled up to agree with them.
     """
     T, bias = start, 0.0
     for gate in GATES:
@@ -269,11 +270,12 @@ def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: Floo
         step, covariance = _solve([surface, outline, _floor_rows(view, T, equipment.samples.centre_m, centre, prior)])
         bias += float(step[6])
         T = _moved(T, centre, step)
+    surface_rms, outline_rms = _rms(surface.residual), _rms(outline.residual)
     return Refined(
         T_camera_model=T,
-        covariance=covariance[:6, :6],
-        surface_rms_m=_rms(surface.residual) * STEADY_ERROR_M,
-        outline_rms_px=_rms(outline.residual) * OUTLINE_SIGMA_PX,
+        covariance=covariance[:6, :6] * max(1.0, surface_rms, outline_rms) ** 2,
+        surface_rms_m=surface_rms * STEADY_ERROR_M,
+        outline_rms_px=outline_rms * OUTLINE_SIGMA_PX,
         edge_bias_px=bias,
     )
 
