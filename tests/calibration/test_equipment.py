@@ -21,7 +21,7 @@ from anchorpose.calibration.equipment_pose import (
     gather_evidence,
     refit,
 )
-from anchorpose.calibration.equipment_refine import Refined, see_still, standing_prior
+from anchorpose.calibration.equipment_refine import STEADY_ERROR_M, Refined, refine, see_still, standing_prior
 from anchorpose.calibration.equipment_search import search_floor
 from anchorpose.calibration.first_frames import find_floor, what_stays
 from anchorpose.calibration.world import find_world
@@ -186,6 +186,16 @@ def test_only_within_the_cameras_range_do_missing_readings_show_that_a_part_is_a
     true = invert_rigid(place.T_world_camera)
     found = refit(view, prepare_equipment(FRAME), true, standing_prior(0.0), EquipmentPoseConfig())
     assert (found.why if isinstance(found, NoEquipmentPose) else None) == why
+
+
+def test_a_pose_is_as_uncertain_as_its_readings_fit_badly():
+    place, model, prior = camera(), prepare_equipment(FRAME), standing_prior(0.0)
+    seen = picture(place, *ROOM, *FRAME.parts)
+    floor, waves = find_floor(seen, place, NOISE_PER_M), 0.012 * np.sin(np.arange(seen.shape[0]) / 3.0)[:, None]
+    views = [see_still(unposed(place), [depth], None, NOISE_PER_M, floor) for depth in (seen, seen + waves)]
+    flat, wavy = (refine(view, model, invert_rigid(place.T_world_camera), prior) for view in views)
+    assert flat.surface_rms_m < STEADY_ERROR_M < wavy.surface_rms_m
+    assert (np.diag(wavy.covariance) > 1.5 * np.diag(flat.covariance)).all()
 
 
 @pytest.mark.slow
