@@ -44,7 +44,7 @@ class InputError(AnchorposeError):
     def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
         self.path, self.problem, self.remedy = Path(without_password(str(path))), without_password(problem), remedy
         place = without_password(str(path))
-        super().__init__(f"{place}: {' '.join(self.problem.split())}; {remedy}.")  # names may contain line breaks
+        super().__init__(f"{place}: {' '.join(self.problem.split())}; {remedy}.")  # file names may contain line breaks
 
 
 class MissingPackage(AnchorposeError):

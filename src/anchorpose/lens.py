@@ -168,8 +168,8 @@ def rays_of_pixels(lens: Intrinsics, width: int, height: int) -> np.ndarray:
     """Return the ray (height, width, 2) float64 of each pixel, exact to a millionth of a pixel; NaN where a pixel has
     no ray.
 
-    For a real rational lens, rays by OpenCV's own fixed-point iteration are 4 mm off at 2.5 m, and 68 mm in the
-    corners.
+    For a real rational lens, rays by OpenCV's own fixed-point iteration are off by 4 mm at a distance of 2.5 m, and by
+    68 mm in image corners.
     """
     array = lens_array(lens)
     if array[_KIND] == _PLAIN:

@@ -19,11 +19,11 @@ from cyclopts.validators import Number
 from anchorpose.errors import AnchorposeError
 
 DAY_S: Final = 86_400.0
-TALLEST_M: Final = 3.0  # maximum height of a person that is accepted
+TALLEST_M: Final = 3.0  # m, maximum height of a person that is accepted
 FARTHEST_M: Final = 100.0
 """Largest accepted coordinate in m: no room is larger, and a place given in millimetres by mistake exceeds it."""
 
-FASTEST_HZ: Final = 1000.0  # maximum frame rate that is accepted
+FASTEST_HZ: Final = 1000.0  # Hz, maximum frame rate that is accepted
 FARTHEST_CLOCK_S: Final = 1e11
 """Largest accepted difference in s between two clocks: seconds since any epoch in use are at most a fifth of it."""
 

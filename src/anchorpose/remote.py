@@ -25,7 +25,7 @@ EXTRAS: Final = {
 }
 """For each kind of address, the Python package that reads it and the extra of anchorpose that installs this package."""
 
-OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))  # addresses of object stores, which have no folders
+OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))  # kinds of address of object stores, which have no folders
 
 
 def is_address(text: object) -> bool:

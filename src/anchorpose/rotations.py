@@ -16,8 +16,8 @@ from anchorpose.errors import DegenerateGeometry
 FORWARD, UP, RIGHT = np.eye(3)
 """Unit vectors (3,) along the world's axes x, y and z, or along the axes of a body's own frame."""
 
-COLLINEAR_RATIO: Final = 1e-3  # ratio of the second to the first singular value up to which points count as collinear
-ONE_PLACE_M2: Final = 1e-12  # m2, second singular value up to which points count as collinear too: (1 micrometre)²
+COLLINEAR_RATIO: Final = 1e-3  # largest ratio of the covariance's second to first singular value in collinear points
+ONE_PLACE_M2: Final = 1e-12  # m2, second singular value up to which points also count as collinear: (1 micrometre)²
 
 
 def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -140,7 +140,7 @@ def inverse_left_jacobian(vector: np.ndarray, change: np.ndarray) -> None:
     angle = np.sqrt(squared)
     factor = 1.0 / 12.0 if angle < 1e-6 else (1.0 - angle / 2.0 / np.tan(angle / 2.0)) / squared
     for i in range(3):
-        for j in range(3):  # the square of the matrix of the cross product with w is w w^T - |w|^2
+        for j in range(3):  # the square of the matrix of the cross product with w is w w^T - |w|^2 I
             change[i, j] = factor * vector[i] * vector[j]
         change[i, i] += 1.0 - factor * squared
     for i in range(3):

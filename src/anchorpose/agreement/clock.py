@@ -33,7 +33,7 @@ MOST_SIGNALS: Final = 40  # maximum number of signals that are compared: those t
 
 LEAST_MOVEMENT_M: Final = 0.02
 LEAST_MOVEMENT_DEG: Final = 4.0
-"""A distance between joints or an angle is used as a signal if its standard deviation over the recording is at least
+"""A distance between joints, or an angle, is used as a signal if its standard deviation over the recording is at least
 ``LEAST_MOVEMENT_M`` (m) or ``LEAST_MOVEMENT_DEG`` (degrees). Below it, the signal is mostly noise.
 """
 
@@ -144,11 +144,13 @@ COARSE: Final = 4
 """The first search for the offset between the clocks uses only every fourth sample of each signal."""
 
 LEAST_OVERLAP: Final = 0.4
-"""Minimum time that both recordings cover, as a share of the shorter one; in less, movements may agree by chance."""
+"""Minimum time that both recordings cover, as a share of the shorter one; in a shorter time, movements may agree by
+chance.
+"""
 
 LEAST_OVERLAP_S: Final = 3.0  # s, minimum time that both recordings cover, however short they are
 
-LEAST_CORRELATION: Final = 0.6  # minimum correlation of the two systems at the best offset; below it, no clock is found
+LEAST_CORRELATION: Final = 0.6  # minimum correlation of the systems' signals at the best offset; else no clock is found
 
 RIVAL_DISTANCE_S: Final = 0.5
 RIVAL_FACTOR: Final = 1.5
@@ -190,7 +192,7 @@ class OtherClock:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clock(OtherClock):
-    """A clock found from movement. correlation: correlation of all signals at the best offset."""
+    """A clock found from movement. correlation: correlation between both systems' signals at the best offset."""
 
     correlation: float
 

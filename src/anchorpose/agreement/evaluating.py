@@ -113,7 +113,7 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity to be compared. take: returns its values in a match, None if one of the systems lacks it."""
+    """A quantity to be compared. take: function that returns its values in a match; None if a system lacks it."""
 
     kind: str
     name: str
@@ -137,7 +137,7 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Return the rows of agreement, each over all recordings. subjects: one text per match, the same for one person."""
+    """Return the rows of agreement, each over all recordings. subjects: a text per match, equal for the same person."""
     rows = list[Agreement]()
     for quantity in quantities(matches):
         taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]
@@ -285,7 +285,7 @@ def _given(match: Match, name: str) -> Compared | None:
 def _of_angle(match: Match, name: str, theirs: np.ndarray) -> Compared | None:
     column = match.ours.column(name)
     ours = match.ours.degrees[:, column]
-    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # turned so that differences are within 180 degrees
+    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # shifted by whole turns, to within 180 degrees of ours
     known = np.isfinite(ours - theirs)
     if not known.any():
         return None

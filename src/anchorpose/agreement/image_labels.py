@@ -26,10 +26,10 @@ REMEDY: Final = "give rows camera,frame,joint,u,v with the column u and the row 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageErrors:
     """Distances between labelled and tracked joints in the plane of the image, for one joint or a group of joints
-    (``name``); None if no distance is known.
+    (``name``); the distances are None if none is known.
 
-    labelled: number of labels in tracked frames; lost: number of these labels for which no distance is known, mostly
-    since the joint was lost. Pixels are converted to millimetres at the depth of the tracked joint. within_50,
+    labelled: number of labels in tracked frames; lost: number of these labels for which no distance is known, usually
+    because the joint was lost. Pixels are converted to millimetres at the depth of the tracked joint. within_50,
     within_100: share of ``labelled`` with a distance of at most 50 or 100 mm; a label without a distance counts as
     farther away.
     """

@@ -114,7 +114,7 @@ def _match(
 def _clock_of_positions(
     joints: JointTable, axes: np.ndarray, reference: Reference, placement: Placement, clock: Clock
 ) -> Clock:
-    """Refine the clock by joint positions in the world: they determine time better than distances between joints."""
+    """Refine the clock by joint positions in the world, which determine it better than distances between joints do."""
     nothing = np.zeros_like(joints.position_m)
     ours = position_signals(joints.time_s, residual(joints.position_m, nothing, axes, placement.offset_m))
     theirs_m = transform_points(placement.T_world_reference, reference.centres.position_m)
@@ -122,7 +122,7 @@ def _clock_of_positions(
 
 
 def _angles_of(joints: JointTable, position_m: np.ndarray) -> AngleTable:
-    """Return the angles of the other system's joints by this program's formulas; their sigma is not used."""
+    """Return the angles of the other system's joints by this program's formulas; the sigma in the table is not used."""
     return joint_angles(
         JointTable(
             joints.frame, joints.time_s, position_m, joints.state_code, np.zeros((len(joints.frame), JOINT_COUNT))

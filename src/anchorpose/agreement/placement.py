@@ -128,8 +128,8 @@ def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> n
 
 
 def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return T_world_reference. Its rotation comes from a fit in which offsets are held loosely to zero, its position
-    from a fit in which they are held tightly; see ``SHIFT_PRIOR_FRAMES``.
+    """Return T_world_reference. Its rotation comes from a fit with a weak prior that offsets are zero, its position
+    from a fit with a strong one; see ``SHIFT_PRIOR_FRAMES``.
     """
     turned, placed = (
         _fit(ours_m, theirs_m, axes, weight, prior)[0] for prior in (TURN_PRIOR_FRAMES, SHIFT_PRIOR_FRAMES)
@@ -191,7 +191,7 @@ def _step(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the rotation vector and shift of the frame, and the change of the offsets (j, 3).
 
-    left (k, 3): differences between both systems' points that are not explained yet; lever (k, 3): the reference's
+    left (k, 3): differences between both systems' points that the present fit leaves; lever (k, 3): the reference's
     points relative to their centre; own (k, 3, 3): segment axes; use: index (k,) of each point's offset, weight (k,) of
     each point, and weight of the prior of each offset. If ``frame_too`` is False, only offsets change.
     """

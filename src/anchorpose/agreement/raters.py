@@ -1,5 +1,5 @@
-"""Compute how well blinded raters agree on the scores of trials. The module ``reliability`` does so, with trials in
-place of subjects and raters in place of repeats.
+"""Compute how well blinded raters agree on the scores of trials. The formulas are those of the module ``reliability``,
+with trials in place of subjects and raters in place of repeats.
 
 For two raters, quadratically weighted kappa equals ICC(2,1) except for terms of the order of 1 / number of trials:
 Fleiss and Cohen 1973 (doi:10.1177/001316447303300309).

@@ -135,7 +135,7 @@ def reliability_of(measure: str, side: str | None, unit: str, values: np.ndarray
         icc_3_1_low=same.low,
         icc_3_1_high=same.high,
         sem=sem,
-        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # two measurements of one value differ by more in 5 % of cases
+        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # exceeded by 5 % of differences between measurements of one value
     )
 
 
@@ -159,7 +159,7 @@ centimetres, since no person changes by this ratio.
 """
 
 Key = tuple[str, str | None, str]  # measure, side, unit
-Values = dict[tuple[str, str], dict[Key, float]]  # by subject and repeat, then by measure
+Values = dict[tuple[str, str], dict[Key, float]]  # values by subject and repeat, then by measure
 
 
 def session_reliability(path: Path) -> tuple[Reliability, ...]:

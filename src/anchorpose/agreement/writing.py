@@ -259,7 +259,7 @@ SOURCES: Final = (
 
 
 def write_comparison(folder: Path, comparison: Comparison, overwrite: bool = False) -> None:
-    """Write all files of a comparison into a new folder, or over those of an earlier comparison; raises as
+    """Write all files of a comparison into a new folder, or over those of an earlier comparison; raises the errors of
     ``check_results_path``.
     """
     check_results_path(folder, None, overwrite, COMPARISON)

@@ -37,7 +37,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 
-START_S: Final = 6.0  # s, as in ``anchorpose live``; in this time a patient moves enough to locate the joints
+START_S: Final = 6.0  # s of images, as in ``anchorpose live``, in which a patient moves enough to locate the joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ class Tracker:
         and equipment are used.
 
         subject, equipment (an equipment.json) and empty_room_m: what is known before tracking, as in ``Setup``.
-        start_s: length of the first part, from which the body is learnt. Raises InputError if an argument is wrong.
+        start_s: seconds of the first part, from which the body is learnt. Raises InputError if an argument is wrong.
         """
         known = _setup_of(Path(cameras)) if isinstance(cameras, Path | str) else Setup(cameras=tuple(cameras))
         self._setup = replace(

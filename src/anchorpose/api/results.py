@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATIENT: Final = "patient"
-WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability that the error is smaller; larger errors affect measures
+WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of a joint error below this; larger errors affect measures
 EVEN: Final = 0.01  # frames count as evenly spaced if their intervals differ by less than this share of an interval
 
 
@@ -70,7 +70,7 @@ class Results:
 
     @cached_property
     def posture(self) -> pd.DataFrame:
-        """Return a row for each frame: centre of mass, trunk, feet."""
+        """Return a row for each frame: the centre of mass, and whether the patient is upright."""
         return self._frame("posture")
 
     @cached_property

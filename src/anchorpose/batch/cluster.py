@@ -75,7 +75,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     jobs: maximum number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
     """
     import dask
-    import distributed  # noqa: F401  before ``dask.config.set``: its end would drop the defaults that the import sets
+    import distributed  # noqa: F401 before ``dask.config.set``, whose end would drop the defaults that the import sets
 
     with dask.config.set(SCHEDULING):
         logging.getLogger("distributed").setLevel(logging.ERROR)  # no warnings; why a job failed is part of its outcome

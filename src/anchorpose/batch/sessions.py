@@ -319,7 +319,7 @@ def _short(name: str) -> str:
 
 
 def _key(name: str) -> str:
-    """Return a key that is equal for names that are the same file on some systems (capitals, forms of accents)."""
+    """Return a key that is equal for names that some systems take for the same file (capitals, forms of accents)."""
     return unicodedata.normalize("NFC", name.casefold())
 
 

@@ -125,7 +125,7 @@ def row_of(
     """Return the row of a session from the files in the batch's folder, and the session's measures if it is done.
 
     A session that failed in its last run counts as failed, whatever results exist. outcomes: by name of each session
-    that has just run, why it failed, None if it did not.
+    that has just run, why it failed, None if it did not fail.
     """
     results = out / RESULTS_FOLDER / session.name
     who: dict[str, Any] = {"session": session.name, "recording": session.shown, "subject": session.subject}

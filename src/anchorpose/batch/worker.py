@@ -28,7 +28,7 @@ from typing import Any, Final
 
 KERNELS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
-"""Settings that make a child process use one core only, since several children run at once, one per worker."""
+"""Environment variables that make a child process use one core only: several children run at once, one per worker."""
 
 STOP_S: Final = 15.0  # s, maximum wait for a child to end after SIGTERM; longer than ``ABANDONED_STOP_S``
 ABANDONED_STOP_S: Final = 10.0  # s from SIGTERM to a forced end: time to leave compiled code and delete partial files

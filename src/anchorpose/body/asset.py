@@ -35,7 +35,7 @@ JOINT_BONES = {
     "AnkleRight": "RightFoot",
     "FootRight": "RightToeBase",
 }
-"""The bone of each joint. The joint is at the bone's first end (its head); only ``Head`` is at the bone's middle."""
+"""The bone of each joint. The joint is at the bone's first end (its head); only ``Head`` is at its bone's middle."""
 
 ADULT_COMPONENTS = 16
 """Number of shape coefficients that describe how adults differ; they come before all other coefficients."""
@@ -48,16 +48,16 @@ class BodyAsset:
     vertices: np.ndarray  # (v, 3) skin of the mean adult
     vertex_basis: np.ndarray  # (k, v, 3) change of the skin by one unit of each shape coefficient
     bone_heads: np.ndarray  # (b, 3) first ends of the mean adult's bones
-    bone_head_basis: np.ndarray  # (k, b, 3) change of the heads by one unit of each coefficient
+    bone_head_basis: np.ndarray  # (k, b, 3) change of these first ends by one unit of each coefficient
     bone_tails: np.ndarray  # (b, 3) second ends of the mean adult's bones
-    bone_tail_basis: np.ndarray  # (k, b, 3) change of the tails by one unit of each coefficient
+    bone_tail_basis: np.ndarray  # (k, b, 3) change of these second ends by one unit of each coefficient
     bone_names: tuple[str, ...]
-    bone_parents: np.ndarray  # (b,) int, -1 for the root; parents come before children
+    bone_parents: np.ndarray  # (b,) int, index of each bone's parent, -1 for the root; parents come before children
     skin_bones: np.ndarray  # (v, w) bones that move each vertex by linear blend skinning
     skin_weights: np.ndarray  # (v, w) weights of these bones, each row sums to 1
-    faces: np.ndarray  # (f, 3) int32, counter-clockwise seen from outside
+    faces: np.ndarray  # (f, 3) int32, vertices of each triangle, counter-clockwise seen from outside
     adult_sigma: np.ndarray  # (c,) standard deviation of each whole-body coefficient among adults; the mean is 0
-    child_mean: np.ndarray  # (c,) mean of these coefficients in children of 0.95 to 1.60 m
+    child_mean: np.ndarray  # (c,) mean of these coefficients in children 0.95 to 1.60 m tall
     child_covariance: np.ndarray  # (c, c) covariance of these coefficients in the same children
     own_names: tuple[str, ...] = ()  # names of the last coefficients; each changes one body segment (``segments.py``)
 

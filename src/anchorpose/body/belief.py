@@ -17,10 +17,10 @@ UNSEEN_S: Final = 4.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """The rate at which a predicted pose becomes uncertain: the true pose is assumed to drift away by a random walk."""
+    """The rate at which a predicted pose becomes uncertain: the true pose is assumed to leave it by a random walk."""
 
     turn_sigma: float  # rad, standard deviation of each bone's turn from the predicted pose after one second, per axis
-    root_sigma_m: float  # m, standard deviation of the pelvis's place from the predicted one after one second, per axis
+    root_sigma_m: float  # m, standard deviation of the pelvis from its predicted place after one second, per axis
 
     def variance(self, elapsed_s: float) -> np.ndarray:
         """Return the variance (POSE_SIZE,) that each parameter of a predicted pose gains in ``elapsed_s`` seconds."""
@@ -38,9 +38,9 @@ class PoseBelief:
     """A pose and its uncertainty. Rows and columns of both matrices: parameters of a pose change (``Pose.moved``)."""
 
     pose: Pose
-    covariance: np.ndarray  # (POSE_SIZE, POSE_SIZE) from all observations and from prior knowledge of joint angles
-    # (POSE_SIZE, POSE_SIZE) inverse covariance from all observations so far. Prior knowledge of joint angles is not
-    # included: every frame adds it again, and it must not count twice.
+    covariance: np.ndarray  # (POSE_SIZE, POSE_SIZE) given all observations and the prior knowledge of joint angles
+    # (POSE_SIZE, POSE_SIZE) inverse of the covariance given all observations so far. Prior knowledge of joint angles is
+    # not included: every frame adds this knowledge again, and it must not count twice.
     information: np.ndarray
 
     def later(self, pose: Pose, elapsed_s: float, pace: Pace = PATIENT_PACE) -> PoseBelief:
@@ -66,8 +66,8 @@ thighs by 26 (root mean square), and the pelvis moves 0.09 m along each axis."""
 
 
 def vague_belief(pose: Pose, unseen_s: np.ndarray | None = None) -> PoseBelief:
-    """Return the belief in a frame's pose before the frame's images are used. Standard deviations are half a radian per
-    bone and a quarter of a metre for the pelvis, or less for parts that earlier frames showed.
+    """Return the belief in a frame's pose before the images of this frame are used. Standard deviations are half a
+    radian per bone and a quarter of a metre for the pelvis, or less for parts that earlier frames showed.
 
     unseen_s (PARTS, 2): seconds since each part was last seen. Row 0 is the trunk (columns: lower part; chest, neck and
     head), each other row a limb (columns: part up to elbow or knee; part beyond). The shorter this time, the smaller

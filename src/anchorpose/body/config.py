@@ -1,6 +1,4 @@
-"""Define the settings by which the body is registered, its shape is learnt, its skin counts as seen, and joints get
-sigma.
-"""
+"""Define settings: how a body is registered and learnt, when its skin counts as seen, and how joints get sigma."""
 
 from __future__ import annotations
 
@@ -26,7 +24,7 @@ class Source(StrEnum):
 
 @settings
 class RegistrationConfig:
-    """Settings of the body's registration to one frame, which fits the posed skin to the nodes of the seen surface."""
+    """Settings of registration, which fits a body's posed skin to the nodes of the surface seen in one frame."""
 
     reaches_m: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.12, 0.10, 0.07, 0.06)
     """Maximum distance (m) at which a node of the surface pulls the skin towards itself, one value per solver step. It
@@ -54,9 +52,10 @@ class LearningConfig:
     own_shape: bool = True  # whether the shape is learnt; False = use the mean adult of the given or visible height
     # s, length of a time window whose frames are fitted together; patients move enough in it to show where limbs bend
     window_s: Positive = 4.0
-    # s of recording to learn from, tracked again later; more seconds do not improve the shape
+    # s, total duration of the frames from which the shape is learnt; later they are tracked again. More frames do not
+    # improve the shape
     longest_s: Positive = 30.0
-    frame_count: Count = 12  # number of frames of the first window used in the fit; more frames only repeat poses
+    frame_count: Count = 12  # maximum number of frames of the first window that are fitted; more only repeat poses
     height_sigma_m: Positive = 0.01  # m, sigma of the measured standing height, which varies with shoes and time of day
 
 
@@ -64,16 +63,16 @@ class LearningConfig:
 class VisibilityConfig:
     """Setting that decides whether a point of the posed skin counts as seen."""
 
-    # m, maximum depth difference between a seen skin point and the reading at its pixel, due to clothes, sensor and
-    # pose
+    # m, maximum depth difference between a seen skin point and the reading at its pixel; errors of sensor and pose, and
+    # clothes, cause such differences
     reach_m: Positive = 0.04
 
 
 @settings
 class UncertaintyConfig:
-    """Corrections of the joint sigma from the pose's posterior, tuned on simulated people, alone and in clinics."""
+    """Corrections of the joint sigma that a pose's posterior gives; tuned on simulated people, alone or in clinics."""
 
-    # m, minimum sigma of a joint: joints lie inside the body, and the learnt shape does not place them more accurately
+    # m, minimum sigma of a joint: joints lie inside the body, and the learnt shape does not place them better than this
     floor_m: Positive = 0.0035
     # factor on the posterior's sigma; below 1, since neighbouring nodes share less error than registration assumes
     inflation: Positive = 0.65

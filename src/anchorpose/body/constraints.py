@@ -16,19 +16,19 @@ from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors
 from anchorpose.surface.surface import Nodes
 
-NORMAL_WEIGHT_M: Final = 0.10  # m; in the search for the nearest skin, 60 degrees between normals count as this
-UNCOVERED_M: Final = 0.03  # m, spacing of skin points; a node farther than this from all of them is not covered by skin
+NORMAL_WEIGHT_M: Final = 0.10  # m; normals 60 degrees apart count as this distance in the search for the nearest skin
+UNCOVERED_M: Final = 0.03  # m, spacing of skin points; a node farther than this from all skin points is not covered
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constraints:
-    """Rows of equations on the posed skin. Each demands ``direction . (skin point - target) = 0``, with some error."""
+    """Equations on the posed skin. Each row demands ``direction . (skin point - target) = 0``, with some error."""
 
     point: np.ndarray  # (n,) index into the skin points
     target_m: np.ndarray  # (n, 3) world
     direction: np.ndarray  # (n, 3) unit vectors
     sigma_m: np.ndarray  # (n,) standard deviation
-    scale_m: np.ndarray  # (n,) residual at which the robust kernel reduces a row's weight to a quarter
+    scale_m: np.ndarray  # (n,) m, residual at which the robust kernel reduces a row's weight to a quarter
 
     def where(self, chosen: np.ndarray) -> Constraints:
         """Return the rows where ``chosen`` (n,) bool is True."""
@@ -69,10 +69,10 @@ def surface_constraints(
 ) -> Constraints:
     """Return rows by which each node of the surface pulls the nearest skin point that faces the node's camera.
 
-    The skin point is pulled onto a plane through the node. The plane's normal is the mean of the normals of node and
-    skin point, so that errors due to curvature cancel (Rusinkiewicz 2019, doi:10.1145/3306346.3323037). A node more
-    than ``UNCOVERED_M`` away pulls the skin point straight to itself: by planes alone, limbs could slide along their
-    axis.
+    The skin point is pulled onto a plane through the node. The plane's normal is the mean of the node's and the skin
+    point's normals, so that errors due to curvature cancel (Rusinkiewicz 2019, doi:10.1145/3306346.3323037). A node
+    more than ``UNCOVERED_M`` away pulls the skin point straight to itself: by planes alone, limbs could slide along
+    their axis.
     """
     return rows_of_nodes(posed, surface, cameras, reach_m, config)[0]
 
@@ -123,7 +123,7 @@ _ANCHOR_SIGMA_M: Final = 0.05  # m, upper bound on the error of an anchor's plac
 
 @cache
 def anchor_points(points: SkinPoints) -> np.ndarray:
-    """Return the skin points (5,) at the top of the head and the tips of hands and feet, as in ``ANCHOR_NAMES``."""
+    """Return the indices (5,) of the skin points at the tips of head, hands and feet, ordered as ``ANCHOR_NAMES``."""
     place = points.asset.vertices[points.vertex]
     names = np.array(points.asset.bone_names)[points.part]
     tips = []

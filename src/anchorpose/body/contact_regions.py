@@ -1,4 +1,4 @@
-"""Divide the skin into clinical regions, find other people near them, and hold standing feet in place.
+"""Divide the patient's skin into clinical regions, find other people near them, and hold standing feet in place.
 
 A leg that a therapist hides from all cameras is constrained only by the hip, so its estimate would swing. Patients in
 stand training stand, so the place where the foot stood last is the best evidence of this leg's pose.
@@ -59,7 +59,7 @@ REGION_BONES: Final = _all_regions()
 REGIONS: Final = tuple(REGION_BONES)
 
 
-# m, radius around the knee joint within which skin belongs to the knee's region: the kneecap plus a hand's breadth
+# m, radius around the knee joint within which skin belongs to the region of the knee: the kneecap plus a hand's breadth
 KNEE_RADIUS_M: Final = 0.10
 
 
@@ -153,13 +153,13 @@ def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
 SIDES = ("Left", "Right")
 PLACES: Final = 6  # number of skin points by which a standing foot is held, enough for its place and rotation
 STILL_S: Final = 0.4  # s; a foot stands if it was seen at rest for about this time; in a step, the sole rests for less
-STILL_M: Final = 0.03  # m, maximum movement of the ankle of a foot at rest: the error of a visible ankle's place
+STILL_M: Final = 0.03  # m, maximum movement of the ankle of a foot at rest: a visible ankle's place has this error
 SIGMA_M: Final = 0.02  # m, standard deviation of a standing foot's place when the foot becomes hidden
 # m/s, growth of this standard deviation while the foot is hidden; in two seconds it grows by the length of a small step
 DRIFT_M_S: Final = 0.05
-# m, maximum estimated height above the floor at which a hidden foot is assumed to stand, since this height is uncertain
+# m; a hidden foot is assumed to stand if it is less than this above the floor in the pose, since the pose has errors
 ON_FLOOR_M: Final = 0.10
-DOUBT_M: Final = 0.10  # m, scale of the robust kernel: if the visible knee moves farther than this, the foot follows
+DOUBT_M: Final = 0.10  # m, scale of the robust kernel in ``rows``: if the visible knee moves farther, the foot follows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,7 +235,7 @@ class StandingFeet:
             self._stand.pop(side, None)
 
     def forget(self, joints: Sequence[int]) -> None:
-        """Forget where a foot stands if its ankle or foot joint is in ``joints``, indices that a reviewer corrected."""
+        """Forget where a foot stands if its ankle or foot joint is among ``joints``, which a reviewer corrected."""
         for side in SIDES:
             if {JOINT_INDEX[f"Ankle{side}"], JOINT_INDEX[f"Foot{side}"]} & set(joints):
                 self._stand.pop(side, None)

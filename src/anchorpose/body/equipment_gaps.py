@@ -13,7 +13,7 @@ from anchorpose.body.skin_points import SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 
-NEAR_M: Final = 0.12  # m, maximum gap that is stored; all gaps that decide about a contact are far smaller
+NEAR_M: Final = 0.12  # m, maximum gap that is stored; gaps that may be contacts are all far smaller
 # m, standard deviation of the equipment model's surface; docs/guide/equipment.md allows errors of two sigma (0.01 m)
 MODEL_SIGMA_M: Final = 0.005
 SAMPLING_M: Final = 0.005
@@ -37,7 +37,7 @@ _ENDS: Final = {
     "knee": ("Knee",),
     "shank": ("Knee", "Ankle"),
 }
-"""The joints that determine where a region's skin is. The skin has the sigma of the least certain of these joints."""
+"""The joints that determine where each region's skin is. Its sigma is that of the least certain of these joints."""
 
 
 def _joints_of(region: str) -> list[int]:
@@ -58,7 +58,7 @@ class EquipmentGaps:
     region: np.ndarray  # (n,) uint8, index into ``REGIONS``
     gap_m: np.ndarray  # (n,) float32, minimum distance from the region's skin to the part's surface, negative inside it
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
-    # (n,) float32, area of the region's skin near the part (``reach_m`` of ``find_equipment_gaps``)
+    # (n,) float32, area of the region's skin within ``reach_m`` of the part (an argument of ``find_equipment_gaps``)
     area_m2: np.ndarray
     # (n,) float32, share of this skin's camera-facing points that are seen; 0 if no point faces a camera
     shown: np.ndarray
@@ -117,7 +117,7 @@ def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.
 
 
 def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-    """Return (p,) bool: points in a box. Testing one axis after another takes half the time of testing all at once."""
+    """Return (p,) bool: points in the box. Testing one axis after another takes half the time of all at once."""
     inside = (skin_m[:, 0] > low_m[0]) & (skin_m[:, 0] < high_m[0])
     for axis in (1, 2):
         inside &= (skin_m[:, axis] > low_m[axis]) & (skin_m[:, axis] < high_m[axis])

@@ -22,7 +22,7 @@ from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
 
 OUTLINE_SIGMA_M: Final = 0.020  # m, sigma of the patient's outline, which flickers by one to two pixels at 2.5 m
-# pixels, minimum width of an object that may hide a limb; the rim of lost readings around a silhouette is thinner
+# pixels, minimum width of an object that may hide a limb; the rim of missing readings around a silhouette is thinner
 THICK_PX: Final = 5
 
 _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint")
@@ -31,14 +31,15 @@ _FOOT: Final = ("Foot", "ToeBase")
 _SHANK: Final = ("Leg", *_FOOT)
 # m below the skin of one shank, half of a shank's thickness: points at this depth must stay outside the other shank
 _FLESH_M: Final = 0.03
-# m, half a trunk's thickness; deeper points are not pushed out, since the skin nearest to them may be on the wrong side
+# m, half a trunk's thickness; points deeper than this in a body part are not pushed out of it, since the nearest skin
+# may be on the wrong side
 _DEEPEST_M: Final = 0.15
-_ALLOWED_M: Final = 0.01  # m, allowed depth inside another body part, since soft tissue gives way
-# m, allowed depth of skin below the floor, for errors of the floor's height and of the soles of approximate body shapes
+_ALLOWED_M: Final = 0.01  # m, allowed depth of one body part inside another, since soft tissue gives way
+# m, allowed depth of skin below the floor, for errors of the floor's height and of the soles of approximate bodies
 _ALLOWED_FLOOR_M: Final = 0.03
 _SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and out of the floor
-# m, sigma of a foot's height above the floor: a foot at ``_IN_THE_AIR_M`` costs 3 nats (6 if far higher), since in
-# rehabilitation 95 of 100 feet stand on the floor, and ln(95 / 5) is 3
+# m, sigma of a foot's height above the floor, chosen so that a foot at ``_IN_THE_AIR_M`` costs 3 nats (6 if far
+# higher): in rehabilitation 95 of 100 feet stand on the floor, and ln(95 / 5) is 3
 _STANDING_M: Final = 0.14
 _IN_THE_AIR_M: Final = 0.5  # m above the floor; the cost of a raised foot hardly grows beyond this height
 
@@ -51,7 +52,7 @@ class Evidence:
     views: tuple[View | None, ...]  # each camera's depth image with labels; None without a depth image
     outlines: tuple[np.ndarray | None, ...]  # from ``find_outline``; None without a depth image that shows the person
     cameras: tuple[Camera, ...]
-    floor_m: float | None = None  # height of the floor; None if unknown
+    floor_m: float | None = None  # world height of the floor; None if unknown
     label: int = PixelLabel.PATIENT  # the person's pixel label
 
 
@@ -67,7 +68,8 @@ def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
     """Return all constraint rows for a pose: nodes within reach_m pull the skin; skin that should be seen, but is not,
-    is pulled to the outline; limbs stay out of the trunk; no skin is below the floor, and feet stand on it.
+    is pulled to the outline; forearms and hands stay out of the trunk, and the shanks out of each other; no skin is
+    below the floor, and feet stand on it.
     """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
@@ -179,7 +181,7 @@ def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int)
         if ring * ring >= best:
             break
         for r in range(max(0, row - ring), min(height - 1, row + ring) + 1):
-            # rows between the top and the bottom row of the ring have only two pixels on it
+            # the ring has only two pixels in each row between its top and bottom row
             step = 1 if abs(r - row) == ring else max(1, 2 * ring)
             for c in range(column - ring, column + ring + 1, step):
                 if c < 0 or c >= width or not possible[r, c]:

@@ -23,7 +23,8 @@ from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import View
 
-# m, maximum distance from a node to a skin point that covers it: clothes, spacing of skin points, half a forearm
+# m, maximum distance from a node to a skin point that covers it; allows for the thickness of clothes, the spacing of
+# skin points and half the thickness of a forearm
 COVERED_M: Final = 0.06
 NODES: Final = 2500  # maximum number of nodes that are examined; registration uses as many
 # minimum number of a limb's camera-facing skin points; with fewer, the share that the camera sees past is unreliable
@@ -32,7 +33,7 @@ LEAST_FACING: Final = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
-    """How well one pose explains one frame."""
+    """How well one pose explains one frame: which nodes its skin covers, and which skin cameras see past."""
 
     covered: np.ndarray  # (c,) int, index of each examined node that posed skin covers
     node: np.ndarray  # (u,) int, index of each examined node that no posed skin covers

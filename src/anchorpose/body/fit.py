@@ -21,8 +21,8 @@ from anchorpose.body.shape_rows import FreeShape, accumulate_shape
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.rotations import inverse_left_jacobian
 
-HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # rad, standard deviation of a bend beyond the limit of a knee, elbow or hip
-# minimum number of observations of a part of a limb that counts as seen; a single observation may be an outlier
+HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # rad, standard deviation of how far a knee, elbow or hip bends past its limit
+# number of observations from which a part of a limb counts as seen; a single observation may be an outlier
 LEAST_OBSERVED: Final = 2.0
 MAX_TURN: Final = 30.0 * DEGREE  # rad, maximum turn of a bone in one step of the solver
 
@@ -32,7 +32,9 @@ Predicted = tuple[Pose, np.ndarray]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """The system ``hessian @ change = -gradient`` for a change of the pose's parameters, then of those of the shape."""
+    """The system ``hessian @ change = -gradient`` for a change of parameters: first those of the pose, then of the
+    shape.
+    """
 
     hessian: np.ndarray
     gradient: np.ndarray
@@ -50,7 +52,7 @@ def pose_equations(
 ) -> NormalEquations:
     """Return the normal equations of one frame from its constraint rows and the prior.
 
-    prior: the prior on the pose, from ``prior_equations``. free: the shape parameters that are fitted, too, if any.
+    prior: the prior on the pose, from ``prior_equations``. free: which shape parameters are fitted, too; None: none.
     """
     size = POSE_SIZE + (0 if free is None else sum(free))
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
@@ -101,7 +103,7 @@ def prior_equations(
 
 
 def range_information(points: SkinPoints, pose: Pose, hidden: tuple[int, ...]) -> np.ndarray:
-    """Return the inverse covariance (POSE_SIZE, POSE_SIZE) that joint range and hinge limits alone give to a pose."""
+    """Return the inverse covariance (POSE_SIZE, POSE_SIZE) of a pose if only joint range and hinge limits are known."""
     return prior_equations(points, pose, None, hidden).hessian
 
 

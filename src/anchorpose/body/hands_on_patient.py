@@ -23,7 +23,7 @@ HAND_M: Final = 0.2  # m, length of a hand from the finger tips to the wrist
 # m; a reading farther than this above the patient's posed skin may show another person's fingers; most errors of the
 # learnt skin are smaller
 STANDS_OFF_M: Final = 0.015
-SKIN_REACH_M: Final = 0.10  # m, half a thigh's thickness; a reading farther from all skin is not on the patient
+SKIN_REACH_M: Final = 0.10  # m, half a thigh's thickness; readings farther from all skin points show something else
 STEP_PX: Final = 2  # only every second row and column of an image is used: at 2.5 m they are a finger's width apart
 STEEPEST: Final = 8.0
 """Maximum ratio of depth difference to sideways distance between neighbouring pixels of one arm: a slant of 83 degrees,
@@ -74,7 +74,7 @@ def _beside_people(
 
 
 def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: places (n, 3) over ``STANDS_OFF_M`` above the nearest skin or ``SKIN_REACH_M`` from any."""
+    """Return (n,) bool: places (n, 3) over ``STANDS_OFF_M`` above the nearest skin or ``SKIN_REACH_M`` from it."""
     nearest = nearest_point(posed.points_m, place_m.astype(np.float64), SKIN_REACH_M)
     outwards = np.einsum("ni,ni->n", place_m - posed.points_m[nearest], posed.normals[nearest])
     return np.asarray((nearest < 0) | (outwards > STANDS_OFF_M))

@@ -27,7 +27,7 @@ _REACHES_M: Final = (0.20, 0.20, 0.15, 0.15, 0.15, 0.12, 0.12, 0.12)
 """Maximum distance (m) at which a node pulls the skin, one value per registration step. The steps begin at the pose
 fitted to the descriptor's matches, which have errors of up to 0.2 m on hands."""
 
-# number of steps before the shape is fitted, too; while the pose is still inaccurate, a wrong shape would be fitted
+# number of first steps that fit the pose alone; while the pose is still inaccurate, a wrong shape would be fitted
 _RIGID_STEPS: Final = 2
 _ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)  # m, the same for ``find_rough_pose``, which takes fewer steps
 
@@ -56,7 +56,9 @@ class FirstPose:
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 
     def facing_as(self, pose: Pose) -> FirstPose:
-        """Return this first pose, or one of ``others`` with its body, whichever faces as ``pose``; else ``self``."""
+        """Return this pose, or the one of ``others`` with its shape, that faces as ``pose`` does; ``self`` if none
+        does.
+        """
         alike = (one for one in self.others if one.shape is self.shape and not pose.faces_away(one.pose))
         other = next(alike, None) if pose.faces_away(self.pose) else None
         return self if other is None else replace(other, others=(self,))
@@ -74,7 +76,7 @@ class FirstShape:
 def find_first_pose(
     evidence: Evidence, person: MatchedPerson, shape: FirstShape, config: RegistrationConfig
 ) -> FirstPose:
-    """Fit each body of ``shape.tried`` to matches and surface, and keep the most probable; then fit it with the
+    """Fit each body of ``shape.tried`` to matches and surface, and keep the most probable; then fit this body with the
     opposite facing, too. Return the likelier facing, with the alternatives in ``others``.
 
     A learnt body is valid only for the facing with which it was learnt, so a new body is fitted for the other facing.

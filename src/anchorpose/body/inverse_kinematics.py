@@ -13,12 +13,12 @@ from anchorpose.body.fit import limited, prior_equations
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 
-# m, sigma of given joints; predicted joints are means over whole body parts, so a closer fit would have no meaning
+# m, assumed sigma of given joints; predicted joints are means over whole body parts, so a closer fit is meaningless
 JOINT_SIGMA_M: Final = 0.01
 # maximum distance of a joint from its corrected place, in combined sigmas of both. Random errors exceed it in 1 of 400
 # cases, so if a joint is farther away, its limb is taken as misplaced
 CONTRADICTED: Final = 3.8
-_STEPS: Final = 3  # number of solver steps from a pose nearby
+_STEPS: Final = 3  # number of solver steps if the start is close to the wanted pose
 _CORRECTION_STEPS: Final = 8  # number of solver steps for a correction, since a limb may have to move across the body
 
 

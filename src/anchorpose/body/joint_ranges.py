@@ -30,8 +30,8 @@ class JointRange(NamedTuple):
     hinge_limit: np.ndarray  # (m,) rad, minimum rotation about this axis
 
 
-# Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose, about half of the
-# passive ranges in the textbooks. They are broad, since they should only decide where depth images do not.
+# Standard deviations in degrees of turns about the rest pose's axes X (abduction), Y (twist) and Z (flexion): about
+# half of the passive ranges in the textbooks. They are broad, since they should only decide where depth images do not.
 _SPREAD_DEG: Final = {
     "LowerBack": (8, 8, 14),
     "Spine": (8, 8, 10),
@@ -46,7 +46,7 @@ _SPREAD_DEG: Final = {
     "Foot": (9, 9, 14),
 }
 _SPINE: Final = ("LowerBack", "Spine", "Spine1")
-# standard deviations in degrees about three axes: the hinge, the axis across it, and the bone
+# standard deviations in degrees of turns about three axes: the hinge, the axis across it, and the bone
 _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 
 # rad, maximum extension of a hip: mean of 9.4 degrees plus 3 standard deviations (Roaas and Andersson 1982)
@@ -263,8 +263,8 @@ def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None 
 
 @cache
 def _girdles(asset: BodyAsset) -> tuple[tuple[int, int, int, np.ndarray, float], ...]:
-    """Return, per side, the girdle's row in ``MOVING_BONES``, the girdle's bone, the arm's bone, the arm's direction,
-    and the sign of a turn that raises the girdle.
+    """Return, per side, the girdle's row in ``MOVING_BONES``, the girdle's bone, the arm's bone, the arm's direction at
+    rest, and the sign of a turn that raises the girdle.
     """
     found = []
     for side, way in (("Left", 1.0), ("Right", -1.0)):

@@ -152,8 +152,8 @@ def joint_frames(
 def joint_derivative(
     pivot: np.ndarray, frame: np.ndarray, below: np.ndarray, bones: np.ndarray, joints_m: np.ndarray
 ) -> np.ndarray:
-    """Compute ``joint_jacobian`` (n, 3, 3 m + 3). The derivative by a turn about an axis of a bone's frame is the cross
-    product of this axis with the vector from the bone's pivot to the joint.
+    """Compute ``skin_points.joint_jacobian`` (n, 3, 3 m + 3). The derivative by a turn about an axis of a bone's frame
+    is the cross product of this axis with the vector from the bone's pivot to the joint.
     """
     moving = len(pivot)
     jacobian = np.zeros((len(bones), 3, 3 * moving + 3))

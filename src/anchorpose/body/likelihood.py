@@ -23,14 +23,14 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import pixel_of_ray
 
-FOOTPRINT_M: Final = 0.02  # m on the body, width of a rendered pixel at the reduced resolution; a wrist spans two
+FOOTPRINT_M: Final = 0.02  # m at the body, width of a pixel at the reduced resolution; a wrist is two such pixels wide
 # m, typical depth difference between rendered skin and reading, due to clothes and the coarse sampling of the skin
 SKIN_SIGMA_M: Final = 0.02
-ALIKE_M: Final = 0.05  # m, side of a patch whose readings share one error; clothes and folds cause it, not the sensor
+ALIKE_M: Final = 0.05  # m, side of a patch of skin whose readings share one error, from clothes and folds
 RANGE_M: Final = 4.0  # m, range of a depth camera; an unknown object may be anywhere within it
-CLUTTER: Final = 0.1  # share of the person's pixels that show an unknown object instead of the skin
-PAST: Final = 0.05  # share of skin that cameras see past even in a correct pose, as the body's outline is inexact
-# minimum number of observations that show the skin of a part of a limb, for it to count as seen: 25 cm2, three fingers
+CLUTTER: Final = 0.1  # assumed share of the person's pixels that show an unknown object instead of the skin
+PAST: Final = 0.05  # share of skin that cameras see past even in a correct pose, as the body model is inexact
+# minimum number of observations that show a limb part's skin, for it to count as seen; one is 25 cm2, three fingers
 LEAST_SEEN: Final = 1.0
 # minimum share of a limb part's observations that must show its skin, for it to count as seen; for example, a strip of
 # thigh does not show the knee
@@ -188,7 +188,9 @@ def _scored(
     own: int,
     step: int,
 ) -> np.ndarray:
-    """Return (4, 2 PARTS): log likelihood ratio, then numbers of pixels with the skin, something behind or in front."""
+    """Return (4, 2 PARTS): log likelihood ratio, then numbers of pixels that show skin, something behind it, and
+    something in front of it.
+    """
     sums = np.zeros((4, 2 * PARTS))
     past = np.log(PAST)
     for r in range(skin_m.shape[0]):

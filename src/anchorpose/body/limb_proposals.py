@@ -33,10 +33,10 @@ from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_INDEX
 SIDES: Final = ("Left", "Right")
 NEIGHBOUR_M: Final = 0.05  # m, maximum distance of neighbouring nodes in one piece of skin, twice their usual spacing
 SMALLEST_M2: Final = 0.002  # m2, minimum area of an uncovered piece of skin, a few fingers; smaller pieces are clothes
-# maximum number of uncovered pieces examined at a time: two arms and a leg; other pieces wait until these are covered
+# maximum number of uncovered pieces examined at a time, such as two arms and a leg; others wait until these are covered
 MOST_PIECES: Final = 3
 TURNS: Final = 4  # maximum number of rounds of three solver steps each, since a limb may have to turn by half a circle
-SETTLED_M: Final = 0.01  # m; the solver stops if joints move less, since the proposal is registered afterwards
+SETTLED_M: Final = 0.01  # m; the solver stops if a round moves no joint over this far; registration refines the pose
 # m; a limb may be laid along a path whose tip is up to this much out of the limb's reach, since the trunk may lean and
 # the shoulder may move
 REACH_SLACK_M: Final = 0.15
@@ -69,11 +69,11 @@ _SIDED: Final = tuple(JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "H
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimbPath:
-    """A path over the seen surface along which a limb may lie, from its tip to the place where it meets the body."""
+    """A path over the seen surface along which a limb may lie, from the limb's tip to where the limb meets the body."""
 
     places_m: np.ndarray  # (k, 3) places on the skin
     inward: np.ndarray  # (k, 3) unit vectors into the limb
-    along_m: np.ndarray  # (k,) distance from the tip
+    along_m: np.ndarray  # (k,) distance from the tip along the path
     area_m2: float = 0.0  # area of the uncovered piece of surface on which the path lies; 0 if not measured
 
 
@@ -190,7 +190,7 @@ def _mirrored() -> np.ndarray:
 
 
 def limb_lengths(body: Body) -> list[tuple[np.ndarray, float]]:
-    """Return, for each of ``CHAINS``, the lengths (m) from the tip to its joints, and from the tip to its root."""
+    """Return, for each of ``CHAINS``, the lengths (m) from the limb's tip to each of its joints and to its root."""
     asset, rest = body.points.asset, body.mesh.rest_joints()
     found = []
     for chain in CHAINS:
@@ -246,8 +246,8 @@ def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
     return found
 
 
-CONTRADICTED_M: Final = 0.15  # m; if an anchor is farther from the tip of its limb, it contradicts the pose
-# m, distance by which an anchor lies nearer to the body's centre than the tip of its limb
+CONTRADICTED_M: Final = 0.15  # m; an anchor farther than this from the tip of its limb contradicts the pose
+# m, distance by which an anchor lies nearer to the body's centre than the skin at the tip of its limb
 INSIDE_TIP_M: Final = 0.03
 
 

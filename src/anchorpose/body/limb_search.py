@@ -29,7 +29,7 @@ from anchorpose.threads import each
 # m2; a search starts if the body leaves at least this area of seen skin uncovered: half a hand, more than clothes and
 # gripping hands leave uncovered
 LOOK_AGAIN_M2: Final = 0.005
-ROUNDS: Final = 4  # maximum number of rounds, one for each limb
+ROUNDS: Final = 4  # maximum number of rounds of a search, one for each of the four limbs
 # m, maximum distance at which a node pulls the skin, per step of the short registration of every proposed pose
 TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)
 # number of nodes in this short registration; a third of all nodes is enough to separate good poses from bad poses
@@ -44,7 +44,7 @@ class Search:
     """The result of a search for misplaced limbs."""
 
     registration: Registration  # registration of the best pose
-    taken: bool  # whether the best pose differs from the given pose
+    taken: bool  # whether the best pose is another than the one before the search
     rivals: tuple[Rival, ...] = ()  # other poses that the frame cannot exclude
 
 
@@ -54,7 +54,7 @@ class Tried:
 
     pose: Pose
     images: float  # nats, log probability given the images and the body priors
-    moved: float  # nats, cost of the distance from the expected pose
+    moved: float  # nats, cost of the distance from the expected pose (``Expected.moved``)
 
     @property
     def log(self) -> float:

@@ -40,9 +40,9 @@ MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20
 STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a thousand is beyond them
 # number of times that the body is scaled; the stature's median error after each is 4, 3 and 2 %
 _SCALINGS: Final = 3
-_AGAIN: Final = 4  # number of solver steps from a pose that was fitted before
-# m, scale so large that the robust kernel has no effect; instead, sigma grows with a skin point's distance from its
-# target
+_AGAIN: Final = 4  # number of solver steps if the start was already fitted to the matches
+# m, scale so large that the robust kernel of ``Constraints`` has no effect; instead, a row's sigma grows with the
+# distance of its skin point from the target
 _NO_KERNEL_M: Final = 1e3
 _ALIGNING: Final = 8  # number of steps of the trunk's alignment; each step computes new weights of the matches
 
@@ -153,7 +153,7 @@ def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.nd
 def _rows(
     posed_m: np.ndarray, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray, scale_m: float
 ) -> Constraints:
-    """Return three rows per match, with one robust weight (Geman and McClure), lower if target and skin are apart."""
+    """Return three rows per match with one robust weight (Geman and McClure), lower the farther the skin is off."""
     away_m = np.linalg.norm(posed_m[point] - target_m, axis=1)
     spread_m = np.repeat(sigma_m * (1.0 + (away_m / scale_m) ** 2), 3)
     direction = np.tile(np.eye(3), (len(point), 1))

@@ -69,7 +69,7 @@ class Oriented(NamedTuple):
 class Grid(NamedTuple):
     """Points sorted by cell, contiguous in memory."""
 
-    order: np.ndarray  # (k,) the original row of each point
+    order: np.ndarray  # (k,) row of each point before sorting
     skin: np.ndarray  # (k, 6) place and normal of each point
     start: np.ndarray  # place in ``order`` where each cell begins
     origin: np.ndarray  # (3,) lowest corner of the first cell
@@ -225,7 +225,7 @@ def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: 
             if first > last:
                 continue
             row = (i * shape[1] + j) * shape[2]
-            # the points of successive cells along z follow one another
+            # cells that follow one another along z have their points in successive rows
             for spot in range(start[row + first], start[row + last + 1]):
                 distance = _distance2(skin, spot, nodes, node, normal_weight)
                 if distance < best:

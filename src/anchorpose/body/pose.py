@@ -124,6 +124,6 @@ SEGMENT_OF_JOINTS: Final = 2 * LIMB_OF_JOINTS + np.array(
     [name.startswith(("Wrist", "Hand", "Ankle", "Foot", "SpineM", "SpineS", "Neck", "Head")) for name in JOINT_NAMES]
 )
 """Segment (21,) of each joint, numbered as in ``SEGMENT_OF_BONES``."""
-PARTS: Final = len(_LIMBS) + 1  # the trunk and four limbs
+PARTS: Final = len(_LIMBS) + 1  # number of parts: the trunk and four limbs
 
 TRUNK: Final = 0  # number of the trunk (with the head) among the limbs

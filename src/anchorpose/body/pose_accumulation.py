@@ -133,7 +133,7 @@ def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place
 
 @njit(cache=True, nogil=True)
 def _mirror(pairs: np.ndarray) -> None:
-    """Add the transpose to the moments, in place; a carrier's moments with itself are complete and stay."""
+    """Add the transpose to the moments, in place; a carrier's moments with itself are complete and stay unchanged."""
     for one in range(len(pairs)):
         for other in range(one):
             for i in range(6):

@@ -28,8 +28,8 @@ from anchorpose.isolation.view import View
 SPACING_M: Final = 0.028  # m, spacing of skin points
 # m on the body, width of the pixels whose predicted places are used: the spacing of the descriptor's grid at 2 to 4 m
 NAMED_FOOTPRINT_M: Final = 0.04
-# m, side of a patch of skin whose predicted places share one error: the integral, over distance, of the correlation
-# of their errors
+# m, side of a patch of skin whose predicted places share one error; it is the integral of the correlation between two
+# places' errors over their distance
 NAMED_ALIKE_M: Final = 0.25
 # share of predicted places with errors above three standard deviations, in simulated and real images (UTD-MHAD)
 WRONGLY_NAMED: Final = 0.03
@@ -78,8 +78,8 @@ def _cost(rows: Constraints, posed: PosedPoints) -> float:
 
 def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
     """Return (PARTS, 2) nats, arranged as in ``Likelihood``: for each part of a limb, the log likelihood ratio of the
-    places that the descriptor predicts on it. The alternatives are that the pixels show this part, as in the pose, or
-    any skin. Only readings with the person's label near the posed skin are used.
+    places that the descriptor predicts on it. The ratio compares two assumptions: the pixels show the skin that the
+    pose puts there, or any skin. Only readings with the person's label near the posed skin are used.
     """
     skin_m, nats = pose_points(body, pose).points_m, np.zeros(2 * PARTS)
     for view, camera in zip(evidence.views, evidence.cameras, strict=True):

@@ -19,7 +19,7 @@ from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
 
-# minimum share of the surface's nodes near the body; if fewer are near, the surface belongs to another person
+# minimum share of the surface's nodes that lie near the body; otherwise the surface belongs to another person
 LEAST_EXPLAINED: Final = 0.3
 
 
@@ -48,8 +48,8 @@ def register(
     config: RegistrationConfig,
     fixed: Constraints | None = None,
 ) -> Registration:
-    """Register all parts of the body to a frame together; they stay joined, and bones keep their length. This solves
-    the paper's equation for the motion of a part, tau-hat = ICP(tau, phi), for all parts at once.
+    """Register all parts of the body to a frame together; they stay joined, and bones keep their length. (The paper
+    registers each part alone, by ICP: iterative closest point.)
 
     held: rows of the nodes that the track tree matched and of the anchors, used only in the first solver steps. fixed:
     rows used in all steps; they do not reduce the uncertainty of the pose, since they are not observations.

@@ -28,7 +28,8 @@ from anchorpose.body.skin_points import Body
 APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
 """Standard deviation, in nats, of the lead of one pose over another (the difference of their log probabilities), due to
-errors of shape and clothes. It is stated per part (limb or trunk) whose place differs.
+errors of shape and clothes. This is the value for one part (limb or trunk) whose place differs; for several, it is
+multiplied by their number.
 
 In two scenes in which only head and arms were visible, the lead of the correct pose over the pose with the opposite
 facing was 3 and 5 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
@@ -55,7 +56,7 @@ class Rival:
     """
 
     belief: PoseBelief
-    # nats by which the best pose explains the last frames better: weighted mean of leads reduced by ``believed``
+    # nats by which the best pose explains the last frames better: weighted mean of its leads, reduced by ``believed``
     lag: float
     moved: float = 0.0  # nats, cost of the rival's distance from the expected pose; this cost decays with time
     body: Body | None = None  # the rival's own body; None if it has the body of the best pose
@@ -78,7 +79,8 @@ def believed(lead: float, parts: int, error: float = LIMB_ERROR) -> float:
     """Reduce one pose's lead over another, in nats, to the log odds that the pose with the lead is indeed the likelier
     one, given errors of shape and clothes. The lead may be negative.
 
-    parts: number of parts (limbs or trunk) whose place differs. The lead's standard deviation is ``error`` per part.
+    parts: number of parts (limbs or trunk) whose place differs. The lead's standard deviation is ``error`` times this
+    number.
     """
     deviations = abs(lead) / (error * max(parts, 1))
     odds = float(log_ndtr(deviations) - log_ndtr(-deviations))

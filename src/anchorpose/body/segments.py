@@ -51,9 +51,10 @@ _TRUNK_LENGTHS: Final = {
     "shoulder_breadth": ((("LeftShoulder", "LeftArm"), ("RightShoulder", "RightArm")), 0.040),
     "hip_breadth": ((("LHipJoint", "LeftUpLeg"), ("RHipJoint", "RightUpLeg")), 0.062),
 }
-"""Per direction: the spans that the direction lengthens by the same share, each from the head of one bone to that of
-another; and the standard deviation of the logarithm of the spans' length, from sitting height, biacromial and bicristal
-breadth in ANSUR II."""
+"""Per direction: the spans that it lengthens by the same share, each from the head of one bone to that of another; and
+the standard deviation of the logarithm of their length, known from sitting height, biacromial and bicristal breadth in
+ANSUR II.
+"""
 
 
 class _Bulge(NamedTuple):
@@ -148,8 +149,8 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """Return (b, 4): per bone, three factors and a constant. Applied to the rest place of a point of this bone, they
-    give the share of the span's growth by which the point moves.
+    """Return (b, 4): per bone, three factors of a place's coordinates and a constant. For the rest place of a point of
+    this bone, their sum is the share of the span's growth by which the point moves.
 
     Points of the span move in proportion to their place along it; everything beyond the span moves as a whole.
     """

@@ -22,8 +22,8 @@ PATCH_SIGMA_M: Final = 0.0035
 THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
 # degrees of freedom of Student's t distribution, the prior of a segment: 1 in 20 segments deviates by over 2.8 sigma
 TAILS: Final = 4.0
-COVERED: Final = 4.0  # factor on the standard deviation of a segment's thickness under an orthosis or a helmet
-_HEIGHT_STEPS: Final = 3  # number of iterations, since the highest and the lowest vertex may change with the shape
+COVERED: Final = 4.0  # factor on the standard deviation of a segment's thickness if an orthosis or a helmet covers it
+_HEIGHT_STEPS: Final = 3  # number of repeated fits to a height: the highest or lowest vertex may change with the shape
 
 _ALIKE_LENGTHS: Final = np.array(
     [[1.00, 0.34, 0.18, 0.35], [0.34, 1.00, 0.25, 0.43], [0.18, 0.25, 1.00, 0.04], [0.35, 0.43, 0.04, 1.00]]
@@ -166,7 +166,7 @@ def adult_belief(asset: BodyAsset) -> ShapeBelief:
 
 
 def child_belief(asset: BodyAsset) -> ShapeBelief:
-    """Return the prior belief in the shape of a child of 0.95 to 1.60 m."""
+    """Return the prior belief in the shape of a child 0.95 to 1.60 m tall."""
     return _belief(asset, asset.child_mean, asset.child_covariance)
 
 

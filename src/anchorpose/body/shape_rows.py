@@ -59,20 +59,20 @@ class _Skin(NamedTuple):
     """Arrays per skin point."""
 
     bones: np.ndarray  # (p, w) bones that move the point, the largest weight first
-    influence: np.ndarray  # (p, w) their weights
+    influence: np.ndarray  # (p, w) weights of these bones
     rest_m: np.ndarray  # (p, 3)
     basis: np.ndarray  # (p, k, 3) change of the point's rest place by one unit of each coefficient
-    covered: np.ndarray  # (p, c) share by which each offset moves the point
+    covered: np.ndarray  # (p, c) share of each offset by which the point moves
 
 
 class _Bones(NamedTuple):
     """Arrays per bone."""
 
     transforms: np.ndarray  # (b, 4, 4)
-    pivot: np.ndarray  # (m, 3) of moving bones, from ``joint_frames``
-    frame: np.ndarray  # (m, 3, 3) of moving bones, from ``joint_frames``
+    pivot: np.ndarray  # (m, 3) head of each moving bone in the world, from ``joint_frames``
+    frame: np.ndarray  # (m, 3, 3) axes about which each moving bone turns, from ``joint_frames``
     chain: np.ndarray  # (b, d) moving bones that carry each bone, padded with -1
-    offset: np.ndarray  # (b, count, 3) movement of posed points by each coefficient, from ``shape_offsets``
+    offset: np.ndarray  # (b, count, 3) movement of each bone's posed points by each coefficient, from ``shape_offsets``
 
 
 @cache

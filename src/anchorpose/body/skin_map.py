@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from anchorpose.body.skin_points import Body, SkinPoints
 from anchorpose.surface.surface import BodyMap
 
-# m, minimum length of an edge; on missing limbs it would be 0, which the graph does not allow
+# m, minimum length of an edge of the mesh; on missing limbs it would be 0, which the graph does not allow
 LEAST_EDGE_M: Final = 1e-6
 # number of landmarks, one every 30 cm: enough to distinguish an adult's skin points by their distances from landmarks
 LANDMARKS: Final = 24

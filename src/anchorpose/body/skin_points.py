@@ -43,14 +43,14 @@ class SkinPoints:
     """The sampled skin points of an asset, with all that does not depend on a person's shape."""
 
     asset: BodyAsset
-    vertex: np.ndarray  # (p,) index into the asset's skin
+    vertex: np.ndarray  # (p,) index of the point's vertex in the asset
     weights: np.ndarray  # (p, b) skinning weight of every bone
     bones: np.ndarray  # (p, w) bones that move the point, the largest weight first
     influence: np.ndarray  # (p, w) weights of these bones, padded with 0
     part: np.ndarray  # (p,) bone that moves the point most
     covered: np.ndarray  # (p, c) 0 to 1; the point moves outwards by this share of each of the ``OFFSETS`` offsets
     below: np.ndarray  # (m, b) see ``descendants``
-    moving: np.ndarray  # (m,) the moving bones
+    moving: np.ndarray  # (m,) index of each moving bone
     faces_of: np.ndarray  # (p, f) mesh faces around each point, padded by repeating the first
 
 
@@ -58,7 +58,7 @@ class SkinPoints:
 class FittedShape:
     """A person's shape, clothes included."""
 
-    coefficients: np.ndarray  # (k,) coefficients of the asset
+    coefficients: np.ndarray  # (k,) shape coefficients, as in ``BodyAsset``
     offset_m: np.ndarray  # (OFFSETS,) thickness of each piece of clothing, then offset of each patch of skin
     missing: tuple[str, ...] = ()  # names of the parts that the body lacks
 
@@ -252,7 +252,7 @@ def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarra
     the change of the points at rest.
     """
     transforms, head_basis = posed.transforms, asset.bone_head_basis[:count]
-    shift = np.zeros((len(transforms), count, 3))  # shift of each bone's head in the world
+    shift = np.zeros((len(transforms), count, 3))  # shift of each bone's head in the world, by each coefficient
     for bone, parent in enumerate(asset.bone_parents):
         if parent >= 0:
             step = head_basis[:, bone] - head_basis[:, parent]

@@ -25,7 +25,7 @@ LEAST_M: Final = 0.015
 TOO_THICK: Final = 2.0
 # standard deviations of girth above the mean, up to which the other side's girth is taken as the expected girth
 ORDINARY: Final = 0.5
-JOINT_SHARE: Final = 0.5  # sigma of a segment's joints along an axis, per metre by which the segment's skin stands off
+JOINT_SHARE: Final = 0.5  # sigma of a segment's joints along each axis, per metre by which its skin stands off
 BONE_SHARE: Final = 0.5  # sigma of the length between these joints, per metre by which the segment's skin stands off
 
 _LIMBS: Final = {

@@ -36,7 +36,7 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
-# maximum number of nodes used: half as many as in the fit halve the computing time and change sigma by under a tenth
+# maximum number of nodes used; using the fit's 2,500 doubles the computing time and changes sigma by under a tenth
 NODES: Final = 1200
 
 
@@ -125,15 +125,15 @@ def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> f
 # m2; limbs become less certain if the body leaves at least this area of seen skin uncovered; clothes and gripping hands
 # alone leave about as much
 WORTH_M2: Final = 0.004
-# m; a joint may lie at the tip of an uncovered piece of skin only if the tip is nearer to its estimated place than
-# this: the length of a shank, or of a forearm with its hand
+# m; a joint may lie at the tip of an uncovered piece of skin only if the tip is nearer than this to the joint's
+# estimated place: the length of a shank, or of a forearm with its hand
 IN_REACH_M: Final = 0.45
-# minimum cosine of the angle between a camera's ray and a limb that points at the camera
+# a limb points at a camera if the cosine of the angle between limb and ray is over this
 END_ON: Final = float(np.cos(np.radians(35.0)))
 # factor on the number of rows that count as one observation in ``frame_alone_sigma``, since bent fingers shift a whole
 # hand; tuned on one recording of a reaching arm
 MORE_ALIKE: Final = 2.0
-HIDDEN: Final = 0.5  # maximum hidden share of a limb's skin; with more, the frame does not show the limb
+HIDDEN: Final = 0.5  # the frame does not show a limb if at least this share of its skin is hidden
 BROADER_M: Final = 0.13  # m, difference between breadth and depth of a chest (0.35 m and 0.22 m)
 
 _HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
@@ -233,7 +233,7 @@ def smeared_sigma(
     spread = _spread_by_frame(body, pose, wide, vague_belief(pose).information, alike)
     variance = np.trace(spread, axis1=1, axis2=2) / 3.0
     off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
-    turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # mean over three axes; the error is along one
+    turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # mean over the three axes; the error lies along one of them
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance + turned))
 
 
@@ -251,7 +251,7 @@ def frame_alone_sigma(
     These are limbs that point at a camera and that no camera sees from the side, and hidden limbs. Earlier frames have
     the same error as this one, but the posterior treats their errors as independent. For example, the assumption that a
     foot stands must count once, not in every frame. So the sigma of such a limb comes from this frame alone, the joint
-    ranges and the time since the limb was seen (unseen_s as in ``vague_belief``).
+    ranges and the time since the limb was seen (unseen_s as in ``vague_belief``). floor_m: as in ``UncertaintyConfig``.
     """
     posed = pose_points(body, pose)
     joints = body.mesh.joints(posed.transforms)

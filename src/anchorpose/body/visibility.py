@@ -22,12 +22,12 @@ from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.lens import lens_array, pixel_of_ray
 
 JOINT_RADIUS_M: Final = 0.13  # m, radius around a joint within which skin decides whether the joint is seen
-TRUNK_RADIUS_M: Final = 0.22  # m, the same for joints of the spine: these are so far from the skin of the belly
+TRUNK_RADIUS_M: Final = 0.22  # m, the same for joints of the spine, which lie this far from the skin of the belly
 # a camera sees a joint if it sees at least this share of the camera-facing skin around the joint
 LEAST_SEEN: Final = 0.2
 # if more than this share of the skin around a joint lies outside the image, the joint itself counts as outside
 MOST_OUTSIDE: Final = 0.5
-GRAZING: Final = 0.25  # minimum cosine between normal and ray; skin at a more grazing angle has almost no readings
+GRAZING: Final = 0.25  # minimum cosine between ray and normal of camera-facing skin; below it, almost no readings exist
 
 _TRUNK = ("Hips", "Spine")
 _REASONS = (
@@ -121,7 +121,7 @@ def joint_states(
             possible[joint] |= counts[SkinReason.SEEN] + behind[towards].sum() >= LEAST_SEEN * len(towards)
             votes[joint] += counts / len(towards)
     votes[:, SkinReason.SEEN] = 0.0
-    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has an image: counts as a hole
+    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # without images, a hole counts as the reason
     misfit = ~possible & (votes[:, SkinReason.PAST] > votes[:, : SkinReason.PAST].sum(axis=1))
     reasons = [_REASONS[vote[: SkinReason.PAST].argmax()] for vote in votes]
     states = [JointState.OBSERVED if seen else why for seen, why in zip(observed, reasons, strict=True)]
@@ -131,7 +131,7 @@ def joint_states(
 def seen_skin(
     posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera], config: VisibilityConfig
 ) -> np.ndarray:
-    """Return (p,) bool: skin points that face a camera and are seen there with the patient's label."""
+    """Return (p,) bool: skin points that face a camera and are seen by it at a pixel with the patient's label."""
     seen = np.zeros(len(posed.points_m), dtype=bool)
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
@@ -223,7 +223,7 @@ def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing
     return facing
 
 
-MOST_MISSING: Final = 0.5  # maximum share of the camera-facing skin without a reading, in a good depth image
+MOST_MISSING: Final = 0.5  # a depth image is poor if more than this share of the camera-facing skin has no reading
 
 
 class PoorKind(StrEnum):

@@ -29,7 +29,7 @@ class PoseSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoseFigure:
-    """A number that states how well a pose fits; what: name of this number, for users."""
+    """A number on the accuracy of a camera's pose; what: name of this number, for users."""
 
     what: str
     value: float
@@ -39,7 +39,7 @@ class PoseFigure:
 @dataclass(frozen=True, slots=True)
 class PoseRecord:
     """The record of a camera's pose. sigma_m: standard deviation of the equipment's position relative to the camera
-    (for a pose from markers: of the camera's position); sigma_rad: standard deviation of the rotation; None if unknown.
+    (for a pose from markers: of the camera's position); sigma_rad: that of the camera's rotation; None if unknown.
     """
 
     camera: str
@@ -74,7 +74,7 @@ class DoubtSource(StrEnum):
 class PoseDoubt:
     """A doubt about camera poses, stated in one sentence. off_m: distance by which wrong poses displace the surfaces
     that the cameras see, NaN where unknown; refuted: True if the contradiction is larger than noise and errors of a
-    tape measure, so that tracking is refused.
+    tape measure can cause; tracking is then refused.
     """
 
     source: DoubtSource
@@ -88,8 +88,8 @@ class PoseDoubt:
 class Calibration:
     """The calibrated cameras. cameras: all cameras, each with a pose; floor_height_m: Y of the floor in the world, None
     if no camera sees it; notes: assumptions, one sentence each, for the run's report; poses: one record per camera;
-    doubts: one per contradiction between a pose and what the cameras see; displaced_m: distance, as measured, between
-    the places at which different cameras show the patient; it is part of every joint's error.
+    doubts: one per contradiction between a pose and what the cameras see; displaced_m: measured distance between the
+    places at which different cameras show the patient; it is included in every joint's sigma.
     """
 
     cameras: tuple[Camera, ...]

@@ -1,10 +1,10 @@
 """Find the poses of cameras relative to each other where only people and the floor are known.
 
-Each camera's floor gives its tilt and height. The rotation about the vertical and the shift over the floor come from
-the people that two cameras see: first from people's places over time (``search_ground``), then from people's surfaces
-at the same moments (``common_view``). Walls and floor are not fitted: a shift along a wall cannot be seen, and with
-walls and floor in the fit, the error on simulated clinics was 5 mm instead of 2 mm, since the systematic error of a
-time-of-flight camera bends large distant planes.
+The floor that a camera sees gives the camera's tilt and height. The rotation about the vertical and the shift over the
+floor come from the people that two cameras see: first from people's places over time (``search_ground``), then from
+people's surfaces at the same moments (``common_view``). Walls and floor are not fitted: a shift along a wall cannot be
+seen, and with walls and floor in the fit, the error on simulated clinics was 5 mm instead of 2 mm, since the systematic
+error of a time-of-flight camera bends large distant planes.
 """
 
 from __future__ import annotations
@@ -26,27 +26,29 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of, pair_
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
-# s, minimum duration of a recording; in a shorter one, people walk too little: 4 s once gave a wrong placement
+# s, minimum duration of a recording; in a shorter one, people walk too little: one of 4 s gave a wrong placement
 LEAST_SPAN_S: Final = 8.0
 PLACES: Final = 8  # number of search results that are refined; the correct one was always among the best three
-# maximum share of one camera's points on people that lie where the other camera sees no people; correct placements had
-# 0.01 to 0.06
+# maximum share of one camera's points on people that may lie where the other camera sees no people; correct placements
+# had 0.01 to 0.06
 WORST_IMPOSSIBLE: Final = 0.1
-# minimum share of one camera's points on people that lie inside the other camera's image; with less, nothing
+# minimum share of one camera's points on people that must lie inside the other camera's image; with less, nothing
 # contradicts a wrong placement
 LEAST_COMMON: Final = 0.3
 # m, maximum residual of fitted surfaces; correct placements had 2 or 3 mm, a body's front fitted to a back had 11 mm
 WORST_RESIDUAL_M: Final = 0.008
 WORST_SIGMA_M: Final = 0.005
-WORST_SIGMA_RAD: Final = 0.0052  # rad, maximum sigma of the rotation: 0.3 degrees
-# factors on the limits of the residual (first) and of the sigmas (second) while the clocks are known only to 50 ms
+WORST_SIGMA_RAD: Final = 0.0052  # rad, maximum sigma of the rotation between two cameras: 0.3 degrees
+# factors on these limits while the clocks are known only to 50 ms: on that of the residual, and on those of the sigmas
 ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0
-DISTINCT_M: Final = 0.05  # m; placements that are farther apart are different placements
+DISTINCT_M: Final = 0.05  # m; if an accepted placement is farther from the best one, the choice is ambiguous
 
 CELL_M: Final = 0.1
-MAPPED_MOMENTS: Final = 12  # number of moments that are drawn into the maps of the ground; more add nothing
-REACH_M: Final = 6.0  # m, maximum distance of mapped points from their camera; farther away, depth cameras see little
-BLUR_M: Final = 0.12  # m, sigma of the maps' Gaussian blur, since two cameras see different sides of a body
+MAPPED_MOMENTS: Final = 12  # number of moments of which maps of the ground are made; more moments add nothing
+REACH_M: Final = 6.0  # m, maximum distance of mapped points from their camera; few readings are farther away
+BLUR_M: Final = (
+    0.12  # m, sigma of the maps' Gaussian blur; it makes different sides of a body, as two cameras see them, overlap
+)
 TURNS: Final = 120  # number of yaw angles tried; at 5 m, a step of 3 degrees moves a person by half a body's breadth
 BODY_M: Final = 0.1  # m, approximate depth of the middle of a trunk behind its visible skin
 LOW_M, HIGH_M = 0.2, 2.2  # m, range of heights of mapped points: above the floor's noise, below the ceiling
@@ -120,7 +122,7 @@ def place_cameras(
     config: PlacingConfig,
     rough_clocks: bool = False,
 ) -> CameraToCamera | NoCameraToCamera:
-    """Place cameras from frames in which every camera has a depth frame, in the order of time."""
+    """Find every camera's pose relative to the first; frames: in the order of time, each with all cameras' depth."""
     if frames[-1].time_s - frames[0].time_s < LEAST_SPAN_S:
         return NoCameraToCamera.TOO_SHORT
     views = [

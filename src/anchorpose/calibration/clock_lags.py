@@ -24,20 +24,20 @@ from anchorpose.recording.depth_image import RecordedFrames
 
 # m, edges of the height bands; the floor is below them, and nobody reaches above them
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)
-# m; a larger change of depth within three frames is reduced to this, since it means that another surface has appeared
+# m; a larger change of depth from a frame to the next but one is reduced to this: another surface has appeared
 FAR_JUMP_M: Final = 0.08
 # pixels; every fourth pixel of every fourth row is used, which still leaves 900 pixels of a body
 SIGNAL_STEP_PX: Final = 4
 NOISE_GATE: Final = 4.0  # sigmas of the difference of two readings; smaller changes are noise
 SMOOTH_S: Final = 0.1  # s, sigma of the Gaussian that smooths a signal; limbs start and stop in 0.2 s
-LEAST_OVERLAP_S: Final = 1.5  # s, minimum overlap of two signals, which is the duration of one movement
+LEAST_OVERLAP_S: Final = 1.5  # s, minimum overlap of two signals: about the duration of one movement
 # minimum overlap as a share of the shorter signal; with less, wrong lags correlate by chance as well as the correct lag
 LEAST_OVERLAP: Final = 0.6
 PEAKS_APART_S: Final = 0.4  # s, minimum distance between two peaks of the correlation; nearer peaks count as one
 # minimum correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
 LEAST_PEAK: Final = 0.4
-CERTAIN_LEAD: Final = 2.0  # a lag whose peak is this many times as high as the second needs no check by surfaces
-PEAKS: Final = 4  # number of peaks that are checked by surfaces if none is certain
+CERTAIN_LEAD: Final = 2.0  # a lag whose peak is this many times the second-highest needs no check by surfaces
+PEAKS: Final = 4  # number of peaks whose lags are checked by surfaces if none is certain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,9 +69,9 @@ class SignalLag:
 def motion_signal(
     frames: Iterable[tuple[float, np.ndarray]], camera: Camera, level: FloorPlane | None, noise: float
 ) -> MotionSignal:
-    """Compute the signal of consecutive frames (time, depth (height, width) float32, 0 = no reading) of one camera.
+    """Compute one camera's motion signal from consecutive frames (time, depth (height, width) float32, 0 = no reading).
 
-    level: the floor; None if unknown: all heights are then one band. noise: the sensor's noise, from
+    level: the floor; None if unknown: all heights are then one band. noise: the factor of the sensor's noise law, from
     ``first_frames.noise_per_m``.
     """
     step = slice(SIGNAL_STEP_PX // 2, None, SIGNAL_STEP_PX)
@@ -120,7 +120,9 @@ def _bands(rays: np.ndarray, depth_m: np.ndarray, level: FloorPlane | None) -> n
 
 
 def _changes(signal: MotionSignal, step_s: float) -> np.ndarray:
-    """Return (m, bands): the rate of change of the smoothed signal at m times, ``step_s`` apart from its start on."""
+    """Return (m, bands): the rate of change of the smoothed signal at m times, which begin at its start and are
+    ``step_s`` apart.
+    """
     grid = np.arange(signal.time_s[0], signal.time_s[-1], step_s)
     even = np.stack([np.interp(grid, signal.time_s, band) for band in signal.speed.T], axis=1)
     rate: np.ndarray = gaussian_filter1d(even, SMOOTH_S / step_s, axis=0, order=1)
@@ -148,21 +150,22 @@ def _vertex(score: np.ndarray, best: int) -> float:
 FRAMES_KEPT: Final = 300  # maximum number of frames in memory; those of a Kinect v2 take 260 MB
 MOST_AHEAD_S: Final = 5.0  # s, maximum difference of clocks that share an epoch
 MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
-# s, duration of a block: the frames that give one signal of motion; people make several movements in it
+# s, duration of a block, the frames from which one signal of motion is computed; people make several movements in it
 BLOCK_S: Final = 12.0
-BLOCKS: Final = 3  # number of blocks tried for the signals, the busiest first
+BLOCKS: Final = 3  # number of blocks of which signals are compared, those with most movement first
 WINDOW_S: Final = 2.0  # s, duration of a window from whose frames surfaces are compared
 REACH_S: Final = 0.12  # s, maximum error of a lag from signals; the largest error found was half of this
 # s, systematic error of a window's lag; a sensor's error of 1 mm causes it on a surface that moves at 1 m/s
 SYSTEMATIC_S: Final = 0.001
-LEAST_WINDOWS: Final = 2  # minimum number of windows whose lags must agree, unless the signals are certain
-LEAST_FRAMES: Final = 8  # minimum number of frames in a window, which corresponds to 4 Hz
+LEAST_WINDOWS: Final = 2  # minimum number of windows whose lags must agree, unless the lag from signals is certain
+LEAST_FRAMES: Final = 8  # minimum number of frames in a window, as many as a camera takes at 4 Hz
 
 DRIFT_SIGMA: Final = 1e-4  # s/s, standard deviation of a drift; a quartz clock is accurate to 100 parts in a million
-PLACES: Final = 4  # number of moments per tenth of a recording that are searched for the one with most movement
+PLACES: Final = 4  # number of moments compared per part of the recording in ``busiest_times``
 STEP_PX: Final = 8  # pixels; every eighth pixel of every eighth row suffices to measure the amount of movement
-APART_S: Final = 0.2  # s, time between the two frames whose difference measures movement
-# m, limits of a change of depth that counts; a smaller change is noise, a larger one shows another surface
+APART_S: Final = 0.2  # s, time between the two frames whose difference is the amount of movement
+# m; a change of depth below the first value is ignored as noise; one above the second counts as the second, since it
+# shows another surface
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 
@@ -296,7 +299,7 @@ def stamped_lags(frames: FrameCache) -> list[RoughLag | None]:
 
 
 def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
-    """Return the middle times of the blocks for the signals: the busiest, without overlap, inside the recording."""
+    """Return the middle times of the blocks for the signals, the busiest first; blocks overlap by less than half."""
     low, high = times_s[0] + BLOCK_S / 2, times_s[-1] - BLOCK_S / 2
     if low >= high:
         return [float(times_s[0] + times_s[-1]) / 2]
@@ -306,7 +309,7 @@ def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
 
 
 def _from_stamps(frames: FrameCache, camera: int) -> list[RoughLag]:
-    """Return the lag that the time stamps claim, which is 0, if they may count from the reference clock's epoch."""
+    """Return the lag 0 if the camera's time stamps may count from the reference clock's epoch, else no lag."""
     around_s, _ = _guesses(frames.times_s[0], frames.times_s[camera])[0]
     at_s = float(frames.times_s[0][len(frames.times_s[0]) // 2])
     return [RoughLag(0.0, at_s)] if around_s == 0.0 else []
@@ -348,7 +351,7 @@ def _block_signal(
 def _best_by_surfaces(
     frames: FrameCache, camera: int, possible: Sequence[RoughLag], times_s: Sequence[float]
 ) -> RoughLag | None:
-    """Return the lag at which this camera's surfaces fit the reference camera's best; None if none can be tested."""
+    """Return the lag at which this camera's surfaces fit the reference camera's best; None if no lag can be tested."""
     best, least_m = None, np.inf
     reference = RoughLag(0.0, 0.0)
     clips = [_clip(frames, 0, at_s, reference) for at_s in times_s]
@@ -365,8 +368,8 @@ def _best_by_surfaces(
 
 
 def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
-    """Return the lags of all pairs of posed cameras in every window. Each is stored relative to the pair's rough lag:
-    if times count from 1970, the full lag may be so large that it would lose digits.
+    """Return the lag of each pair of posed cameras in each window in which it can be measured. Each is stored relative
+    to the pair's rough lag: if times count from 1970, the full lag may be so large that it would lose digits.
     """
     lags = []
     for at_s in times_s:

@@ -24,9 +24,9 @@ SMOOTH_PX: Final = 3  # pixels, side of the smoothing window; a limb is ten pixe
 OPENED_PX: Final = 5  # pixels, side of the window that removes single flickering pixels, which do not show a limb
 # number of frames from which a pixel's noise is computed, by a median; it is then known to a quarter of its value
 NOISE_FRAMES: Final = 16
-SPREAD_FRAMES: Final = 8  # number of frames of a window in which moving pixels are searched
+SPREAD_FRAMES: Final = 8  # number of frames of a clip among which a pixel's change of depth is measured
 
-# pixels between points on a grid, since errors of neighbouring pixels are correlated; a body still has 1700 points
+# pixels, spacing of the grid of points, since errors of neighbouring pixels are correlated; a body has 1700 points
 STEP_PX: Final = 3
 MOVED_M: Final = 0.01  # m, minimum change of a pixel's depth within a clip; a smaller change does not determine the lag
 MOVED_GATE: Final = 6.0  # minimum change of a pixel's depth in sigmas; noise alone causes 3 sigmas in eight frames
@@ -35,10 +35,10 @@ SAME_SURFACE_M: Final = 0.05
 ONE_SURFACE_M: Final = 0.15  # m, maximum change of depth in four frames (1.1 m/s at 30 Hz); a passing edge causes more
 LEAST_FACING: Final = 0.3  # minimum cosine between normal and ray in both cameras; with less, readings are imprecise
 PATCH_PX: Final = 24  # pixels, side of the image patches whose mean residual is subtracted; 10 cm at 2 m
-CHUNK_S: Final = 0.25  # s; residuals within this time have correlated errors
+CHUNK_S: Final = 0.25  # s, duration of a chunk of time; the errors of residuals in one chunk are correlated
 # minimum rate of change of depth, in sigmas of its noise; still surfaces add no evidence and cost time
 RATE_GATE: Final = 3.0
-LEAST_POINTS: Final = 400  # minimum number of residuals; a hand has fewer
+LEAST_POINTS: Final = 400  # minimum number of residuals for a lag; a hand alone has fewer
 ROUNDS: Final = 12  # maximum number of Newton steps; three or four are enough
 SETTLED_S: Final = 2e-5
 

@@ -35,7 +35,7 @@ from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.settings import settings
 
 ROUNDS: Final = 20  # maximum number of lags that are removed, one per round; no recording had more wrong lags
-OUTLIER_GATE: Final = 5.0  # standard deviations; a lag with a larger deviation is removed
+OUTLIER_GATE: Final = 5.0  # standard deviations; a lag that deviates more from the fitted clocks is removed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,17 +116,17 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
 
 
 WINDOWS: Final = 10  # number of windows over the whole recording, since drift shows between its ends
-SPREAD: Final = 3  # step between the windows that are compared first, so that these windows span the recording
+SPREAD: Final = 3  # every third window is compared first, so that the first windows already span the recording
 # number of windows compared first; their lags show whether the time stamps are correct to a tenth of a second
 CONFIRMING: Final = 4
 # minimum share of the compared windows that must give a lag, and of the lags that must agree with the fitted clocks
 AGREEING: Final = 0.75
 APART_S: Final = 0.01  # s, maximum rms residual of lags that agree, a sixth of the time between frames at 15 Hz
-# s; a clock's sigma below this at both ends of the recording is enough: a limb at 0.5 m/s moves 1 mm in this time
+# s; if all clocks' sigmas are below this, no more windows are compared: in this time, a limb at 0.5 m/s moves 1 mm
 ENOUGH_S: Final = 0.002
 SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the errors of lags from signals of motion, on simulated clinics
-# s, maximum accepted sigma of a clock at both ends of the recording: half of the usual time between paired frames of
-# two cameras
+# s, maximum accepted sigma of a clock at both ends of the recording: half of the largest time between paired frames at
+# 30 Hz
 WORST_SIGMA_S: Final = 0.008
 # number of frames whose median replaces a missing image of the empty room, since the median shows few people
 FLOOR_FRAMES: Final = 9
@@ -160,8 +160,8 @@ class NoClock(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CameraClock:
-    """A camera's clock. clock: the clock to use; sigma_s, drift_sigma: standard errors, None if the clock was kept;
-    lags: number of lags measured with this camera; doubt: why the clock was kept, None if it was corrected.
+    """A camera's clock. clock: the clock to use; sigma_s, drift_sigma: standard errors of offset and drift, None if it
+    was kept; lags: number of lags measured with this camera; doubt: why it was kept, None if it was corrected.
     """
 
     camera: str
@@ -175,8 +175,8 @@ class CameraClock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clocks:
-    """All cameras' clocks, the reference first; residual_s: root-mean-square difference between the measured lags and
-    the lags by these clocks, None without lags; frames_read: number of depth frames read for the estimate.
+    """All cameras' clocks, the reference camera's first; residual_s: root-mean-square difference between the measured
+    lags and the lags by these clocks, None without lags; frames_read: number of depth frames read for the estimate.
     """
 
     cameras: tuple[CameraClock, ...]
@@ -190,7 +190,7 @@ class Clocks:
 
 
 def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: ClockConfig) -> tuple[Recording, Clocks]:
-    """Return ``recording`` with all times on the first camera's clock; its times must be the recorded time stamps.
+    """Return ``recording`` with all times on the first camera's clock; it must be given with its recorded time stamps.
 
     cameras: as in the recording, with the poses known so far. With poses the clocks are more accurate, so call this
     before and again after poses are found. A clock that cannot be estimated stays unchanged.
@@ -228,7 +228,7 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
     """Estimate the offset and drift of every camera's clock against the first camera's clock.
 
     levels: one per camera, as ``motion_signal`` needs it: the plane Y = 0 of the world for cameras with a pose, the
-    floor for others. If there is too little motion to estimate a clock, it is kept, and ``doubt`` states why.
+    floor for others. If there is too little motion to estimate a clock, it is kept, and its ``doubt`` states why.
     """
     count = len(source.cameras)
     if count == 1 or not config.estimate:
@@ -258,7 +258,7 @@ def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
     """Return whether the lags of the first windows confirm the rough lags; if the rough lags are wrong, the windows'
     lags scatter.
 
-    tried: number of windows in which lags were searched; a short recording has two.
+    tried: number of windows in which lags were searched; a short recording has fewer than ``CONFIRMING``.
     """
     fit = fit_clocks(lags, count) if lags else None
     if fit is None or not _agree(fit, lags):

@@ -6,7 +6,7 @@ The pose is refined by point-to-plane least squares with projective association 
 
 To find how far apart they show them, room and people are used together: floor and walls determine tilt and height,
 people determine the shift along floor and walls. Room and people each have half of the weight, so that a large room
-does not decide alone. A wrong focal length displaces the far ends of a room, but not the people.
+does not decide alone: a wrong focal length displaces its far ends, but not the people.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane, level
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
 NEARER_M: Final = 0.12  # m, minimum distance of people from the room behind them
-SURFACE_STEP_M: Final = 0.07  # m, maximum depth difference between neighbours on one surface
+SURFACE_STEP_M: Final = 0.07  # m, maximum depth difference between neighbouring pixels of one surface
 NORMAL_PX: Final = 2  # pixels, distance of the neighbours from which a normal is computed
-# pixels, width of the rim around people: 2 cm at 2 m, the movement of a limb in the 30 ms between two frames
+# pixels, side of the window that adds a rim of 3 pixels to people: 2 cm at 2 m, as far as a limb moves between frames
 RIM_PX: Final = 7
 # m, maximum distance of paired points in each iteration; the initial poses are off by at most 0.3 m
 GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
@@ -102,7 +102,7 @@ class SurfaceFit:
 def level_view(
     camera: Camera, floor: FloorPlane, background_m: np.ndarray | None, depths_m: Sequence[np.ndarray], step_px: int
 ) -> LevelView:
-    """Prepare the view of one camera; depths_m (height, width) float32, 0 = no reading, at least one."""
+    """Prepare the view of one camera; depths_m: one or more frames (height, width) float32, 0 = no reading."""
     stack = np.stack(depths_m)
     room = background_m if background_m is not None else np.quantile(stack, 0.9, axis=0).astype(np.float32)
     smooth = tuple(_smoothed(depth) for depth in depths_m)
@@ -278,14 +278,14 @@ def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.asarray(motion @ T)
 
 
-# m, maximum distance of paired points in each iteration; with wrong intrinsics, points stay 5 cm apart to the end
+# m, maximum distance of paired points in each iteration; with wrong intrinsics, they are 5 cm apart even at the end
 DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)
 ROOM_PX, PEOPLE_PX = 6, 3  # pixels, grid steps: every sixth pixel for the room, every third pixel for people
 LEAST_SURFACE_PAIRS: Final = 500
 # minimum result of ``_support`` for a displacement to be stated. With less, correct poses seemed to displace surfaces
 # by 26 and 32 mm, with more by at most 9 mm. Without people in view, the result is often 0.001.
 LEAST_SUPPORT: Final = 0.02
-STEP_M, STEP_RAD = 0.1, 0.2  # m and rad: prior standard deviations of a step; they damp it in undetermined directions
+STEP_M, STEP_RAD = 0.1, 0.2  # m, rad: prior sigmas of an iteration's change of pose; they damp undetermined directions
 # m, maximum distance of paired points that count when the misfits of the fitted and of the given pose are computed;
 # points farther apart are on different surfaces
 COMPARED_M: Final = 0.15

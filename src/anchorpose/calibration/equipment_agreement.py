@@ -2,7 +2,7 @@
 through a surface that another camera sees.
 
 For equipment that looks the same from several sides, the module also finds from which side each camera saw it, and in
-which direction X points.
+which direction the world's X points.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from anchorpose.recording.recording import FrameSet, Recording
 # m, minimum distance between a point and a reading behind it for the point to count as seen through
 APART_M: Final = 0.20
 NOISE_GATE: Final = 4.0
-POINTS: Final = 3000  # number of points used per depth frame
-FRAMES: Final = 6  # maximum number of frames that are compared
+POINTS: Final = 3000  # approximate number of points compared per depth frame
+FRAMES: Final = 6  # approximate number of frames in which two cameras are compared
 # m; lower points are left out, since the floor looks the same if a camera is placed on the wrong side of the equipment
 ABOVE_FLOOR_M: Final = 0.15
-FLOOR_SIGMA_M: Final = 0.002  # m, error of the floor's height from all cameras together
-FLOOR_SIGMA_RAD: Final = 0.0009  # rad, error of the floor's direction: 0.05 degrees
-MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera sees through
+FLOOR_SIGMA_M: Final = 0.002  # m, sigma of the floor's mean height over all cameras
+FLOOR_SIGMA_RAD: Final = 0.0009  # rad, sigma of the floor's mean direction over all cameras: 0.05 degrees
+MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera may see through
 # minimum lead of the best of the poses that symmetry allows: its share of points seen through must be lower by this
 # than that of the second-best pose
 LEAST_LEAD: Final = 0.15
-LEAST_COMPARED: Final = 300  # minimum number of points that must be compared
+LEAST_COMPARED: Final = 300  # minimum number of points for the share seen through to be computed
 
 REMEDY: Final = (
     "compare equipment.json with the room, add a background.png of the empty room, "
@@ -108,7 +108,7 @@ def share_seen_through(
 def _disagreement(
     inputs: EquipmentInputs, cameras: tuple[Camera, Camera], first: int, one: SeenEquipment
 ) -> float | None:
-    """Return ``share_seen_through`` of two cameras, ``first`` and ``one``, over some of the sampled frames."""
+    """Return ``share_seen_through`` of ``cameras`` (index ``first``, and that of ``one``) over some sampled frames."""
     frames = inputs.sample_frames[:: max(1, len(inputs.sample_frames) // FRAMES)]
     pairs = [
         (here, there)

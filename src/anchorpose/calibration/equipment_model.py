@@ -11,7 +11,7 @@ import numpy as np
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel, Mesh
 
-MARGIN_PX: Final = 6  # pixels, width of the rim around the equipment that is rendered too, to compare readings there
+MARGIN_PX: Final = 6  # pixels, rim around the equipment that is rendered too, so that readings there are compared
 SUBPIXEL: Final = 8  # number of rays between two pixels; the outline is then precise to a sixteenth of a pixel
 JUMP_M: Final = 0.08  # m, step of depth between neighbouring pixels at which one part ends in front of another
 
@@ -73,7 +73,7 @@ class EquipmentCaster:
         self.part_count = len(corners)
 
     def render(self, camera: Camera, T_camera_model: np.ndarray) -> Rendering | None:
-        """Render the equipment as the camera would see it; None if none of its corners is in the image."""
+        """Render the equipment as the camera would see it; None if the equipment is not in the image."""
         points = transform_points(T_camera_model, self.vertices_m)
         window = _window(camera, points)
         if window is None:
@@ -129,7 +129,7 @@ class EquipmentCaster:
         return np.asarray(on.mean(axis=1))
 
     def _cast(self, rays: np.ndarray, T_camera_model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the triangle hit by each ray (n, 2), -1 for none, and its depth, inf for none."""
+        """Return the index of the triangle hit by each ray (n, 2), -1 for none, and the depth there, inf for none."""
         T_model_camera = invert_rigid(T_camera_model)
         ahead = np.concatenate([rays, np.ones((len(rays), 1), rays.dtype)], axis=1)
         directions = (ahead @ T_model_camera[:3, :3].T).astype(np.float32)
@@ -140,8 +140,8 @@ class EquipmentCaster:
 
 
 def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] | None:
-    """Return the rows and columns that contain the equipment, with a margin; the whole image if some points are behind
-    the lens; None if it is not in the image.
+    """Return the window (top, bottom, left, right) that contains the equipment, with a margin: the whole image if some
+    points are behind the lens, None if the equipment is not in the image.
     """
     if points_m[:, 2].max() < 0.1:
         return None
@@ -159,13 +159,13 @@ SURFACE_POINTS: Final = 2000  # number of surface points; a standing frame has 2
 # minimum number of points of a part, since a small part may be what distinguishes front from back
 LEAST_PER_PART: Final = 24
 OUTSIDE_POINTS: Final = 1000
-# m, range of distances from the equipment's surface at which points beside it are placed: beyond its flying pixels, but
-# so near that the points lie in the wall too if the equipment is tried inside a wall
+# m, minimum and maximum distance from the equipment's surface of the points beside it: beyond its flying pixels, but so
+# near that the points lie in the wall too if the equipment is tried inside a wall
 OUTSIDE_M: Final = (0.05, 0.09)
 
 STEP_DEG: Final = 5
 # m, maximum deviation of a real part from equipment.json, whose lengths are measured by tape; the standing frames of
-# two clinics differ by more
+# two clinics differ by more, so they are not confused
 SAME_M: Final = 0.012
 ALIKE_M: Final = 0.10  # m; if rotated equipment differs from the unrotated by less, the search may confuse the two
 TRIED_POINTS: Final = 400
@@ -296,7 +296,7 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
         turns.append(tried[int(np.argmin(off))])
         apart.append(min(off))
     around = np.array([np.inf, *apart, np.inf])
-    for index in range(1, len(turns) - 1):  # rotations near the identity are not distinct from the identity
+    for index in range(1, len(turns) - 1):  # without the first and the last, which hardly differ from the identity
         if around[index + 1] > min(around[index], around[index + 2]):
             continue
         if apart[index] < SAME_M:

@@ -31,23 +31,23 @@ from anchorpose.calibration.first_frames import NOISE_GATE
 from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 
-# Shares are of surface area in m2, so that near parts do not count more than distant parts.
-LEAST_SEEN: Final = 0.2  # minimum share of the equipment seen in its place; people or the image border hide up to half
-MOST_THROUGH: Final = 0.10  # maximum share of unhidden surface seen through; not 0, since edges of thin bars flicker
+# Shares of the equipment or of a part are of its surface area in m2, not of pixels: near parts do not count more.
+LEAST_SEEN: Final = 0.2  # minimum share of the equipment that must be seen; people or the image border hide up to half
+MOST_THROUGH: Final = 0.10  # maximum share of unhidden surface that may be seen through; not 0: edges of bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
-# maximum share of a part's unhidden surface without readings; with more, the part may be absent, and the wall behind it
-# out of range
+# maximum share of a part's unhidden surface that may lack readings; with more, the part may be absent, and the wall
+# behind it out of range
 MOST_UNREAD_OF_PART: Final = 0.7
 LEAST_PIXELS_OF_PART: Final = 40  # minimum number of unhidden pixels of a part; a part with fewer is not judged
-# maximum share of the seen outline at which readings continue beyond it at the same depth; if the equipment is tried
-# inside a wall, they continue everywhere
+# maximum share of the seen outline at which readings may continue beyond it at the same depth; if the equipment is
+# tried inside a wall, they continue everywhere
 MOST_FILLED: Final = 0.5
-LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface ends where predicted
+LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface must end as predicted
 MOST_OFF_PX: Final = 2.0  # px, maximum distance of a seen edge from the predicted one; edge pixels are often off by one
 MOST_SIGMA_M: Final = 0.006
 MOST_SIGMA_RAD: Final = 0.0087  # rad, maximum sigma of the equipment's direction: half a degree
 LEAST_COSINE: Final = 0.25  # minimum cosine of the angle of incidence; no camera reads surfaces well at flatter angles
-# rad (0.05 degrees), angle by which a camera's systematic error seems to turn equipment with bars a metre apart
+# rad (0.05 degrees), by which a camera's systematic error makes equipment with bars a metre apart look turned
 STEADY_RAD: Final = 0.0008
 
 
@@ -72,9 +72,9 @@ class NoPose(StrEnum):
 class PartEvidence:
     """The evidence in the depth frames for each part at a pose; arrays (parts,), areas in m^2.
 
-    on, through, hidden, unread: areas of the predicted surface that are seen in place, seen through, hidden or out
-    of range, and without reading; pixels: number of pixels that are not hidden; shift_m: apparent displacement of
-    the part, NaN if inaccurate. filled_share, outlined_share: see ``_outline_shares``.
+    Areas of the predicted surface: on: seen in its place; through: seen through; hidden: hidden or out of range;
+    unread: without a reading. pixels: number of the part's pixels that are not hidden; shift_m: apparent displacement
+    of the part, NaN if inaccurate. filled_share, outlined_share: see ``_outline_shares``.
     """
 
     on_m2: np.ndarray

@@ -13,11 +13,11 @@ from anchorpose.calibration.equipment_model import Equipment, Outline, Rendering
 from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane, what_stays
 from anchorpose.camera import Camera, transform_points
 
-# minimum share of the frames in which a pixel on the equipment reads the equipment; an edge pixel of a thin bar reads
-# the bar in six of ten frames
+# minimum share of the frames in which a pixel on the equipment must read the equipment; an edge pixel of a thin bar
+# reads the bar in six of ten frames
 MOSTLY: Final = 0.4
 STEADY_ERROR_M: Final = 0.0015  # m, systematic error of a depth camera, the same in all its frames
-# px, standard deviation of one outline point, since edge pixels often read the background
+# px, standard deviation of the place of one outline point, due to edge pixels that read the background
 OUTLINE_SIGMA_PX: Final = 0.6
 # number of least-squares rows of surface readings that count as one observation, since neighbours share the camera's
 # error
@@ -70,7 +70,7 @@ def see_still(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """The predicted view of the equipment at a pose; centre_m (3,): its centre, camera frame."""
+    """The predicted view of the equipment at a pose; centre_m (3,): the equipment's centre, camera frame."""
 
     rendering: Rendering
     outline: Outline
@@ -114,7 +114,7 @@ class ObservedEdges:
 
 
 def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) -> Rows:
-    """Return point-to-plane rows of the pixels inside a part whose readings lie on it in most frames."""
+    """Return point-to-plane rows, one per pixel inside a part whose readings lie on the part in most frames."""
     rendering = prediction.rendering
     frames, expected = view.frames_m[:, *rendering.window], rendering.depth_m
     row, column = np.nonzero(_inside(expected))
@@ -141,8 +141,8 @@ def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) ->
 
 
 def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: Gate) -> Rows:
-    """Return rows across the outline, in pixels. Each compares the expected end of a part with the observed end, found
-    by counting readings on the part along a line of pixels across the outline.
+    """Return least-squares rows across the outline. Each compares the expected end of a part with the observed end,
+    which is found by counting readings on the part along a line of pixels across the outline.
     """
     outline, edges = prediction.outline, observed_edges(view, prediction, gate)
     usable, along = edges.usable, np.sum(outline.across * outline.step, axis=1)

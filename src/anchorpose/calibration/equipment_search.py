@@ -16,7 +16,7 @@ from anchorpose.lens import lens_array, pixel_of_ray
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3  # states of a map cell; BROAD: only broad flat surfaces fill the cell
 LEAST_Z_M: Final = 0.3  # m; nearer than this, no depth camera measures
-RADIUS_M: Final = 0.5  # m from the centre; a step of rotation moves points there as far as a step of shift moves them
+RADIUS_M: Final = 0.5  # m from the equipment's centre; there, a step of rotation moves points as far as a step of shift
 CELL_M: Final = 0.04  # m, side of a cell of the first, coarse map; as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # rad (5 degrees), step between tried yaws; it moves a bar 0.5 m from the centre by a cell
 ABOVE_FLOOR_M: Final = 0.06  # m above the floor; lower cells of the map are left out, since the floor fills them
@@ -36,7 +36,7 @@ BROAD_WEIGHT: Final = 0.25
 
 class SearchImage(NamedTuple):
     """The searched image: depth_m (height, width) float32 of still surfaces, 0 = no reading; weight (height, width)
-    float32 of each reading as evidence; lens: ``lens_array``; T_camera_ground (4, 4); noise_per_m.
+    float32 of each reading as evidence; lens: the values of ``lens_array``; T_camera_ground (4, 4); noise_per_m.
     """
 
     depth_m: np.ndarray
@@ -113,8 +113,8 @@ def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
 
 @nb.njit(cache=True, fastmath=True)
 def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return, for every place (x, z), the weighted sum of the map's values over the ``cells`` (n, 3) (y, x, z), shifted
-    to this place.
+    """Return, for every place (x, z), the weighted sum of the map's values over the ``cells`` (n, 3), each (y, x, z),
+    after they are shifted to this place.
     """
     _, nx, nz = value.shape
     total = np.zeros((nx, nz), np.float32)
@@ -324,7 +324,7 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
     wide = farthest * max(camera.width / 2 / camera.intrinsics.fx, 0.3) + samples.radius_m
     counts = (int(heights.max() / CELL_M) + 2, int(2 * wide / CELL_M) + 1, int(farthest / CELL_M) + 1)
     space = fill_space(image, counts, wide)
-    # directions are tried a cell apart at a bar's ends, so a correct bar may reach into the cells beside its own cells
+    # neighbouring directions differ by a cell at a bar's ends, so a correct bar may reach into the cells beside its own
     beside = binary_dilation(space == OCCUPIED, np.ones((1, 3, 3), bool)) & (space == FREE)
     space[beside] = UNKNOWN
     value = np.array([0, 1, -THROUGH_WEIGHT, BROAD_WEIGHT], np.float32)[space]

@@ -136,8 +136,8 @@ def notice_movement(
     """Return how the equipment has moved by the end of ``frames_m``, which are in the order of time; None if it did not
     move.
 
-    view: the camera's noise and floor. A shift within a bar's width is found by fitting the pose again. A larger shift
-    is found because the camera sees through the places where the equipment was.
+    Only the camera's noise and floor are taken from ``view``. A shift within a bar's width is found by fitting the pose
+    again. A larger shift is found because the camera sees through the places where the equipment was.
     """
     count = round(LATE_SHARE * len(frames_m))
     if count < LEAST_FRAMES:
@@ -294,8 +294,8 @@ def _polish(
     inputs: EquipmentInputs, one: SeenEquipment, start: np.ndarray, moved: Moved | None, prior: FloorPrior
 ) -> EquipmentPose:
     """Refine the pose again with all cameras' common floor, on the frame of the empty room and all frames that show the
-    equipment in this place; if that pose is not accepted, on fewer frames. If none is accepted, return the earlier
-    pose.
+    equipment in this place; if that pose is not accepted, on fewer of these. If no refined pose is accepted, return the
+    earlier pose.
     """
     before = one.frames_m if moved is None else one.frames_m[: moved.first]
     own = one.view.frames_m if len(one.view.frames_m) == 1 or not before else np.stack(before)

@@ -202,7 +202,7 @@ def _board_corners(
 
 
 def _side_px(corners: np.ndarray) -> float:
-    """Return the shortest side of a tag or, for the corners of a board, half of their narrower extent."""
+    """Return the length that ``LEAST_SIDE_PX`` limits: a tag's shortest side, or half of a board's narrower extent."""
     if len(corners) == 4:
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).min())
     return float(np.ptp(corners, axis=0).min()) / 2.0
@@ -381,7 +381,8 @@ def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.n
         rays = np.concatenate([seen.rays[on], np.ones((int(on.sum()), 1))], axis=1)
         slope = rays @ normal
         predicted = (normal @ place) / np.where(np.abs(slope) > 1e-3, slope, np.inf)
-        # errors of readings on one marker are correlated (ink, calibration of the sensor): they count as eight at most
+        # errors of readings on one marker are correlated (ink, calibration of the sensor): together they count as eight
+        # at most
         rows.append((seen.depth_m[on] - predicted) / DEPTH_SIGMA_M * np.sqrt(min(1.0, 8.0 / max(on.sum(), 1))))
     return np.concatenate(rows)
 

@@ -21,17 +21,18 @@ from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
 
 ROUNDS: Final = 3  # number of rounds, in which readings are assigned to the nearest part and parts are fitted again
-# rad, maximum turn by which a part's axes are set to the common directions (the vertical, and the level directions of
-# most bars); a bar's direction may be wrong by this if readings of another bar are mixed in
+# rad, maximum angle by which a part's axes may be turned to lie along the common directions (the vertical, and the
+# level directions of most bars); a bar's direction may be wrong by this if readings of another bar are mixed in
 SNAP_RAD: Final = np.radians(10.0)
 # maximum cost of a fit with axes along the common directions, as a factor on the cost with free axes; if it costs more,
 # the free axes are kept
 SNAP_WORSE: Final = 1.15
 EXPLAINED_M: Final = 0.015  # m from a part's surface; readings within this distance count as readings of the part
-WELL_M: Final = 0.006  # m; if a part's readings spread about its surface by less, its axes are not freed
+WELL_M: Final = 0.006  # m; if a part's readings spread about its surface by less, its axes are not fitted
 # m, maximum spread of a part's readings about its surface; with more, the part is neither a bar nor a plate
 WORST_RESIDUAL_M: Final = 0.012
-MOST_HOLLOW: Final = 0.2  # maximum share of the rays through a part's core that pass through; a wrong part has more
+# maximum share of the rays through a part's core that may end beyond it; a wrong part has more
+MOST_HOLLOW: Final = 0.2
 END_SHARE: Final = 0.15  # share of a bar's length at each end that is left out when its cross-section is measured
 # m above the floor; a level bar below the first height is a runner, a level plate above the second is a seat
 RUNNER_M, SEAT_M = 0.15, 0.30
@@ -83,7 +84,7 @@ class FittedRoom:
 
 
 def fit_equipment(recording: Recording, camera: str | None, region: Region) -> FittedRoom:
-    """Fit the equipment in the empty rooms of a recording's cameras, or of the named camera only.
+    """Fit the equipment that stands in ``region`` in the empty rooms of all cameras, or of the named camera only.
 
     If the poses are given, parts are in the world of these poses; a single camera without a pose is placed by the floor
     and the patient's first place. Raises InputError if a depth image of the empty room, the floor or the equipment is
@@ -132,7 +133,7 @@ def _with_cameras(recording: Recording, name: str | None) -> Recording:
 def propose_equipment(
     cameras: Sequence[Camera], rooms_m: Sequence[np.ndarray], floor_height_m: float, region: Region
 ) -> EquipmentProposal | NoEquipment:
-    """Propose boxes and tubes that fit the objects near the patient's place in the empty room.
+    """Propose boxes and tubes that fit the objects in the cylinder ``region`` of the empty room.
 
     cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. If no camera
     sees one side of a bar, this side is placed such that the bar is square, and the length from this side to the
@@ -162,7 +163,8 @@ def propose_equipment(
 
 
 def _common_yaw(found: Sequence[Found]) -> float:
-    """Return the level bars' angle about the vertical, radians, within 45 degrees of 0; 0 if it is nearly 0.
+    """Return the common angle of the level bars about the vertical, radians, within 45 degrees of 0; 0 if it is nearly
+    0.
 
     Bars meet at right angles, so four times the angle is averaged, which makes angles that differ by 90 degrees equal;
     longer bars count more.
@@ -180,8 +182,8 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
     """Fit a part. Its axes are set to the vertical and the common directions (``yaw``) if they are nearly parallel to
     these.
 
-    The fit starts from a larger and from a smaller box, and the better result counts: readings of other parts may make
-    the larger box too large, so that one of its faces converges to the wrong side of the readings.
+    The fit starts from a larger and from a smaller box around the part, and the better result counts: readings of other
+    parts may make the larger box too large, so that one of its faces converges to the wrong side of the readings.
     """
     rotation = _snapped(part.rotation, yaw)
     rows = np.flatnonzero(readings.stands)[part.members]
@@ -189,7 +191,7 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
     local = points @ rotation
     seen_from = ((readings.origin_m[rows] - points) @ rotation).mean(axis=0)
     inner = np.ones(len(local), dtype=bool)
-    if not part.plate:  # other bars join a bar at its ends, which are left out
+    if not part.plate:  # the ends of a bar, where other bars join it, are left out
         ends = np.percentile(local[:, 2], [0, 100]) @ np.array([[1 - END_SHARE, END_SHARE], [END_SHARE, 1 - END_SHARE]])
         inner = (local[:, 2] >= ends[0]) & (local[:, 2] <= ends[1])
     across = slice(0, 2) if not part.plate else slice(2, 3)
@@ -204,8 +206,8 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
 
 
 def _snapped(rotation: np.ndarray, yaw: float) -> np.ndarray:
-    """Return the rotation of the common frame that is nearest to the given rotation; the given rotation if none is
-    within ``SNAP_RAD``.
+    """Return the rotation with axes along the common directions that is nearest to the given rotation; the given
+    rotation if none is within ``SNAP_RAD``.
     """
     common = rotation_about_y(yaw)
     overlap = np.abs(common.T @ rotation)
@@ -254,8 +256,8 @@ def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:
 
 
 def _named(fits: Sequence[Fit], floor_height_m: float) -> list[tuple[str, Fit]]:
-    """Name the parts post, strut, runner, rail (along X), bar (across), seat, plate; numbered from the patient's left
-    to right.
+    """Name the parts post, strut, runner, rail (level, along X), bar (level, along Z), seat, plate; numbered from the
+    patient's left to right.
     """
     kinds = [_kind(fit, floor_height_m) for fit in fits]
     order = sorted(range(len(fits)), key=lambda i: (kinds[i], *np.round(fits[i].center_m[[2, 1, 0]], 2)))

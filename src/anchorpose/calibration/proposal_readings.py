@@ -22,7 +22,8 @@ FLOOR_SIGMAS: Final = 4.0  # sigmas of the noise in the height of floor readings
 # JUMP_SIGMAS sigmas of the noise
 JUMP_M, JUMP_SIGMAS = 0.03, 4.0
 SUPPORT: Final = 4  # minimum number of neighbours, out of eight, at a pixel's depth; flying pixels have fewer
-FREE_SHARE: Final = 0.5  # minimum share of an object's pixels in the searched cylinder; walls and cupboards have less
+# minimum share of an object's pixels that must lie in the searched cylinder; walls and cupboards have less
+FREE_SHARE: Final = 0.5
 # pixels, width of the rim around free-standing objects; readings in the rim are kept, since their rays pass beside the
 # object
 BEYOND_PX: Final = 14
@@ -162,7 +163,8 @@ LEAST_LENGTH_M: Final = 0.15  # m, minimum length of a bar; shorter pieces are h
 SLENDERNESS: Final = 2.5  # minimum ratio of length to breadth of a bar
 GAP_M: Final = 0.06  # m, maximum length of a stretch of a bar without readings, which another bar may hide
 SEEDS: Final = 120  # number of places from which a bar is searched, drawn again for each bar
-NEAR_M: Final = 0.12  # m, radius around a seed whose points give the bar's first direction, twice a thick bar's breadth
+# m; points this near to a seed give its bar's first direction: a ball twice as wide as a thick bar
+NEAR_M: Final = 0.12
 LEAST_PIXELS: Final = 40  # minimum number of pixels of a bar or plate; fewer give no direction
 PLATE_RADIUS_M: Final = 0.09  # m, radius of a disc that readings can fill on a plate, but never on a bar
 PLATE_FILLED: Final = 0.85  # minimum share of the disc's cells with readings for it to count as filled
@@ -266,7 +268,7 @@ def _cylindrical(points: np.ndarray, middle: np.ndarray, axis: np.ndarray) -> tu
 
 
 def _unbroken(along: np.ndarray, on_line: np.ndarray) -> tuple[float, float] | None:
-    """Return the ends of the stretch of readings around 0 that has no gap longer than ``GAP_M``; None without
+    """Return the ends of the stretch of readings around position 0 that has no gap longer than ``GAP_M``; None without
     readings.
     """
     places = np.sort(along[on_line])

@@ -24,17 +24,17 @@ STEP_M: Final = 0.015  # m, step along a ray, half the thickness of a thin plate
 ROWS: Final = 300  # maximum number of readings, and of rays, for one part; faces are then precise to half a millimetre
 TRIALS: Final = 25  # maximum number of iterations of the solver; most fits converge after ten
 # m, sigma of the difference between a bar's two breadths if it is assumed to be square; readings of a visible side
-# outweigh it
+# outweigh this assumption
 SQUARE_SIGMA_M: Final = 0.02
 PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge is not seen, and its sigma
 # the extent along an axis counts as unseen if the sine of the angle from axis to line of sight is below this (24
 # degrees); at this angle, a 5 cm bar shows three pixels of its side
 ASLANT: Final = 0.4
 ASSUMED: Final = 20.0  # weight of the assumption that a bar is square, or a plate thin, if no camera sees a side
-THINNEST_M, BROADEST_M = 0.01, 0.13  # m, limits of a bar's cross-section; broader parts, such as pads, are plates
+THINNEST_M, BROADEST_M = 0.01, 0.13  # m, minimum and maximum breadth of a bar; broader parts, such as pads, are plates
 END_SIGMA_M: Final = 0.05  # m, sigma of the distance from a bar's last reading to its end, if nothing shows the end
-# maximum cost of the fitted tube, divided by that of the bar, at which the tube is used; it is above 1, since a bar has
-# one more free length
+# maximum cost of the fitted tube, divided by that of the fitted box, at which the tube is used; it is above 1, since a
+# box has one more free length
 ROUNDER: Final = 1.12
 # minimum number of readings on a face, or of rays that pass by it; with fewer, the face's place is a guess
 LEAST_SUPPORT: Final = 12

@@ -248,8 +248,8 @@ def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float
 
 
 def _size(material: Material) -> Finding:
-    """Return a finding on the height of the person and the distance of the room, both of which depend on the depth
-    unit.
+    """Return a finding on the height of the person and the usual distance of what is seen, both of which depend on the
+    depth unit.
     """
     depths = [float(np.median(depth[depth > 0])) for _, ones in material.by_camera() for depth in ones if depth.any()]
     usual_m = float(np.median(depths)) if depths else float("nan")
@@ -283,7 +283,7 @@ def _heights_m(material: Material) -> Sequence[float]:
 
 def _tallest_m(material: Material) -> Sequence[float]:
     """Return the height in m above the floor of the highest person in each sampled frame; empty without a floor. The
-    height is right even if the search for the patient splits a person who seems too tall into several people.
+    height is right even if the search for the patient splits a person who seems too tall: the highest piece counts.
     """
     if material.floor_m is None or material.look is None:
         return []

@@ -36,7 +36,8 @@ from anchorpose.tracker.look import Look
 from anchorpose.tracker.room import NOBODY_SEEN
 
 TOO_SLOW_HZ: Final = 5.0  # Hz; at a lower rate, a walking person may move by a whole step between two frames
-# shares of missing frames (yellow, red); tracking bridges single gaps; above 0.25, parts have only half the rate
+# shares of a camera's frames that are missing (yellow, red). Tracking bridges single missing frames; above 0.25, parts
+# of the recording have only half the frame rate
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
 SHORT_S: Final = 4.0  # s, minimum duration of a recording for learning the patient's body
 # shares (yellow, red) of frame intervals that deviate from multiples of the camera's period by over a quarter of the
@@ -189,10 +190,10 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 SELDOM: Final = 0.5  # minimum share of the sampled frames in which the patient should be found
 CUT_PX: Final = 3  # pixels; a body with more pixels than this at a border is cut off there; even a hand has more
-SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off (yellow, red); a raised hand may be
+SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off (yellow, red); a raised hand can be
 NEAR_M, FAR_M = 1.2, 4.0  # m to the patient; nearer, no lens shows feet and head; farther, a forearm has only 10 pixels
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
-# shares of the skin facing the camera that are hidden (yellow, red); above the second, more is inferred than seen
+# hidden shares of the skin that faces the camera (yellow, red); above 0.8, more of the body is inferred than seen
 HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8
 
 
@@ -258,7 +259,7 @@ def _borders(seen: SeenPatient, index: int, camera: Camera, floor_m: float | Non
         x, z = seen.person.ground_xz_m
         place = transform_points(invert_rigid(camera.require_pose()), np.array([[x, floor_m, z]]))
         pixel = camera.project(place)[0]
-        below |= not pixel[1] <= camera.height - 1  # NaN: beyond the lens's valid radius
+        below |= not pixel[1] <= camera.height - 1  # NaN (beyond the lens's valid radius) counts as below
     return above, below, left, right
 
 
@@ -280,7 +281,7 @@ def _distance(material: Material) -> Finding:
 
 
 def _hidden(material: Material) -> Finding:
-    """Return a finding on the share of skin that equipment or people hide, per frame for the camera that sees most."""
+    """Return a finding on the share of skin that equipment or people hide from the camera that sees most in a frame."""
     hidden = np.array([one.hidden for one in material.patient])
     known = hidden[np.isfinite(hidden).any(axis=1)]
     if not len(known):

@@ -38,7 +38,7 @@ def printable(text: str) -> str:
 
 
 def say(sentence: str, error: bool = False) -> None:
-    """Print one line without delay; error: whether it goes to the error stream."""
+    """Print one line without delay; error: whether the line goes to the error stream."""
     print(printable(sentence), file=sys.stderr if error else sys.stdout, flush=True)
 
 
@@ -136,7 +136,7 @@ class OnConsole(Watcher):
 
 @contextmanager
 def counter(what: str) -> Iterator[Callable[[], None]]:
-    """Show a line on the error stream that counts calls, for work whose length is unknown."""
+    """Show a line on the error stream that counts calls of the yielded function, for work of unknown length."""
     count = 0
     with plain_console(error=True).status("Working") as status:
 

@@ -10,7 +10,7 @@ from anchorpose.results.evaluation_file import longest_error_sentence
 
 
 def account(evaluation: Evaluation) -> list[str]:
-    """Return the findings of an evaluation, one sentence per item; sentences without known figures are left out."""
+    """Return the findings of an evaluation, one sentence per item; a sentence whose figures are unknown is left out."""
     return [
         *_accuracy(evaluation),
         *_seen_and_inferred(evaluation),

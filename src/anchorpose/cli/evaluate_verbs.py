@@ -137,7 +137,7 @@ def print_comparison(comparison: Comparison) -> None:
 
 
 def print_image_errors(errors: tuple[ImageErrors, ...]) -> None:
-    """Print a table with one row per joint and a last row for all joints."""
+    """Print a table of the errors, with one row per joint and a last row for all joints."""
     rows = list[list[str]]()
     for row in errors:
         lengths = (row.median_px, row.median_mm, row.p95_mm)

@@ -174,7 +174,7 @@ def record(
 
 
 def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:
-    """Open the sources by name; raises AnchorposeError for a missing camera or a recording beside other sources.
+    """Open the sources by name; raises AnchorposeError for a missing camera, or a recording among several sources.
 
     like: an earlier recording of the same cameras in the same place, or None.
     """

@@ -237,7 +237,7 @@ def simulate(out: Path, /, *, options: SimulateOptions | None = None, defaults: 
 
 DEMO_SECONDS, QUICK_SECONDS = 3.0, 1.0
 DEMO_SEED = 3  # with this seed, the patient and not the therapist is nearest to the camera at the start
-DEMO_FPS = 15.0  # frames per second; enough for slow movements, with half the work of 30
+DEMO_FPS = 15.0  # frames per second; enough for slow movements, and tracked in half the time of 30
 
 
 def demo(

@@ -27,7 +27,7 @@ from anchorpose.recording.regular_file import read_whole
 
 FOCAL_PX: Final = 200.0  # pixels, focal length of the images that the network was trained on
 INPUTS: Final = 5  # number of layers of the network's input, see ``inputs_of``
-STEP: Final = 2  # pixels between the network's outputs along rows and columns
+STEP: Final = 2  # pixels of the input from one output of the network to the next, along rows and columns
 # width and height of the network's image are multiples of this, since the network halves it five times
 MULTIPLE: Final = 32
 SMALLEST_PX: Final = 32  # pixels, minimum width and height of the network's image

@@ -28,9 +28,9 @@ LEAST_AREA_M2: Final = 0.06
 
 
 LEAST_CERTAINTY: Final = 0.7
-"""Minimum mean probability of a person's pixels. On labelled images of real rooms (``docs/descriptor.md``), all people
-in plain view have a higher mean. So do some objects (0.2 to 3 per image); these are rejected later, since no body model
-fits them (``tracker.patient_choice.HUMAN``).
+"""Minimum of ``FoundPerson.certainty``. On labelled images of real rooms (``docs/descriptor.md``), all people in plain
+view have a higher certainty. So do some objects (0.2 to 3 per image); these are rejected later, since the body model
+does not fit them (``tracker.patient_choice.HUMAN``).
 """
 
 
@@ -41,7 +41,7 @@ class FoundPerson:
     pelvis_m: np.ndarray  # (3,) in the common frame of the cameras
     rays: tuple[np.ndarray | None, ...]  # per camera, (h, w) bool, rays that show the person; None without an image
     area_m2: float  # area of the seen surface, projected perpendicular to the lines of sight, summed over the cameras
-    certainty: float  # mean probability of the pixels, 0.5 to 1
+    certainty: float  # mean probability that these pixels show a person, 0.5 to 1
 
 
 def find_people(
@@ -102,7 +102,7 @@ class _Votes(NamedTuple):
     found: np.ndarray  # (h, w) bool, rays that show a person
     pelvis_m: np.ndarray  # (n, 3) votes of these rays for a pelvis, in the common frame
     area_m2: np.ndarray  # (n,) m2, area of the seen surface that each of these rays stands for
-    certainty: np.ndarray  # (n,) probability of a person
+    certainty: np.ndarray  # (n,) probability that each of these rays shows a person
 
 
 def _votes(said: Described | None, depth_m: np.ndarray | None, pose: np.ndarray) -> _Votes | None:
@@ -114,7 +114,7 @@ def _votes(said: Described | None, depth_m: np.ndarray | None, pose: np.ndarray)
 
 
 def _rays(mine: np.ndarray, votes: Sequence[_Votes | None]) -> tuple[np.ndarray | None, ...]:
-    """Return, per camera, the rays (h, w) bool whose votes are ``mine`` (n,), a mask over the votes of all cameras."""
+    """Return, per camera, the rays (h, w) bool whose votes the mask ``mine`` (n,) over all cameras' votes selects."""
     rays, first = list[np.ndarray | None](), 0
     for one in votes:
         if one is None:

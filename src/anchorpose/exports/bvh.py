@@ -76,7 +76,7 @@ def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
         parent, points = nodes[index[above]], _along(rest, at, to)[0]
         start = torso_axes(position_m) if name == "SpineMid" else parent.axes
         # the parent's axes, turned by the shortest rotation that brings the bone from its rest direction to its present
-        # one
+        # direction
         axes = _swing(start @ points, _along(position_m, at, to)) @ start
         nodes.append(Node(name, index[above], parent.end_m, points * _length(position_m, at, to), axes))
         index[name] = len(index)

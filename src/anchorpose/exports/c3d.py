@@ -168,7 +168,9 @@ _NAMES: Final = {
 
 @dataclass(frozen=True, slots=True, order=True)
 class Event:
-    """An event at a moment on the results' clock. description: the joints' state, or who touched which part."""
+    """An event at a moment on the results' clock. description: state of the joints in an episode, or who touched which
+    part of the body.
+    """
 
     time_s: float
     context: str

@@ -269,7 +269,7 @@ def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
     Across such a jump, interpolation and filters would take the longer arc. Lengths stay unchanged.
     """
     unwrapped = values.copy()
-    for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one by one: all columns together take 4 times the memory
+    for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one by one, since all at once take 4 times the memory
         unwrapped[:, column] = np.unwrap(values[:, column], period=360.0)
     return unwrapped
 

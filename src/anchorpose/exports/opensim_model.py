@@ -35,7 +35,7 @@ _LIMBS: Final = {
     "Wrist": "Elbow",
     "Hand": "Wrist",
 }
-"""For each joint of a limb: the joint at the upper end of the bone that ends there."""
+"""For each joint of a limb: the joint at the upper end of the bone whose lower end it is."""
 
 
 def measure_body(position_m: np.ndarray) -> Places | None:
@@ -99,12 +99,14 @@ class OsimCoordinate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OsimBody:
-    """A body, the joint that connects it to its parent, and the markers on it, each (3,) metres in the body."""
+    """A body, the joint that connects it to its parent, and the positions of the markers on it, each (3,) metres in the
+    body's axes.
+    """
 
     name: str
     parent: str
     joint: str
-    place_m: np.ndarray  # position of the joint in the parent body
+    place_m: np.ndarray  # position of the joint in the parent body's axes
     coordinates: tuple[OsimCoordinate, ...]
     markers: Places
     rods: tuple[tuple[np.ndarray, np.ndarray], ...]  # end points (3,) of each cylinder that is drawn
@@ -271,7 +273,7 @@ def _body(part: OsimBody) -> ElementTree.Element:
 
 
 def _rod(name: str, start: np.ndarray, end: np.ndarray) -> ElementTree.Element:
-    """Return a cylinder from point to point; OpenSim's cylinder is along Y."""
+    """Return the XML of a cylinder from ``start`` to ``end``; OpenSim's cylinder is along Y."""
     along = end - start
     length = float(np.linalg.norm(along))
     sizes = xml_texts(radius=_numbers([ROD_RADIUS_M]), half_height=_numbers([length / 2.0]))
@@ -312,7 +314,9 @@ def _coordinate(coordinate: OsimCoordinate) -> ElementTree.Element:
 
 
 def _transform(coordinates: tuple[OsimCoordinate, ...]) -> ElementTree.Element:
-    """Return a joint's axes: three of rotation, then three of translation; an axis without a coordinate is fixed."""
+    """Return the XML of a joint's axes: three of rotation, then three of translation; an axis without a coordinate is
+    fixed.
+    """
     transform = xml("SpatialTransform")
     for kind, moves in (("rotation", False), ("translation", True)):
         used = [coordinate for coordinate in coordinates if coordinate.moves is moves]

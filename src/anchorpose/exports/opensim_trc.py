@@ -77,7 +77,8 @@ _MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 _FREE: Final = ("hip_rotation", "arm_rot")
 _FREE_WEIGHT: Final = 1e-4  # so weak that it does not shift coordinates that markers determine
 
-# For each measurement, by name: the two markers whose distance is measured, the body to scale, and its scaled axes.
+# For each measurement, by name: the two markers whose distance is measured, the body to scale, and the axes along which
+# it is scaled.
 _MEASUREMENTS: Final = {
     "pelvis_width": (("HipLeft", "HipRight"), "pelvis", "Z"),
     "lower_spine": (("SpineBase", "SpineMid"), "pelvis", "X Y"),
@@ -105,7 +106,7 @@ def ik_setup_xml(name: str, result: str, markers: Sequence[str], period_s: Itera
     """Return a set-up file of OpenSim's inverse kinematics tool for a stretch of frames; markers: the markers to use.
 
     result: name of the motion file. OpenSim writes it beside the set-up file, and the marker errors to
-    ``name``_ik_marker_errors.sto. period_s: the first and the last time.
+    ``name``_ik_marker_errors.sto. period_s: times of the first and the last frame.
     """
     settings = xml_texts(
         results_directory=".",

@@ -126,7 +126,7 @@ def without_gaps(time_s: np.ndarray) -> bool:
 
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
     """Return the frame rate (Hz) with the fewest decimals on whose grid all samples lie, each sample's index on this
-    grid, and True; if there is no such rate, a rounded rate, the same indices, and False.
+    grid, and True; if there is no such rate, a rounded rate, indices counted by the usual step, and False.
     """
     if len(time_s) < 2:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
@@ -153,7 +153,9 @@ def _round_rate(rate_hz: float) -> float:
 
 
 def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Interpolation]:
-    """Return grid times, the samples' own at the indices ``slot``, and the interpolation; other grid times are gaps."""
+    """Return grid times, equal to the samples' at the indices ``slot``, and the interpolation; other grid times are
+    gaps.
+    """
     count = int(slot[-1]) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
     grid_s[slot] = time_s
@@ -208,9 +210,8 @@ class Stretches:
 
 
 def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretches:
-    """Find the stretches of frames to write. known (n, c) bool: columns that have a value in each frame; joined:
-    whether a frame and the next are neighbours in time; None if all are. ``runs`` is empty if no column is known in
-    half of the frames.
+    """Find the stretches of frames to write. known (n, c) bool: whether each column has a value in each frame; joined:
+    as in ``runs_where``. ``runs`` is empty if no column is known in half of the frames.
     """
     kept = known.mean(axis=0) >= KEPT_SHARE
     return Stretches(kept, runs_where(np.asarray(known[:, kept].all(axis=1)), joined) if kept.any() else ())

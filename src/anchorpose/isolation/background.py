@@ -1,5 +1,5 @@
 """Describe the empty room and the equipment (the paper's chi_0) as each camera sees them, and find the foreground:
-pixels with a reading in front of the room (Section III).
+pixels with a reading in front of the room (paper, Section III).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ BACKGROUND_GATE: Final = 2.0
 # sigmas of a single reading, maximum distance of a reading from the equipment that it shows; the median of 3x3 pixels
 # is not used here, since thin bars are no wider than three pixels
 EQUIPMENT_GATE: Final = 3.0
-# m, error of the equipment's predicted surface: its model was measured by hand, and its pose was estimated
+# m, assumed error of the equipment's predicted surface: its model was measured by hand, its pose was estimated
 EQUIPMENT_TOLERANCE_M: Final = 0.01
 _SQUARE: Final = np.ones((3, 3), np.uint8)
 
@@ -52,11 +52,11 @@ class BackgroundModel:
     """One camera's empty room."""
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 where unknown
-    sigma_m: np.ndarray  # (height, width) float32, standard deviation of the empty room's readings about ``depth_m``
+    sigma_m: np.ndarray  # (height, width) float32 m, standard deviation of the empty room's readings about ``depth_m``
     sensor: Sensor
     source: BackgroundSource
     layers: tuple[RestingLayer, ...] = ()  # movable objects, each for the time that it rests
-    # share of the pixels with a known room depth that show the room, median over frames; 0 = unknown
+    # of the pixels with a known room depth, the share that shows the room (median over frames); 0 = unknown
     usual_share: float = 0.0
 
 
@@ -81,10 +81,10 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
     time_s: time of the frame on the reference clock; None: resting layers are ignored.
 
     The test takes the difference between room and reading, in sigmas, and its median over 3x3 pixels. For this median,
-    two sigmas along the ray suffice as a limit. Where rays graze the floor, two sigmas are a centimetre of height, so
-    even the sole of a shoe on the floor is found. A pixel that is nearer by ``JUMP_GATE`` sigmas is foreground whatever
-    the median is, since fingers and corners of the outline are smaller than the median's window. Where the background
-    is unknown, every reading counts as foreground; pixels that do not belong to a person are removed later.
+    two sigmas along the ray suffice (``BACKGROUND_GATE``). Where rays graze the floor, two sigmas are a centimetre of
+    height, so even the sole of a shoe on the floor is found. A pixel that is nearer by ``JUMP_GATE`` sigmas is
+    foreground whatever the median is, since fingers and corners of the outline fill less than half of the window. Where
+    the background is unknown, every reading counts as foreground; pixels that show no person are removed later.
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)

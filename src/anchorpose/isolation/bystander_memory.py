@@ -14,11 +14,11 @@ from anchorpose.isolation.ownership import OwnershipLikelihood
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
-SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels; it covers 2 cm at a distance of 2.5 m
+SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels; this is 2 cm at a distance of 2.5 m
 # m, side of the cubes in which newly seen skin replaces remembered skin; remembered skin also counts as hidden if a
 # reading lies at least this far in front of it
 CELL_M: Final = 0.05
-MEMORY_S: Final = 1.0  # s, time for which hidden skin is remembered, as long as a person takes to cross in front of it
+MEMORY_S: Final = 1.0  # s, time for which hidden skin is remembered: as long as another person takes to pass in front
 SIGMA_M: Final = 0.012  # m, standard deviation of skin about a remembered point: noise, and half the spacing of points
 # m/s, growth of the standard deviation of remembered points with time, for people who stand or hold the patient.
 # Walking people move faster; region growing finds their skin.
@@ -63,7 +63,7 @@ class BystanderMemory:
         }
 
     def moved(self, steps: Mapping[int, np.ndarray]) -> BystanderMemory:
-        """Move the skin seen in the last frame. steps: a person's displacement (3,), metres, by label; others stay."""
+        """Move the skin seen in the last frame. steps: a person's displacement (3,) m, by label; others stay."""
         if not steps:
             return self
         points = self.points_m.copy()
@@ -162,7 +162,7 @@ def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
 
 
 def _in_large_clusters(memory: BystanderMemory) -> np.ndarray:
-    """Return (n,) bool: points connected to enough skin with the same label to be a person."""
+    """Return (n,) bool: points in clusters of skin with one label that are large enough for a person."""
     large = np.zeros(len(memory.owner), dtype=bool)
     for label in np.flatnonzero(np.bincount(memory.owner)):
         own = np.flatnonzero(memory.owner == label)

@@ -11,7 +11,7 @@ from numba import njit
 # minimum number of a pixel's eight neighbours that lie at its depth; a pixel with fewer is a flying pixel. At the
 # corner of a convex outline, a pixel has three.
 SUPPORT: Final = 3
-# sigmas, maximum depth difference that noise causes between neighbouring pixels of one surface; slope adds to it
+# sigmas, maximum depth difference that noise causes between neighbouring pixels of one surface; a slope adds more
 JUMP_GATE: Final = 4.0
 STEEPEST_SLOPE_RAD: Final = 1.40  # rad (80 degrees); steeper surfaces return no reading
 

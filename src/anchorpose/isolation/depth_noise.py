@@ -62,8 +62,8 @@ JUMP_M: Final = 0.40
 FLAT: Final = 0.1  # maximum depth change along one side of an edge, as a share of the depth difference across it
 MIDDLE: Final = (0.2, 0.8)  # an edge's width is measured from 20 % to 80 % of the depth difference across it
 LEAST_EDGES: Final = 1000  # minimum number of measured edges in all frames; real recordings have tens of thousands
-SHARP_PX: Final = 2.0  # pixels, maximum width, measured by ``MIDDLE``, of a sharp edge; without filters at most one
-FRAMES: Final = 8  # number of frames that are measured
+SHARP_PX: Final = 2.0  # pixels, maximum width, measured by ``MIDDLE``, of a sharp edge; unfiltered edges: at most one
+FRAMES: Final = 8  # number of frames in which edges are measured
 # a pixel that differs from both sides of an edge by more than this share of the edge's depth jump is on a false ramp
 ON_RAMP: Final = 0.15
 
@@ -114,7 +114,7 @@ CHANGES: Final = 6  # number of pairs of frames that are compared; together, the
 # sigmas; a reading that is closer than this to the background shows the background; people stand farther in front of it
 STILL_GATE: Final = 6.0
 OUTLIER_GATE: Final = 4.0  # sigmas; larger noise is an outlier and left out; normal noise exceeds it once in 16,000
-ROUNDS: Final = 3  # number of rounds in which outliers are left out
+ROUNDS: Final = 3  # number of times that outliers are removed and sigma is computed again
 # pixels, distance from a depth edge within which readings may lie between two surfaces; these are counted separately
 EDGE_PX: Final = 2
 EDGE_M: Final = 0.10  # m, minimum depth range of 5x5 pixels at an edge; a slanted surface has less
@@ -264,7 +264,7 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
     logs, depth_m = np.log(np.array(list(cells.values()))).T
     found = np.linalg.lstsq(matrix, logs, rcond=None)[0]
     by_level, by_slant = found[: len(levels)], dict(zip(slants, found[len(levels) :], strict=True))
-    # sigma is that of facing surfaces; if none is seen, that of the least slanted surfaces, which is too large
+    # sigma is that of facing surfaces; if none is seen, that of the least slanted surfaces; it is then too large
     reference = by_slant[slants[0]]
     at_m = [float(np.exp(np.mean([d for d, (at, _) in zip(depth_m, cells, strict=True) if at == k]))) for k in levels]
     times = [float(np.exp(by_slant[k] - reference)) if k in by_slant else None for k in (1, 2)]
@@ -330,7 +330,7 @@ def _at_lags(images: np.ndarray) -> np.ndarray:
 def _flying(
     frames_m: Sequence[np.ndarray], near_m: np.ndarray, far_m: np.ndarray, gate_m: np.ndarray, edge: np.ndarray
 ) -> float | None:
-    """Return, of the readings beside the room's depth edges, the share that shows neither the near nor the far side."""
+    """Return, of the readings beside the room's depth edges, the share that shows neither side of the edge."""
     beside = edge & np.isfinite(far_m) & (far_m - near_m > 2.0 * gate_m + EDGE_M)
     read = [beside & (frame > near_m - gate_m) & (frame < far_m + gate_m) for frame in frames_m]
     between = [(frame > near_m + gate_m) & (frame < far_m - gate_m) for frame in frames_m]

@@ -40,9 +40,9 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
 BLOCK_PX: Final = 16  # pixels, side of the image blocks in which noise is measured; noise changes slowly over the image
-# minimum number of readings in a block; their sigma, computed from a median, is then known to a sixth of its value
+# minimum number of readings in a block; their sigma, computed from a median, then has an error of a sixth
 READINGS_NEEDED: Final = 32
-LEAST_READ: Final = 0.15  # minimum share of the frames that agree on a pixel's depth for the room to be known there
+LEAST_READ: Final = 0.15  # the room is known at a pixel if at least this share of the frames agrees on its depth
 # if at least this share of the frames has a reading at a pixel, the room is known there even if the readings differ;
 # where only passers-by are read, fewer frames have a reading
 OFTEN_READ: Final = 0.5
@@ -87,7 +87,7 @@ def learn_background(
         sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
         return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
-    if len(frames_m) > 1:  # a single frame is also the learnt room, so both are rounded alike
+    if len(frames_m) > 1:  # a single frame is itself the learnt room, so reading and room are rounded alike
         sigma = _at_least_a_step(sigma, depth, detail.step_per_m)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
     return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.RECORDING)
@@ -117,14 +117,14 @@ def _from_recording(
         margin = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(sigma, noise * drawn**2)
         hidden |= standing & ~((drawn > 0) & (depth > drawn - margin))
     depth = np.where(hidden, behind, depth)
-    # sigma is at least the sensor's noise, also where floor and walls were filled in
+    # sigma is at least the sensor's noise, also at pixels where floor or walls were filled in
     return depth, np.maximum(sigma, np.float32(noise) * depth**2)
 
 
 def in_equipment(
     room_m: np.ndarray, camera: Camera, equipment: EquipmentModel, floor_height_m: float | None, noise_per_m: float
 ) -> np.ndarray:
-    """Return (height, width) bool: pixels above the floor and within the equipment's outline, equipment included."""
+    """Return (height, width) bool: pixels above the floor, at most ``LEAN_M`` outside the equipment's outline."""
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
     lowest = float(equipment.triangles()[0][:, 1].min()) if floor_height_m is None else floor_height_m
     above = points[..., 1] - lowest

@@ -23,12 +23,12 @@ class HiddenSkin:
 
     points_m: np.ndarray  # (n, 3) world
     sigma_m: np.ndarray  # (n,) standard deviation of the skin about the point
-    part: np.ndarray  # (n,) int, the part of the body to which the point belongs
+    part: np.ndarray  # (n,) int, the segment to which the point belongs: half of a limb or of the trunk
 
     def density(self, places_m: np.ndarray) -> np.ndarray:
         """Return (m,) 1/m3: for each place (m, 3), the probability density that a visible piece of a limb has its
-        centre there. Of all limbs (parts), the one with the highest density counts. A piece may show any point of its
-        part.
+        centre there. Of all segments (``part``), the one with the highest density counts. A piece may show any point of
+        a segment.
         """
         away2 = ((places_m[:, None] - self.points_m) ** 2).sum(axis=2)
         normal = np.exp(-0.5 * away2 / self.sigma_m**2) / (np.sqrt(2.0 * np.pi) * self.sigma_m) ** 3
@@ -39,8 +39,8 @@ class HiddenSkin:
 def label_hidden_limbs(
     pieces: Sequence[Pieces | None], views: Sequence[View | None], hidden: HiddenSkin
 ) -> tuple[View | None, ...]:
-    """Label separate pieces without a person as the patient where a hidden limb is more probable than an unknown
-    object; return the changed views.
+    """Give separate pieces without a person's label the patient's label where a hidden limb is more probable than an
+    unknown object; return the changed views.
 
     With this label, the body model is fitted to the piece. If no pose of the limb fits the piece, the fitted body will
     not cover it.

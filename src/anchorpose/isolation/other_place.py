@@ -36,7 +36,7 @@ MOST_BEHIND: Final = 0.05
 
 
 def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray]) -> float:
-    """Return the share of the pixels with a known room depth whose reading shows the room, as the median over frames
+    """Return, of the pixels with a known room depth, the share whose reading shows the room: the median over frames
     (height, width) float32; 0 if there are too few frames or known pixels.
 
     room_m, sigma_m (height, width) float32: as in ``BackgroundModel``.
@@ -60,7 +60,7 @@ def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
 
 
 def without_other_places(frame_set: FrameSet, scenes: Sequence[Scene]) -> FrameSet:
-    """Remove images of another place from the frame set, and report each as a problem; scenes: one per camera."""
+    """Return the frame set without images of another place, with a problem noted for each. scenes: one per camera."""
     other = [
         depth is not None and is_of_other_place(depth, scene.background)
         for depth, scene in zip(frame_set.depths_m, scenes, strict=True)
@@ -77,7 +77,7 @@ def without_other_places(frame_set: FrameSet, scenes: Sequence[Scene]) -> FrameS
 
 
 def _shares(depth_m: np.ndarray, room_m: np.ndarray, sigma_m: np.ndarray) -> tuple[float, float]:
-    """Return two shares of the pixels with a known room depth: with a reading on the room, and with one behind it."""
+    """Return two shares of the pixels with a known room depth: those that read the room, those that read behind it."""
     depth, room, sigma = (image[::STEP_PX, ::STEP_PX] for image in (depth_m, room_m, sigma_m))
     known = room > 0
     count = int(np.count_nonzero(known))

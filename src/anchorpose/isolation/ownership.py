@@ -36,7 +36,7 @@ class OwnershipLikelihood:
 
 
 class LikelihoodGrid(NamedTuple):
-    """The points of an ``OwnershipLikelihood`` sorted by cells: those of cell c are start[c] to start[c + 1]."""
+    """The points of an ``OwnershipLikelihood`` sorted by cells: cell c has the points start[c] to start[c + 1] - 1."""
 
     points_m: np.ndarray  # (n, 3) float32
     owner: np.ndarray  # (n,) uint8
@@ -86,7 +86,7 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
         if owner[i] == whose and (cell[i] == before).all():
             continue
         whose = owner[i]
-        for axis in range(3):  # no slice: numba would take four seconds longer to compile it
+        for axis in range(3):  # a loop, since numba takes four seconds longer to compile a slice
             before[axis] = cell[i, axis]
         for x in range(cell[i, 0] - 1, cell[i, 0] + 2):
             for y in range(cell[i, 1] - 1, cell[i, 1] + 2):

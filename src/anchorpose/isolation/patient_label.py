@@ -1,4 +1,4 @@
-"""Correct the patient's pixels: add parts of the patient labelled as others, and remove stray pieces of others."""
+"""Correct the patient's pixels: add parts that have another person's label, and remove stray pieces of other people."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from anchorpose.isolation.view import PixelLabel
 
 # m, minimum length of the border between a stray piece and the person whose surface it continues, a wrist's width
 LEAST_CONTACT_M: Final = 0.05
-# minimum length of this border, as a factor on the square root of the stray piece's area; half a head borders on the
-# other half along its longest side, a forearm on the rest of the body along a shorter side
+# minimum length of a stray piece's border, as a factor on the square root of its area; half a head borders on the other
+# half along its longest side, a forearm on the rest of the body along a shorter side
 LEAST_CONTACT: Final = 1.0
 # m2, maximum area of a stray piece, a head's area; the patient's leg below a bar may border on a person who kneels in
 # front of it, but is larger, so it remains the patient's
@@ -49,7 +49,7 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
         return owner
     piece = piece_of[pixels.row, pixels.column]
     area = np.bincount(piece[mine], pixels.area_m2[mine], minlength=count + 1)
-    which = np.where(mine, piece, np.where(others, 0, -1))  # 0: another person, -1: nobody
+    which = np.where(mine, piece, np.where(others, 0, -1))  # the patient's piece; 0: another person, -1: nobody
     contact_m = smooth_contact_m(pixels, which, count + 1)[0]
     stray = contact_m > np.maximum(LEAST_CONTACT_M, LEAST_CONTACT * np.sqrt(area))
     stray &= area < LARGEST_M2
@@ -71,7 +71,7 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
     A label stands for another person if a body model is fitted to that person (``expected`` then has this person's
     skin), or if the label's pixels off the patient's predicted skin have enough area for a person. Otherwise its pixels
-    are a part of the patient, if they are connected to the patient.
+    are a part of the patient, if most lie on this skin and they are connected to the patient.
     """
     bodies = np.unique(expected.owner)
     labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}

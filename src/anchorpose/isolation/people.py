@@ -31,7 +31,7 @@ foreground is smaller than ``LEAST_AREA_M2``. People have 0.5 to 0.9 and not 1, 
 foreground pixel at their depth; parts of the room that were taken for people had 0.1 and 0.16.
 """
 
-EDGE_M: Final = 0.1  # m, maximum depth difference between a pixel and its nearest ray; it is larger across outlines
+EDGE_M: Final = 0.1  # m, maximum depth difference between a pixel and its nearest ray; larger: an outline lies between
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,14 +80,14 @@ class PatientChoice:
     ground_xz_m: np.ndarray  # (2,) float64, X and Z
     reason: str  # text for users after "who", such as "stands within the equipment"
     sure: bool  # whether the user named the patient, or the patient is in the equipment and nobody else is as likely
-    frame: int | None = None  # number of the frame in which the patient is there; None if it does not matter
+    frame: int | None = None  # number of the frame in which the patient is at this place; None if it does not matter
     rival_xz_m: np.ndarray | None = None  # (2,) place of another person who may be the patient; None if there is none
 
 
 def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> People:
     """Find the people in the foreground of all cameras at one moment by the learnt descriptor.
 
-    A pixel belongs to the person of the descriptor's nearest ray; it has -1 if the descriptor finds nobody there.
+    A pixel belongs to the person of the descriptor's nearest ray; its number is -1 if nobody is found there.
     """
     depths = [None if pixels is None else pixels.depth_m for pixels in pieces]
     said = each(lambda depth, camera: None if depth is None else described(depth, camera), depths, cameras)

@@ -18,7 +18,7 @@ from anchorpose.isolation.scene import Pieces
 # step to the next pixel
 CREASE_COST: Final = 4.0
 CREASE_PX: Final = 3  # pixels; a pixel's depth is compared with those this far on both sides; a finger's width at 2.5 m
-CREASE_SIGMAS: Final = 2.0  # standard deviations of the noise; a deeper valley is a crease
+CREASE_SIGMAS: Final = 2.0  # standard deviations of the noise; a valley deeper than this is a crease
 DEEPEST: Final = 60  # maximum additional cost of one step into a crease, in steps; a forearm is as many pixels long
 
 
@@ -67,7 +67,7 @@ class _Queue(NamedTuple):
     head: np.ndarray  # (buckets,) the first entry of each bucket, -1 = none
     after: np.ndarray  # (capacity,) the entry that follows each entry in its bucket
     pixel: np.ndarray  # (capacity,) the pixel of each entry
-    owner: np.ndarray  # (capacity,) its new owner; ``NOBODY``: the pixel keeps its owner
+    owner: np.ndarray  # (capacity,) the new owner of this pixel; ``NOBODY``: the pixel keeps its owner
 
 
 @njit(cache=True, nogil=True)

@@ -17,20 +17,20 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
 
-PLANES: Final = 6  # maximum number of planes that are searched: floor, ceiling and the walls in view
-TRIALS: Final = 200  # draws of three points per plane; a plane with a fifth of the points is hit once in 125 draws
+PLANES: Final = 6  # maximum number of planes that are searched for: floor, ceiling and the walls in view
+TRIALS: Final = 200  # draws of three points for each plane; a plane with a fifth of all points is hit once in 125 draws
 VOTERS: Final = 5000  # number of sampled points against which each plane is tested
 # minimum share of the image that a plane covers; a smaller plane is furniture, or a person's back
 LEAST_SHARE: Final = 0.03
-MOST_BEYOND: Final = 0.02  # maximum share of the readings on a wall's far side, where nothing should be seen
+MOST_BEYOND: Final = 0.02  # maximum share of all readings that may lie beyond a wall, where nothing should be seen
 
 
 def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.ndarray:
     """Return (height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 if the ray meets
     none of them.
 
-    room_m (height, width) float32: the known room, 0 = unknown. Walls are planes with many readings on them and none
-    behind them. A room is assumed to be convex, so the nearest plane along a ray is the visible plane.
+    room_m (height, width) float32: the known room, 0 = unknown. Walls are planes with many readings on them and hardly
+    any behind them. A room is assumed to be convex, so the nearest plane along a ray is the visible plane.
     """
     nearest = np.full(room_m.shape, np.inf, np.float32)
     for plane in find_planes(room_m, camera, noise_per_m):
@@ -107,7 +107,7 @@ def off_plane_m(depth_m: np.ndarray, noise_per_m: float) -> np.ndarray:
 
 
 def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np.ndarray:
-    """Refit a plane to its inliers by least squares."""
+    """Return the plane refitted to its inliers by least squares."""
     own = points_m[np.abs(points_m @ plane[:3] - plane[3]) < gate_m]
     centre = own.mean(axis=0)
     normal = np.linalg.eigh(np.cov((own - centre).T))[1][:, 0]
@@ -115,7 +115,7 @@ def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np
     return np.append(normal, normal @ centre)
 
 
-# maximum cosine between an upright plane's normal and the vertical, so that it may lean by 11 degrees
+# maximum cosine between an upright plane's normal and the vertical, so that the plane may lean by 11 degrees
 UPRIGHT: Final = 0.2
 FRAMED: Final = 0.6  # minimum share of a gap's border that is wall; a doorway has no wall at its lower border
 

@@ -35,7 +35,7 @@ FEET_M: Final = 0.3
 # m2; only larger pieces may be boards (flat rectangular objects), since a patch of a body between bars may be flat
 LEAST_M2: Final = 0.15
 FLATTEST: Final = 0.025  # maximum deviation of a board from a plane, as a share of its width; trunks bulge by 5 %
-# minimum share of its enclosing rectangle that a board fills; a trunk with thighs fills less
+# minimum share of the enclosing rectangle that a board fills; a trunk with thighs fills less
 LEAST_FILLED: Final = 0.85
 SAMPLE: Final = 500  # number of points of a piece that are tested for flatness
 
@@ -57,7 +57,7 @@ def flat_pieces(
         own -= own.mean(axis=0)
         spread, axes = np.linalg.eigh(own.T @ own / len(own))
         across = np.abs(own @ axes[:, 0])
-        thickness = 1.483 * _median(across)  # robust, since a hand at the board's edge may stick out
+        thickness = 1.483 * _median(across)  # a median, since a hand at the board's edge may stick out
         noise = noise_per_m * _median(depth_m[mine]) ** 2
         if thickness - noise > FLATTEST * np.sqrt(12.0 * spread[1]):  # points over a width w have variance w^2 / 12
             continue
@@ -77,7 +77,7 @@ def _median(values: np.ndarray) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """One camera with a known pose, its empty room and the equipment in it; rays (height, width, 2) float32."""
+    """One camera with a known pose, its empty room and equipment; rays (height, width, 2): x and y at depth 1."""
 
     camera: Camera
     rays: np.ndarray
@@ -118,7 +118,7 @@ class Pieces:
 
 
 def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentModel | None) -> Scene:
-    """Prepare one camera; raises ValueError if its pose is unknown."""
+    """Return the scene of one camera; raises ValueError if the camera's pose is unknown."""
     camera.require_pose()
     rays = camera.pixel_rays()
     if equipment is None:

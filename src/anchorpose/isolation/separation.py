@@ -27,9 +27,9 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# pixels; near skin of several people, likelihoods decide only every second row and column; regions grow over the others
+# pixels; near skin of several people, likelihoods decide in every second row and column; regions grow over the rest
 DECISION_PX: Final = 2
-# m, maximum distance of a detached piece from its person: a bar's width plus the movement of a hidden forearm
+# m, maximum distance of a detached piece from its person: a bar's width plus the distance that a hidden forearm moves
 DETACHED_M: Final = 0.12
 # m, added in quadrature to the standard deviation of the remembered skin of people to whom no body is fitted, so that
 # remembered skin does not win against skin predicted from a body
@@ -46,7 +46,7 @@ def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: Pa
 
 
 def by_distance(people: People, ground_xz_m: np.ndarray) -> np.ndarray:
-    """Return the numbers (k,) int of the people, sorted by their distance to a place (2,)."""
+    """Return the numbers (k,) int of the people, sorted by their distance from a place (2,), nearest first."""
     axes = np.array([person.ground_xz_m for person in people.people]).reshape(-1, 2)
     return np.argsort(np.linalg.norm(axes - ground_xz_m, axis=1), kind="stable")
 
@@ -93,7 +93,7 @@ def separate(
 
 
 def first_free(memory: BystanderMemory, elapsed_s: float) -> int:
-    """Return the next new person's label. elapsed_s: time since the memory's frame, negative in the backward pass."""
+    """Return the label for the next new person. elapsed_s: time since the memory's frame; negative if backward."""
     return memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
 
 
@@ -114,7 +114,7 @@ def _grown(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.nda
 
 
 def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np.ndarray]:
-    """Give each piece without an owner the person whose skin, seen by any camera, it nearly touches."""
+    """Give each piece without an owner to the person whose skin, seen by any camera, it nearly touches."""
     cameras = list(zip(shown, owners, strict=True))
     if not any(pixels.area_m2[owner == NOBODY].sum() >= SMALLEST_PIECE_M2 for pixels, owner in cameras):
         return owners
@@ -124,14 +124,14 @@ def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np
     points = np.concatenate([place for place, _, _ in owned])
     if not len(points):
         return owners
-    # only skin near unowned pixels: a tree of all skin would take longer to build than the search takes
+    # only skin near unowned pixels: building a KD-tree of all skin would take longer than the search
     near = ((points >= low) & (points <= high)).all(axis=1)
     label, tree = np.concatenate([whose for _, whose, _ in owned])[near], cKDTree(points[near])
     return [_to_neighbour(pixels, owner, tree, label) for pixels, owner in cameras]
 
 
 def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.ndarray) -> np.ndarray:
-    """Give each piece's pixels without an owner the nearest person within ``DETACHED_M``; return all owners."""
+    """Give each piece's unowned pixels to the person nearest to one of them, within DETACHED_M; return all owners."""
     unowned = np.flatnonzero(owner == NOBODY)
     if not len(unowned):
         return owner

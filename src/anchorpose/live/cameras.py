@@ -36,7 +36,9 @@ known.
 
 @dataclass(slots=True, eq=False)
 class RealSense:
-    """A started RealSense camera. cameras: only this one; about: see ``LiveSource``; pipeline: from pyrealsense2."""
+    """A started RealSense camera. cameras: only this one; about: see ``LiveSource``; pipeline: the object of
+    pyrealsense2 that delivers its images.
+    """
 
     name: str
     cameras: tuple[CameraPlan, ...]
@@ -82,7 +84,7 @@ def open_realsense(serial: str, about: Recording | None) -> RealSense:
 
 
 def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> RealSense:
-    """Start the stream that ``config`` selects: a camera, or a file that librealsense plays. rs: the module
+    """Start the depth stream that ``config`` selects, of a camera or of a file that librealsense plays. rs: the module
     pyrealsense2.
     """
     pipeline = rs.pipeline()

@@ -109,7 +109,7 @@ class Intake:
         return self._left > 0
 
     def stop(self) -> None:
-        """End all sources and wait for them."""
+        """End all sources, and wait at most 5 s for each thread to end."""
         self._stop.set()
         for thread in self._threads:
             thread.join(timeout=5.0)
@@ -271,7 +271,7 @@ class Feed:
                     for k, own in enumerate(self._images)
                 )
                 return LiveSet(images, reference, main.taken_s, self._skipped(reference, main))
-            if age_s < half_s:  # within half an interval between images, those of the other cameras may still arrive
+            if age_s < half_s:  # the other cameras' images may still come, up to half an interval late
                 return None
         return None
 

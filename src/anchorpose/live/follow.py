@@ -88,15 +88,15 @@ class LiveFollower:
     _taken_s: dict[int, float] = field(default_factory=dict)
     _kept: list[TrackedFrame] = field(default_factory=list)
     _stored: int = 0
-    _last_s: float = float("-inf")  # time of the last frame
+    _last_s: float = float("-inf")  # time in s of the last tracked frame
     _contacts: ContactIntervals | None = None
     _touched: Mapping[str, bool] | None = None
     _holding: Mapping[str, bool] | None = None
 
     def take(self, live_set: LiveSet, live: bool) -> None:
-        """Track an image set. live: whether it is the newest set, so that it is sent and its latency counts."""
+        """Track an image set. live: whether it is the newest set, whose joints are sent and whose latency counts."""
         frame_set = without_other_places(live_set.frame_set(self._cameras, self._clocks), self.run.room.scenes)
-        if frame_set.time_s <= self._last_s + ROUNDING_S:  # skip the last set of the first seconds, which comes again
+        if frame_set.time_s <= self._last_s + ROUNDING_S:  # skip the last set of the first seconds if it comes twice
             return
         self._last_s = frame_set.time_s
         self._taken_s[frame_set.frame] = live_set.taken_s

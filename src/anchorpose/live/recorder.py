@@ -55,7 +55,7 @@ class Recorder:
         self._waiting: list[tuple[str, float]] = []  # markers that came before the first image
         self._marking = Lock()
         self._write_document()
-        self.images, self.finished = 0, False  # images: number of images written so far
+        self.images, self.finished = 0, False  # number of images written; whether ``finish`` has succeeded
         self._unsynced: list[Path] = []
         # a lock per camera, since each camera's thread writes images while another thread may end the recording
         self._writing = [Lock() for _ in cameras]
@@ -140,7 +140,7 @@ class Recorder:
 
     def _sync_often(self) -> None:
         while not self._done.wait(SYNC_S):
-            with suppress(OSError):  # if it fails, the files are synced again after ``SYNC_S``, or at the end
+            with suppress(OSError):  # if syncing fails, it is tried again after ``SYNC_S``, or at the end
                 self._sync()
 
     def _sync(self) -> None:

@@ -35,7 +35,7 @@ from anchorpose.tracker.following import Follower
 
 PATIENCE_S: Final = 0.5
 REPORT_S: Final = 10.0  # s between two messages about latency
-MOST_THREADS: Final = 4  # maximum number of threads; more threads would wait for Python's global lock
+MOST_THREADS: Final = 4  # maximum number of threads that track; more would wait for Python's global lock
 
 
 @dataclass(frozen=True, slots=True, eq=False)

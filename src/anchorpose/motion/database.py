@@ -48,7 +48,7 @@ class SubLists(NamedTuple):
     stride: np.ndarray  # (w,) float64, number of rows of ``theta`` per frame of the recording
     followed: np.ndarray  # (w,) int32, number of frames of the recording from the newest pose to the clip's end
     summary: np.ndarray  # (w, 2, COLUMNS) float32, mean pose and displacement of each sub-list, as from ``summarise``
-    # (s + 1,) int64, number of the first sub-list of each segment (group of neighbours); last entry: w
+    # (s + 1,) int64, index of the first sub-list of each segment (group of neighbours); last entry: w
     segment: np.ndarray
     centre: np.ndarray  # (s, 2, COLUMNS) float32, mean of the summaries in each segment
     radius: np.ndarray  # (s, 2) float32, maximum distances of mean poses and of displacements from those of the centre
@@ -59,8 +59,8 @@ class MotionDatabase:
     """The reference movements D, one after another in ``theta``, and the sub-lists of D_s."""
 
     theta: np.ndarray  # (n, d) float32, pose vectors of all clips at their recorded rates
-    # number of the first columns of a pose vector, by which similar poses are found; the other columns, the path, are
-    # predicted but not compared
+    # number of a pose vector's columns, from its first one on, that are compared to find similar poses; the other
+    # columns, the path, are only predicted
     compared: int
     turned: np.ndarray  # (n, compared) float32 = theta[:, :compared] @ basis; poses differ mostly in its first columns
     basis: np.ndarray  # (compared, compared) orthonormal, principal directions of the poses
@@ -122,7 +122,7 @@ def build_database(
 
     compared: as in ``MotionDatabase``; speeds: factors on the speed of the clips; history: number of poses of a
     sub-list; past: number of frames that a clip must have before the newest pose of a sub-list (at least ``history`` -
-    1). Raises ValueError if a clip has missing values, or if no clip is long enough for ``past`` frames and one step.
+    1). Raises ValueError if a clip has missing values, or if no clip has more than ``past`` + 1 frames at any speed.
     """
     if any(not np.isfinite(clip).all() for clip in clips):
         raise ValueError("a clip of the motion database has missing values; cut it there")
@@ -205,7 +205,7 @@ _SKELETON_ARRAYS: Final = ("joints_mm", "offsets", "names", "joint_names", "rate
 _SKELETON_REMEDY: Final = (
     "give joints_mm (frames, joints, 3) with Y up, offsets (clips + 1), names (clips) and joint_names (joints)"
 )
-# mm, maximum coordinate of a joint relative to the first joint in the clip's first frame; larger ones are not in mm
+# mm, maximum coordinate of a joint relative to the first joint in the clip's first frame; larger numbers are not mm
 FARTHEST_MM: Final = 10_000
 
 _TRUNK: Final = {"SpineBase": "Waist", "SpineMid": "Spine", "SpineShoulder": "Chest"}
@@ -336,7 +336,7 @@ def _in_our_joints(path: Path, joints: np.ndarray, columns: list[str]) -> tuple[
     """Return our joints (n, 21, 3), and the names of the joints that were derived from others (``DERIVED``)."""
     found: dict[str, np.ndarray] = {}
     for name in JOINT_NAMES:
-        # Neck and Head are the same joints in both namings; LHand is the bone that begins at the wrist
+        # our names and UI-PRMD's agree for Neck and Head; UI-PRMD's LHand is the bone that begins at the wrist
         for known in (name, BONE_BEGINNING_AT.get(name)):
             if known in columns and name not in found:
                 found[name] = joints[:, columns.index(known)]

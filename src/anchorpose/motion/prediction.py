@@ -204,8 +204,8 @@ DAMPING: Final = 0.85  # factor on the velocity per frame ahead, since a limb re
 # share of the velocity difference (patient minus matches) that is added to the matches' velocity; with 1, all noise of
 # the difference would be added
 OWN_VELOCITY: Final = 0.8
-# number of newest frames on which a span is tested: each of them is predicted from the frames before, and the errors
-# (of about 60 columns) determine the span's weight
+# number of newest frames on which each of ``SPANS`` is tested: each frame is predicted from the frames before it, and
+# the errors (of about 60 columns) determine the span's weight
 _CHECKED_STEPS: Final = 6
 # a span's weight is 1 / (its squared error to this power), so a fifth more squared error halves the weight
 _SHARPNESS: Final = 4
@@ -350,7 +350,7 @@ def _similar(history: np.ndarray, steps: int, database: MotionDatabase, config: 
 def _blend(
     history: np.ndarray, steps: int, database: MotionDatabase, matches: Matches, config: MotionConfig
 ) -> Prediction:
-    """Return the mean of two predictions, weighted by trust: by the matches and by the patient's own velocity."""
+    """Return the prediction by the matches, averaged with that by the patient's own velocity, weighted by trust."""
     weight = (1e-6 + matches.distance_m[0]) ** 2 / (1e-6 + matches.distance_m) ** 2
     before = config.past
     matched = np.tensordot(weight / weight.sum(), matches.poses(database, np.arange(-before, steps + 1)), axes=1)
@@ -368,7 +368,7 @@ def _blend(
 
 def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compared: int, checked: int) -> float:
     """Return the trust in the matches, 0 to 1. It compares predictions of the newest pose, made ``checked`` frames
-    before: the squared error by velocity, divided by the sum of this error and the matches' squared error.
+    before: it is the squared error by velocity, divided by the sum of this error and the squared error by the matches.
     """
     back = min(checked, len(history) - 2)
     known = np.flatnonzero(np.isfinite(history[:, :compared]).all(axis=0))

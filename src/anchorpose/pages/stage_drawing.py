@@ -120,8 +120,8 @@ def fill_blocks(picture: np.ndarray, camera: Camera, pixel: np.ndarray, colour: 
 
 
 def _draw_iso_lines(picture: np.ndarray, camera: Camera, pixel: np.ndarray, band: np.ndarray) -> None:
-    """Draw contour lines in black: between the blocks of neighbouring nodes that have different numbers
-    ``band`` (n,).
+    """Draw contour lines in black, between the blocks of neighbouring nodes whose values are separated by a contour
+    value. band (n,): number of the interval between contour values that holds each node's value.
     """
     large = _blocks(picture, camera, pixel, band, np.array(np.nan))
     for axis in (0, 1):

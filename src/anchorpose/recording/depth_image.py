@@ -33,14 +33,16 @@ FARTHEST_M: Final = 20.0
 
 SATURATED: Final = np.iinfo(np.uint16).max  # the largest 16-bit value, which is an error code, not a distance
 ROWS: Final = 128  # number of image rows checked, evenly spaced; surfaces are many rows high, so none is missed
-LEAST_READ: Final = 0.001  # minimum share of pixels with a reading; a distant person alone fills 0.03
+LEAST_READ: Final = 0.001  # minimum share of pixels that must have a reading; a distant person alone fills 0.03
 ENOUGH: Final = 4000  # readings needed before the limits below apply; with fewer, a sound image may fail them by chance
-MOST_ALIKE: Final = 0.98  # maximum share of readings with the same value; a whole body measured in coarse steps has 0.3
-LEAST_BESIDE: Final = 0.5  # minimum share of readings with a reading to their right; real images have 0.93 or more
+# maximum share of readings that may have the same value; a whole body measured in coarse steps has 0.3
+MOST_ALIKE: Final = 0.98
+# minimum share of readings that must have a reading to their right; real images have 0.93 or more
+LEAST_BESIDE: Final = 0.5
 # minimum difference of two neighbouring readings that counts as a jump, as a share of their distance from the camera;
 # within a surface, only parts that are seen edge-on have larger differences
 JUMP: Final = 0.1
-MOST_JUMPS: Final = 0.25  # maximum share of neighbouring readings that jump; real cluttered rooms have up to 0.03
+MOST_JUMPS: Final = 0.25  # maximum share of pairs of neighbours that may jump; real cluttered rooms have up to 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)

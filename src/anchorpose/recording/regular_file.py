@@ -56,7 +56,7 @@ class Unreadable(Exception):
 
 
 STAMP: Final = np.dtype([("size", np.int64), ("changed_ns", np.int64), ("inode", np.uint64)])
-"""Element type of an array of stamps (see ``list_file``), which saves memory: an hour of three cameras has 324,000
+"""Element type of an array of stamps (see ``list_file``); an array saves memory: an hour of three cameras has 324,000
 files.
 """
 

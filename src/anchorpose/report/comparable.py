@@ -70,7 +70,7 @@ def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Meas
 
 def span_sentences(first: Sequence[Measure], later: Sequence[Measure]) -> list[str]:
     """Return a sentence for each time span whose length differs between two sessions: the time recorded, the time with
-    known posture, and the time from which sway is computed.
+    known posture, and the time over which sway is computed.
     """
     return [
         f"{old.words}: {number(new.seconds, 1)} instead of {number(old.seconds, 1)} s, so that times, counts, extremes "

@@ -154,7 +154,9 @@ REPEATED_VERDICTS: Final[dict[bool | None, tuple[str, str]]] = {
 
 
 class ChangeGroup(NamedTuple):
-    """Measures shown together; rows: (title, meaning, cells): a value per session, then a change per later session."""
+    """Measures shown together. rows: (title, meaning, cells); cells: a value per session, then a change per later
+    session.
+    """
 
     heading: str
     rows: list[tuple[str, str, list[Markup]]]

@@ -56,7 +56,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """The properties of all curves in a picture: name, unit in text and in column names, decimals, least axis range."""
+    """The properties of all curves in a picture: name, unit in text and in column names, decimals, least axis span."""
 
     label: str
     unit: str
@@ -77,8 +77,8 @@ def curve_row(curves: Sequence[Curve], quantity: Quantity, bins: Bins, height: i
 
 
 def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
-    """Return one low row per curve, which shows where the curve was inferred or lost; no rows where everything was
-    seen.
+    """Return one row of small height per curve, which shows where the curve was inferred or lost; no rows where
+    everything was seen.
     """
     rows = []
     for curve in curves:

@@ -91,7 +91,8 @@ class Session:
 def read_session(folder: Path, name: str = "") -> Session:
     """Read all tables of a results folder.
 
-    Raises InputError if a table is missing (except contacts and explained), is damaged, or does not fit the joints.
+    Raises InputError if a table is missing (except contacts and explained), is damaged, was replaced, or has other
+    frames than the joints.
     """
     run = read_run(folder / RUN_FILE)
     for file in MEASURED:

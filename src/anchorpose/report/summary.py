@@ -110,7 +110,7 @@ def _transitions(session: Session) -> Markup:
 
 
 def _events(session: Session) -> Markup:
-    """Return a sentence on the events that were seen; empty if none was seen, since hidden events may have occurred."""
+    """Return a sentence on the events that were seen; empty if none was seen, since unseen ones may have occurred."""
     words = (
         ("knee buckle", "knee buckles", (BUCKLE_LEFT, BUCKLE_RIGHT)),
         ("failed stand", "failed stands", (FAILED_STAND,)),

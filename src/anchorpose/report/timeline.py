@@ -119,7 +119,7 @@ def condition_rows(session: Session) -> list[Row]:
 
 
 def trial_readings(session: Session) -> list[Reading]:
-    """Return which trials each group of frames belongs to; an empty list without trials."""
+    """Return, for the slider, the trials to which each group of frames belongs; an empty list without trials."""
     if session.trials is None:
         return []
     texts: list[list[str]] = [[] for _ in range(session.bins.count)]
@@ -141,8 +141,8 @@ def _event_files(session: Session) -> tuple[str, ...]:
 
 
 def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
-    """Return 1.96 times the median and the largest sigma of the joints in each frame, (n,) each, in mm. Lost joints are
-    left out; NaN where all are lost.
+    """Return, for each frame, the median and the largest of the joints' sigmas, each multiplied by 1.96, (n,) each, in
+    mm. Lost joints are left out; NaN where all are lost.
     """
     reach_mm = 1000.0 * NORMAL_95 * session.joints.sigma_m
     known = np.isfinite(reach_mm).any(axis=1)
@@ -212,7 +212,7 @@ def _confidence_readings(session: Session) -> list[Reading]:
 
 def kept_rows(session: Session) -> list[Row]:
     """Return rows of frames with problems, of frames marked unusable by a reviewer, and of frames with pictures. The
-    marks in the row of pictures are links to them.
+    marks in the row of pictures are links to the pictures.
     """
     bad = np.isin(session.joints.frame, [drop["frame"] for drop in session.run.get("dropped", [])])
     rows = [
@@ -233,7 +233,7 @@ def unusable_frames(session: Session) -> np.ndarray:
 
 
 def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
-    """Return one row with a column for each of the ``frames`` (n,) bool; no row where there are none."""
+    """Return one row with a column for each of the ``frames`` (n,) bool; no row if there are none."""
     if not frames.any():
         return []
     return [_state_row(label, session.bins, 12, lost=worst(frames.astype(float), session.bins))]
@@ -314,7 +314,7 @@ def _depth(episode: Episode) -> str:
 
 
 def posture_readings(session: Session) -> list[Reading]:
-    """Return, for each group of frames, all postures in it, and all transitions and events that it overlaps."""
+    """Return, for the slider, each group's postures, and the transitions and events that overlap the group."""
     bins = session.bins
     words = [
         POSTURE_WORDS[code] + ("" if seen or code == UNKNOWN else " (inferred)")
@@ -385,8 +385,8 @@ def _lost(session: Session) -> np.ndarray:
 
 
 def _held_and_seen(contacts: Sequence[Contact], bins: Bins) -> tuple[np.ndarray, np.ndarray]:
-    """Return (b,) 1.0 where any of the contacts lasts during a group of frames, else 0; and (b,) the seen share of that
-    contact of which least was seen, 0 without contact.
+    """Return (b,) 1.0 where any of the contacts lasts during a group of frames, else 0; and (b,) the smallest seen
+    share of these contacts, 0 without contact.
     """
     held, seen = np.zeros(bins.count), np.ones(bins.count)
     for contact in contacts:

@@ -68,7 +68,7 @@ def decimals_for(uncertainty: float | None, value: float) -> int:
 
 
 def number(value: float, decimals: int) -> str:
-    """Format a number with narrow spaces between thousands and a true minus; never a negative zero."""
+    """Format a number with narrow spaces between thousands and U+2212 as the minus sign; never a negative zero."""
     text = f"{value:,.{decimals}f}".replace(",", "\u202f")
     return text.lstrip("-") if not text.strip("-0.\u202f") else text.replace("-", "\u2212")
 

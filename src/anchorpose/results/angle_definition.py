@@ -1,7 +1,7 @@
-"""Define angles: names, the joints they are computed from, formulas, and the axes of the body's segments.
+"""Define the body's angles (names, the joints they are computed from, formulas) and the axes of its segments.
 
-Arrays of vectors have the components on the first axis, (3, ...): numpy then computes whole rows of frames at once,
-several times as fast as with the components on the last axis. Axes are x forward, y up, z to the patient's right (ISB).
+Arrays of vectors have the components on the first axis, (3, ...): numpy is then several times as fast as with the
+components on the last axis. A segment's axes are x forward, y up, z to the patient's right (ISB).
 
 Sources: Wu et al. 2002 (doi:10.1016/S0021-9290(01)00222-6) for pelvis and spine, Wu et al. 2005
 (doi:10.1016/j.jbiomech.2004.05.042) for thorax and arm. Depth images do not show the bony landmarks that these papers
@@ -36,7 +36,7 @@ def length(vector: np.ndarray) -> np.ndarray:
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
-    """Return vectors (3, ...) of length one; NaN where the vector has length zero."""
+    """Return the vectors (3, ...), scaled to length one; NaN where the vector has length zero."""
     return rotations.unit(vector, axis=0)
 
 
@@ -48,8 +48,8 @@ def square_to(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the angle (...) in radians between vectors, exact also for small angles; NaN where a vector has length
-    zero.
+    """Return the angle (...) in radians between vectors ``a`` and ``b``, exact also for small angles; NaN where a
+    vector has length zero.
     """
     across, along = length(cross(a, b)), dot(a, b)
     return np.where((across == 0) & (along == 0), np.nan, np.arctan2(across, along))
@@ -62,9 +62,10 @@ def arcsin(sine: np.ndarray) -> np.ndarray:
 
 
 LEAST_LEVER: Final = 0.2588
-"""Sine of 15 degrees. An angle about an axis is computed from the part of a vector that is perpendicular to the axis.
-No angle is given if this part is shorter than ``LEAST_LEVER`` times the vector: the vector then nearly coincides with
-the axis (gimbal lock), and an error of a joint changes the angle about four times as much as at a right angle, or more.
+"""Sine of 15 degrees. An angle about an axis is computed from the component of a vector that is perpendicular to the
+axis. No angle is given if this component is shorter than ``LEAST_LEVER`` times the vector: the vector is then nearly
+parallel to the axis (gimbal lock), and an error of a joint changes the angle at least about four times as much as if
+they were perpendicular.
 """
 
 PLANE_UNKNOWN_RAD: Final = np.radians(15.0)
@@ -77,15 +78,15 @@ Points = Mapping[str, np.ndarray]
 """Joint centres by name, each (3, n) in metres, in world coordinates."""
 
 Reading = tuple[np.ndarray, "np.ndarray | float"]
-"""An angle (n,) in radians, and its lever (n,): the ratio of lengths that must be at least ``LEAST_LEVER``."""
+"""An angle (n,) in radians, and its lever (n,): the ratio of lengths of which ``LEAST_LEVER`` is the minimum."""
 
 
 @dataclass(frozen=True, slots=True)
 class AngleGroup:
     """Angles that one formula computes from the same joints, in the order of ``names``.
 
-    own_sigma: returns the standard deviation (n,) in radians of the error that the formula has even if the joints are
-    exact.
+    own_sigma: function that returns the standard deviation (n,) in radians of the error that the formula makes even
+    with exact joints.
     """
 
     names: tuple[str, ...]
@@ -116,7 +117,7 @@ class Axes(NamedTuple):
 
 
 def pelvis_axes(points: Points) -> Axes:
-    """Return the pelvis axes: z along the line of the hip joints, y perpendicular to z and towards SpineMid."""
+    """Return the pelvis axes: z from the left to the right hip joint, y perpendicular to z and towards SpineMid."""
     across = points["HipRight"] - points["HipLeft"]
     middle = 0.5 * (points["HipRight"] + points["HipLeft"])
     z = unit(across)
@@ -125,13 +126,13 @@ def pelvis_axes(points: Points) -> Axes:
 
 
 def thorax_axes(points: Points) -> Axes:
-    """Return the thorax axes: y from SpineMid to SpineShoulder, z perpendicular to y and along the shoulders."""
+    """Return the thorax axes: y from SpineMid to SpineShoulder, z perpendicular to y and towards the right shoulder."""
     return _upright_axes(points["SpineShoulder"] - points["SpineMid"], points)
 
 
 def trunk_axes(points: Points) -> Axes:
-    """Return the axes of the whole trunk: y from SpineBase to SpineShoulder, z perpendicular to y and along the
-    shoulders.
+    """Return the axes of the whole trunk: y from SpineBase to SpineShoulder, z perpendicular to y and towards the right
+    shoulder.
     """
     return _upright_axes(points["SpineShoulder"] - points["SpineBase"], points)
 

@@ -29,8 +29,8 @@ from anchorpose.results.uncertainty import NORMAL_95, SYSTEMATIC_SHARE
 CONFIDENCE: Final = 0.95
 
 PAIRS, BLOCKS, FREE = "pairs", "blocks", "free"
-"""Ways in which the order of conditions may have been drawn: within pairs of successive trials, within blocks of trials
-that the events file states, or over all trials.
+"""Ways in which the order of conditions may have been drawn at random: within pairs of successive trials, within blocks
+of trials that the events file states, or over all trials.
 """
 
 
@@ -61,7 +61,7 @@ class Effect:
 
     @property
     def shown(self) -> bool:
-        """Return whether p is below 0.05 and the difference exceeds ``detectable`` (if known), so that it is shown."""
+        """Return whether the effect counts as shown: p < 0.05, and the difference exceeds ``detectable`` (if known)."""
         if self.p is None or self.difference is None or self.p >= ALPHA:
             return False
         return self.detectable is None or abs(self.difference) > self.detectable
@@ -119,7 +119,7 @@ def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np
     """Return how the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``), the indices of the two
     conditions' trials in the order of time, and the block of each trial.
 
-    A trial without a named block forms a block by itself, so it is not compared.
+    A trial without a named block forms a block by itself, so it is not compared with any other trial.
     """
     order = np.array(sorted(range(len(trials.rows)), key=lambda place: trials.rows[place].onset_s))
     order = np.array([place for place in order.tolist() if trials.rows[place].condition in names])
@@ -186,7 +186,8 @@ def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:
 
     With one block, the formula of Welch 1947 (doi:10.1093/biomet/34.1-2.28) is used, in which trials of the two
     conditions may scatter differently. With several blocks, the scatter among trials of the same block and condition is
-    used if every block has each condition at least twice; else the scatter among the blocks' differences.
+    used if every block has each condition at least twice; else the scatter, from block to block, of the difference
+    between conditions.
     """
     cells = [(value[p][~blocks.treated[p]], value[p][blocks.treated[p]]) for p in blocks.members]
     if len(cells) == 1:

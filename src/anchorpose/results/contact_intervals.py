@@ -17,12 +17,12 @@ from anchorpose.results.records import PERSON, Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
 FREE_SHARE: Final = 0.5
-"""A contact has ended if cameras see at least this share of the patient's skin touched last, and nobody touches it."""
+"""A contact has ended if cameras see at least this share of the skin that was touched last, and nobody touches it."""
 
 HIDDEN_M: Final = 0.08
 """Maximum distance in m between another person's skin and the patient's skin that this person last touched, for the
-contact to continue while it is hidden. It is the length of a palm, since cameras may see only the back or the wrist of
-a holding hand; a person who has let go is farther away.
+contact to continue while it is hidden. It is the length of a palm, since the cameras may see only the back or the wrist
+of the hand that holds on; a person who has let go is farther away.
 """
 
 SHOWN_SHARE: Final = 0.2
@@ -36,17 +36,17 @@ class ContactConfig:
     """Limits that define when skin counts as touched, when touched skin becomes a contact, and when a contact ends."""
 
     # m, maximum distance between touched skin and the skin of another person: 3 cm, plus 2 cm for the fingers of a
-    # holding hand of which the cameras see only the back, plus half the spacing of the points on other people.
+    # holding hand if the cameras see only its back, plus half the spacing of the skin points of other people.
     reach_m: Positive = 0.06
     begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few finger tips); less may be noise
-    keep_m2: Positive = 0.0007  # m2, minimum touched area to continue a contact: what one skin point represents
+    keep_m2: Positive = 0.0007  # m2, least touched area to continue a contact: the area that one skin point represents
     begin_s: NotNegative = 0.1  # s, minimum duration of a contact; a passing sleeve touches for a shorter time
     release_s: NotNegative = 0.3  # s, maximum pause in a contact; segmentation may miss a hand for a few frames
     # m, maximum gap between touched skin and equipment: the model of the equipment is accurate to 1 cm, and folds of
     # clothes are as large.
     equipment_touch_m: Positive = 0.01
     equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # minimum probability of touch to continue a contact
-    equipment_sigma_m: Positive = 0.03  # m, maximum sigma with which an unseen gap may begin a contact (half a fist)
+    equipment_sigma_m: Positive = 0.03  # m, maximum sigma of an unseen gap that begins a contact: half a fist
 
     def __post_init__(self) -> None:
         if self.keep_m2 > self.begin_m2:
@@ -65,7 +65,7 @@ class _Key(NamedTuple):
 
 class _Touch(NamedTuple):
     """Evidence of one frame for a contact: indices of the touched skin points (none for equipment), whether the touch
-    suffices to begin a contact, the touched area, the share of it that was seen, and the gap between the two surfaces.
+    suffices to begin a contact, the touched area, the seen share of this area, and the gap between the two surfaces.
     """
 
     skin: np.ndarray
@@ -80,8 +80,9 @@ class _Open:
     """A contact that has not ended, or a touch that was so far too small to begin a contact (not ``begun``).
 
     first, last: number and time of the frame in which it began, and of the last frame in which it continued. skin: skin
-    points touched in the last frame with a touch. frames, area_m2, seen_frames: sums over frames with a touch. hidden:
-    number of frames up to ``last`` in which the contact continued unseen. seen: whether it was seen in the last frame.
+    points touched in the last frame with a touch. frames: number of frames with a touch; area_m2, seen_frames: sums of
+    touched areas and of seen shares over them. hidden: number of frames up to ``last`` in which it continued unseen.
+    seen: whether it was seen in the last frame.
     """
 
     first: tuple[int, float]
@@ -147,8 +148,8 @@ class ContactIntervals:
         yield from self._close(list(self._open))
 
     def touched_now(self, by_equipment: bool) -> dict[str, bool]:
-        """Return, for each part of the patient (``REGIONS``) that is touched in the last frame, whether the touch is
-        seen. Only touches by equipment count if ``by_equipment``, else only those by people.
+        """Return, for each part of the patient (``REGIONS``) that is touched in the last frame, whether a camera sees
+        the touch. Only touches by equipment count if ``by_equipment``, else only those by people.
         """
         parts: dict[str, bool] = {}
         for key, kept in self._open.items():
@@ -193,7 +194,7 @@ class ContactIntervals:
 
     def _continues(self, now: tuple[int, float], near: Nearness, key: _Key, kept: _Open) -> bool:
         """Return whether a contact continues: there is a touch in this frame, or the contact is hidden while the person
-        is within ``HIDDEN_M``, or it has paused for at most ``release_s``.
+        is within ``HIDDEN_M``, or the touch has paused for at most ``release_s``.
         """
         if kept.last == now:
             return True

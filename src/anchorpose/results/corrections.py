@@ -28,9 +28,9 @@ from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
-LATEST_FRAME: Final = 2**31 - 1  # largest number of a frame in the tables (int32)
+LATEST_FRAME: Final = 2**31 - 1  # largest frame number that the tables can hold (int32)
 SUREST_M: Final = 1e-4
-"""Minimum sigma of a corrected joint in m. Nobody places a joint more precisely, and the inverse square of a value near
+"""Minimum sigma of a corrected joint in m. Nobody places a joint more precisely, and the inverse square of a sigma near
 zero overflows.
 """
 
@@ -127,7 +127,7 @@ Correction = UnusableInterval | JointCorrection | NamedPatient
 
 def _subject(entry: Correction) -> tuple[int, str] | str | None:
     """Return the subject of an entry: a joint in a frame, or the patient. At most one entry per subject is valid.
-    Return None for an interval, since several intervals may be valid.
+    Return None for an interval, since several intervals may be valid at once.
     """
     if isinstance(entry, JointCorrection):
         return entry.frame, entry.joint
@@ -278,8 +278,8 @@ def read_corrections(path: Path) -> Corrections:
 
 
 def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
-    """Return the corrections (possibly none) with which the results of ``run``, the content of the run.json at
-    ``path``, were tracked. The next review begins with them. Raises InputError if they cannot be used.
+    """Return the corrections (possibly none) with which the results of ``run`` were tracked, so that the next review
+    begins with them. run: content of the run.json at ``path``. Raises InputError if they cannot be used.
     """
     recording, part = recording_of_run(run), {"corrections": run.get("corrections")}
     held = validate(path, dict[str, CorrectionsRecord | None], part)["corrections"]

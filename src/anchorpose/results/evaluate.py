@@ -27,11 +27,12 @@ from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 
 FAR_M: Final = 0.10
-"""Minimum error in m of a confident error (``CONFIDENT_SIGMAS``); below it, a joint is on the right body part."""
+"""Minimum error in m of a confident error (``CONFIDENT_SIGMAS``); with less, a joint is still on the right body part.
+"""
 
 CONFIDENT_SIGMAS: Final = 4.0
 """A confident error exceeds this multiple of the joint's stated sigma along at least one axis. If the sigmas are right,
-one error along an axis in 16 000 does.
+one in 16 000 errors along an axis does.
 """
 
 PLAIN_VIEW: Final = 0.5
@@ -49,7 +50,7 @@ LIMBS_JUDGED: Final[Mapping[str, np.ndarray]] = {
     name: np.array([JOINT_INDEX[joint] for joint in joints])
     for name, joints in {**_FREE, "trunk_and_head": _TRUNK}.items()
 }
-"""By limb, indices (k,) of the joints whose errors count for the limb; shoulders and hips belong to the trunk."""
+"""By limb, indices (k,) of the joints whose errors count for it; shoulders and hips count for ``trunk_and_head``."""
 
 
 SEEN_SHARE: Final = 0.25
@@ -58,8 +59,8 @@ SEEN_SHARE: Final = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrongInView:
-    """The longest unbroken time in which a limb in plain view was over ``WRONG_M`` from its true place; start_s is None
-    if it never was.
+    """The longest unbroken time in which a limb was in plain view with a joint over ``WRONG_M`` from its true place;
+    start_s: its beginning, None if this never happened.
     """
 
     start_s: float | None
@@ -147,7 +148,7 @@ class LongestError:
 
 
 def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
-    """Return the longest error of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
+    """Return the longest-lasting error of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
 
     A frame in which the joint is lost ends the error. The duration of a frame is the usual time between two frames.
     """
@@ -183,8 +184,8 @@ def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, An
 
 
 def axis_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
-    """Return the error of the axis of rotation of each knee and elbow: its angle to the axis that follows from the true
-    joints. truth_m: as in ``angle_errors``.
+    """Return the error of the axis of rotation of each knee and elbow: its angle to the axis that is computed from the
+    true joints. truth_m: as in ``angle_errors``.
     """
     found = revolute_axes(joints)
     true = revolute_axes(replace(joints, position_m=truth_m, sigma_m=np.zeros_like(joints.sigma_m)))
@@ -241,7 +242,7 @@ class Evaluation:
     hidden: ErrorSummary  # joints that the result infers: neither observed nor lost
     truly_seen: ErrorSummary | None  # joints that some camera truly sees; None if the truth does not state it
     truly_hidden: ErrorSummary | None  # joints that no camera truly sees; None as above
-    confident_errors: float | None  # share of overall.joint_frames with a large error but a small sigma
+    confident_errors: float | None  # share of overall.joint_frames with a confident error
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
     wrong_in_view: tuple[tuple[str, WrongInView], ...]  # by limb
@@ -251,8 +252,8 @@ class Evaluation:
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error in the second half of the frames, divided by that in the first half
-    contacts: ContactEvaluation | None = None  # contacts with people; None if the truth or the result has none
-    # contacts with equipment; None as for ``contacts``, and if tracking did not search for contacts with equipment
+    contacts: ContactEvaluation | None = None  # contacts with people; None if truth or result does not state them
+    # contacts with equipment; None as for ``contacts``, and also if tracking did not search for contacts with equipment
     supports: ContactEvaluation | None = None
     session: SessionEvaluation | None = None  # None unless the truth is of a simulated session
 
@@ -286,13 +287,13 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
 
 
 CLOSER: Final = 10.0
-"""The truth's times are taken to be in another unit if both the time between its frames and its duration are more than
-this many times smaller than those of the results. For a truth in minutes, both are 60 times smaller.
+"""The truth's times are taken to be in another unit if the time between its frames and its duration are both smaller
+than those of the results by more than this factor. For a truth in minutes, both are 60 times smaller.
 """
 
 
 def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:
-    """Raise InputError if the truth's times are in minutes or hours; its number of frames does not matter."""
+    """Raise InputError if the truth's times are in minutes or hours; it may have fewer frames than the results."""
     if min(len(truth_s), len(results_s)) < 2:
         return
     steps, spans = ((each(results_s) / each(truth_s)) for each in (_median_step, np.ptp))

@@ -15,7 +15,7 @@ from anchorpose.results.run_record import as_json
 from anchorpose.results.truth import WRONG_M
 
 MARK: Final = '"matched_frames"'
-"""Text that the beginning of every evaluation file contains."""
+"""Text near the beginning of every evaluation file, by which such a file is recognised."""
 
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:
@@ -83,7 +83,7 @@ def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text (angle, or axis of a knee or elbow; mean error and 95 % error in degrees; coverage)."""
+    """Return rows of text (name of an angle or axis; mean error and 95 % error in degrees; share within 1.96 sigma)."""
     axes = ((f"axis of {name}", error) for name, error in evaluation.axes)
     return [
         (name.replace("_", " "), *_cells((error.mean_abs_deg, error.p95_deg)), *_cells((error.coverage_95,), 100))
@@ -93,8 +93,8 @@ def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text, one per kind of event: how many are true, found, found in time and falsely found, and the
-    mean delay in s. The list is empty unless the truth is of a session.
+    """Return rows of text, one per kind of event: how many occur in the truth, are found, are found in time and are
+    falsely found, and the mean delay in s. The list is empty unless the truth is of a session.
     """
     return [
         (
@@ -152,7 +152,7 @@ def _percent(part: int, whole: int) -> str:
 
 def confidence_sentences(evaluation: Evaluation) -> list[str]:
     """Return sentences on how often the result is wrong without showing it: confident errors, limbs wrong in plain
-    view, coverage.
+    view, and the share of coordinates within 1.96 sigma.
     """
     sentences = []
     if evaluation.confident_errors is not None:

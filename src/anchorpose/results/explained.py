@@ -15,16 +15,16 @@ from anchorpose.results.frame_table import FrameTable, Numbers
 from anchorpose.results.frame_time import worst_rows
 from anchorpose.results.parquet import TRACK_AGAIN
 
-if TYPE_CHECKING:  # modules that read results must not import kernels
+if TYPE_CHECKING:  # for types only: readers of results must not import kernels
     from anchorpose.body.explanation import Explanation
 
 PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # cm2, uncovered area that counts as bad (a hand's); clothes and grips cause up to half
-SEEN_PAST: Final = 0.3  # share of a part's skin, seen past by a camera, that counts as bad; true places have less
-APART_S: Final = 0.5  # s, minimum time between two reported moments; closer ones show the same situation
+UNCOVERED_CM2: Final = 80.0  # cm2, least uncovered area that counts as bad: a hand's; clothes and grips cause up to 40
+SEEN_PAST: Final = 0.3  # least share of a part's skin, seen past, that counts as bad; correctly placed parts have less
+APART_S: Final = 0.5  # s, minimum time between two moments in run.json; closer moments show the same situation
 MOST_MOMENTS: Final = 5  # maximum number of badly explained moments in run.json
 
 
@@ -114,7 +114,7 @@ class ExplainedSummary:
 
 
 def summarise(table: ExplainedTable) -> ExplainedSummary:
-    """Compute the share of frames with too much uncovered surface, and the worst moments."""
+    """Compute the share of frames with at least ``UNCOVERED_CM2`` of uncovered surface, and the worst moments."""
     known = table.uncovered_cm2[np.isfinite(table.uncovered_cm2)]
     share = float((known >= UNCOVERED_CM2).mean()) if len(known) else None
     return ExplainedSummary(UNCOVERED_CM2, len(known), share, worst_moments(table))

@@ -46,7 +46,7 @@ class FolderKind:
 
 CALIBRATION: Final = FolderKind("a calibration", ("calibration.json",), ("calibration.json", "*.png"))
 
-DISK_ERRORS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)  # errors of failed writes
+DISK_ERRORS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)  # error numbers of failed writes
 
 RESULTS: Final = FolderKind(
     "a results folder",
@@ -133,7 +133,7 @@ def _replaced(target: Path) -> Path:
 
 
 def _restore_replaced(target: Path, kind: FolderKind) -> None:
-    """Move the old folder back if a replacement was killed after the old folder was moved away and before the new
+    """Move the old folder back to ``target`` if a run was killed after it moved the old folder away and before the new
     folder was in place.
     """
     old = _replaced(target)
@@ -191,7 +191,7 @@ JOURNAL: Final = "journal"
 """Name of the folder in an unfinished results folder that holds the run's progress so far."""
 
 EARLIER: Final = "earlier"
-"""Name of the journal of an overwritten run. It is restored if the new run ends before it has stored anything."""
+"""Name of an overwritten run's journal. This journal is restored if the new run ends before it stores anything."""
 
 LIVE: Final = "live session"
 """Prefix of the identity of a live session. A live session cannot be tracked again, only finished."""
@@ -216,10 +216,10 @@ def unfinished_results(
 
     After an error the folder stays if the run has stored anything in it; ``resume`` then continues the run. An
     unfinished run that ``overwrite`` replaces is kept until the new run has stored something. The folder is locked: a
-    second run into ``path`` at the same time is refused. recording: None if the images come from cameras. go_on: how
-    the user resumes a stopped run. Raises InputError, before anything is written, if results may not be written to
-    ``path``, if another folder is called ``.NAME.unfinished``, or if there is an unfinished run and neither ``resume``
-    nor ``overwrite`` is given.
+    second run into ``path`` at the same time is refused. recording: None if the images come from cameras. go_on: the
+    command that resumes a stopped run, in words. Raises InputError, before anything is written, if results may not be
+    written to ``path``, if another folder is called ``.NAME.unfinished``, or if there is an unfinished run and neither
+    ``resume`` nor ``overwrite`` is given.
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)
@@ -272,7 +272,7 @@ def _work_of(path: Path) -> Path:
 @contextmanager
 def _claimed(work: Path, path: Path) -> Iterator[None]:
     """Make the unfinished folder ``work`` if it is absent, mark it, and lock it during the ``with`` block; raises
-    InputError if this program did not make it, or another run uses it.
+    InputError if ``work`` was not made by this program, or is in use by another run.
     """
     if os.path.lexists(work) and (work.is_symlink() or not work.is_dir()):
         raise InputError(work, "is in the way, and is not an unfinished run", "rename it")
@@ -354,7 +354,7 @@ def _remedy(path: Path, go_on: str) -> str:
 
 
 def _going_on(path: Path, go_on: str) -> str:
-    """Return the part of a sentence that states how to continue the stored run."""
+    """Return the part of a message that states how to continue the unfinished run."""
     return f"'anchorpose live --finish -o {path}' finishes it" if is_live_session(path) else f"{go_on} goes on"
 
 
@@ -379,8 +379,8 @@ def clear_beside_journal(work: Path) -> None:
 
 
 def _leave(work: Path, error: BaseException, go_on: str, path: Path) -> None:
-    """Remove the unfinished folder if no run has stored anything in it; else add to ``error`` how to resume, unless the
-    error states a remedy.
+    """Remove the unfinished folder if no run has stored anything in it; else add to ``error`` how to resume the run,
+    unless the error states a remedy.
     """
     restored = _keep_one_journal(work)
     if _has_stored(work / JOURNAL):

@@ -33,7 +33,7 @@ class Numbers:
     """Columns of numbers that are one array (..., names) in memory, or (...) if there is a single name. NaN is null in
     the file.
 
-    least, most: the minimum and the maximum of each number.
+    least, most: the smallest and the largest number allowed.
     """
 
     names: tuple[str, ...]
@@ -112,7 +112,7 @@ class FrameTable(Generic[Frames]):
     entry of ``columns``, (n, ...) or (n, subjects, ...). thing: the column that names the subject of a row, such as
     "joint"; None if there is one row per frame. names: the subjects in their order; None if they differ from file to
     file, and are then in the field ``names`` of ``arrays``. text: the name of a field that is stored in the file's
-    metadata, and its key there. agree: function that tests whether the numbers and texts of a table agree.
+    metadata, and its key there. agree: function that tests whether numbers and texts of a table fit each other.
     """
 
     file: str
@@ -183,7 +183,7 @@ class FrameTable(Generic[Frames]):
         return frames
 
     def _require_times(self, path: Path, frame: np.ndarray, time_s: np.ndarray) -> None:
-        """Raise InputError if a frame's number is negative, or the times (n,) do not increase or are impossible."""
+        """Raise InputError if a frame's number is negative, or the times (n,) do not increase or are out of range."""
         if frame[0] < 0:
             raise InputError(path, f"has the frame {frame[0]}", self.remedy)
         if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0).all()):

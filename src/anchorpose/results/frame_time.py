@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 LONGEST_STEP: Final = 1.5
-"""Maximum time between two frames, as a multiple of the usual time between frames; beyond it, a frame is missing."""
+"""Maximum time between two frames, as a multiple of the usual time; in a longer gap, a frame is missing."""
 
 LONGEST_GAP_S: Final = 0.5
 """A gap between frames of at most this length in s is too short for sitting down or standing up. If the patient has the
@@ -35,8 +35,8 @@ def usual_step_s(time_s: np.ndarray) -> float:
 
 
 def longest_even_step_s(time_s: np.ndarray) -> float:
-    """Return the maximum time in s between successive frames; if it is longer, a frame is missing, and filters must not
-    bridge the gap. NaN for fewer than two frames.
+    """Return the maximum time in s between successive frames; in a longer gap, a frame is missing, and filters must not
+    bridge this gap. NaN for fewer than two frames.
     """
     return LONGEST_STEP * usual_step_s(time_s)
 
@@ -49,8 +49,8 @@ def longest_known_gap_s(time_s: np.ndarray) -> float:
 
 
 def recorded_seconds(time_s: np.ndarray) -> float:
-    """Return the time from the first frame to the end of the last frame, which lasts a usual step; 0 for a single
-    frame, which has no duration.
+    """Return the time in s from the first frame to the end of the last frame, which lasts the usual time between
+    frames; 0 for a single frame, which has no duration.
     """
     return float(time_s[-1] - time_s[0]) + usual_step_s(time_s) if len(time_s) > 1 else 0.0
 
@@ -72,8 +72,8 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
 def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
     """Return the runs of ``chosen`` frames (``unbroken_runs``), as if frames not ``known`` (n,) bool did not exist.
 
-    A joint that is lost for a moment therefore ends no run. A run may contain unknown frames, but neither begins nor
-    ends with an unknown frame.
+    So a joint that is lost for a moment does not end a run. A run may contain frames that are not known, but does not
+    begin or end with one.
     """
     rows = np.flatnonzero(known)
     runs = unbroken_runs(chosen[rows], time_s[rows], longest_known_gap_s(time_s))

@@ -55,16 +55,16 @@ def trunk_lean(points: Points) -> tuple[Reading, ...]:
 
 
 def trunk_heading(points: Points) -> tuple[Reading, ...]:
-    """Return the direction in which the shoulders face, about the vertical: 0 = along the world's X, positive to the
-    left.
+    """Return the direction in which the shoulders face, as an angle about the vertical: 0 = along the world's X,
+    positive to the left.
     """
     z = unit(points["ShoulderRight"] - points["ShoulderLeft"])
     return ((np.arctan2(z[0], z[2]), np.hypot(z[0], z[2])),)
 
 
 def trunk_on_pelvis(points: Points) -> tuple[Reading, ...]:
-    """Return the angles of the thorax against the pelvis, Cardan angles in the order z, x, y: flexion, bend to the
-    right, turn to the left.
+    """Return the angles of the thorax against the pelvis, Cardan angles in the order z, x, y: flexion, bend (positive
+    to the right), turn (positive to the left).
     """
     pelvis, thorax = pelvis_axes(points), thorax_axes(points)
     aside = dot(pelvis.z, thorax.y)
@@ -74,7 +74,7 @@ def trunk_on_pelvis(points: Points) -> tuple[Reading, ...]:
 
 
 def neck_lean(points: Points) -> tuple[Reading, ...]:
-    """Return the angles of the line from Neck to Head against the thorax: flexion, then bend to the right."""
+    """Return the angles of the line from Neck to Head against the thorax: flexion, bend (positive to the right)."""
     thorax, line = thorax_axes(points), unit(points["Head"] - points["Neck"])
     aside = dot(thorax.z, line)
     return (_flexion(thorax, line), np.sqrt(np.clip(1.0 - aside**2, 0.0, 1.0))), (arcsin(aside), 1.0)
@@ -91,14 +91,14 @@ def pelvis_angles(points: Points) -> tuple[Reading, ...]:
     pelvis = pelvis_axes(points)
     z = pelvis.z
     level = np.hypot(z[0], z[2])
-    forward = unit(np.stack([z[2], np.zeros_like(level), -z[0]]))  # cross product of the world's vertical and z
+    forward = unit(np.stack([z[2], np.zeros_like(level), -z[0]]))  # cross product of the vertical and z
     tilt = np.arctan2(dot(pelvis.y, forward), dot(pelvis.y, cross(z, forward)))
     return (tilt, level), (arcsin(z[1]), 1.0), (np.arctan2(z[0], z[2]), level)
 
 
 SOLE_SLOPE_DEG: Final = 19.3
 """Downward slope in degrees of the line from ankle to toe base when the sole is level, as the mean over the shapes of
-the body model. Its standard deviation between people, 1.6 degrees, is not included in the angle's sigma.
+the body model. The slope's standard deviation between people, 1.6 degrees, is not included in the ankle's sigma.
 """
 
 
@@ -107,8 +107,8 @@ VARUS_VALGUS_RAD: Final = np.radians(3.0)
 
 
 def hip_to_trunk(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the angle of the thigh against the whole trunk in the patient's sagittal plane: 0 = in line, positive =
-    knee forward.
+    """Return the angle of the thigh against the whole trunk in the patient's sagittal plane: 0 = thigh and trunk in
+    line, positive = knee forward.
     """
     right = unit(points["HipRight"] - points["HipLeft"])
     up = square_to(points["SpineShoulder"] - points["SpineBase"], right)
@@ -127,7 +127,7 @@ def hip_to_pelvis(points: Points, side: str) -> tuple[Reading, ...]:
 def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     """Return the rotation of the thigh about its long axis, as determined by the plane in which the leg is bent: 0 =
     the shank points straight back from the knee, perpendicular to the line through the hip joints; positive = inwards,
-    the foot to the outside.
+    so that the foot moves outwards.
 
     It is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. There is no value for a leg
     that is bent by less than ``PLANE_KNOWN_RAD``, since its plane is undetermined, or for a leg that is bent backwards,
@@ -135,11 +135,11 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
-    normal = cross(unit(ankle - knee), y)  # its length is the sine of the bend
+    normal = cross(unit(ankle - knee), y)  # its length: the sine of the bending angle
     bent, z = length(normal), unit(-normal)
     aside, along = dot(across, cross(y, z)), dot(across, z)
     inwards = -1.0 if side == "Left" else 1.0
-    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # along < 0: bent backwards, so the normal is reversed
+    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # along < 0: leg bent backwards, so its normal is reversed
     return ((inwards * np.arctan2(-aside, along), np.where(hinged, bent * np.hypot(aside, along), 0.0)),)
 
 
@@ -147,11 +147,11 @@ def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
     """Return how far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
 
     The plane in which a nearly straight leg bends is mostly determined by noise and by the leg's sideways bow. Below
-    ``PLANE_UNKNOWN_RAD``, the angle is therefore the signed rotation about the line of the hips, so that noise about a
-    straight knee has the mean zero. A clearly bent leg is bent in the plane of its hinge: above ``PLANE_KNOWN_RAD``,
-    the angle is the whole angle between thigh and shank. Between the two limits, it changes gradually from the first
-    definition to the second. No knee bends backwards beyond ``PLANE_KNOWN_RAD``, so there the angle is positive and
-    does not need the line of the hips.
+    ``PLANE_UNKNOWN_RAD``, the angle is therefore the signed rotation about the line of the hips: for a straight knee,
+    noise then gives positive and negative angles with the mean zero. A clearly bent leg is bent in the plane of its
+    hinge: above ``PLANE_KNOWN_RAD``, the angle is the whole angle between thigh and shank. Between the two limits, it
+    changes gradually from the first definition to the second. No knee bends backwards beyond ``PLANE_KNOWN_RAD``, so
+    there the angle is positive and does not need the line of the hips.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     thigh, shank = unit(knee - hip), unit(ankle - knee)
@@ -184,8 +184,8 @@ measured here.
 
 
 def shoulder_elevation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the angle of the upper arm against the trunk, whatever direction it is raised in: 0 = along the trunk, pi
-    = overhead.
+    """Return the angle of the upper arm against the trunk, whatever direction the arm is raised in: 0 = hanging along
+    the trunk, pi = overhead.
     """
     trunk = points["SpineBase"] - points["SpineShoulder"]
     return ((between(trunk, points[f"Elbow{side}"] - points[f"Shoulder{side}"]), 1.0),)
@@ -203,16 +203,17 @@ def shoulder_plane(points: Points, side: str) -> tuple[Reading, ...]:
 
 def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     """Return the rotation of the upper arm about its long axis, as determined by the plane in which the arm is bent: 0
-    = the forearm of the hanging arm points forward; positive = inwards, the hand towards the other side of the body.
+    = the forearm of the hanging arm points forward; positive = inwards, so that the hand moves towards the other side
+    of the body.
 
     It is computed from the arm's rotation relative to the trunk: the shortest rotation from the hanging arm to the
     arm's direction is removed, and the remaining rotation is about the long axis. ISB's third angle is not used, since
     it is undetermined for a hanging arm, the usual posture of patients. An arm that is bent by less than
-    ``PLANE_KNOWN_RAD`` has no such plane, and so no value.
+    ``PLANE_KNOWN_RAD`` has no reliable plane, and so no value.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)
-    normal = cross(unit(wrist - elbow), y)  # its length is the sine of the bend
+    normal = cross(unit(wrist - elbow), y)  # its length: the sine of the bending angle
     bent, z = length(normal), unit(normal)
     x = cross(y, z)
     inwards = 1.0 if side == "Right" else -1.0
@@ -233,7 +234,7 @@ _HINGES: Final = {
     shoulder_rotation: ("Shoulder* Elbow* Wrist*", CARRYING_RAD),
 }
 """For each formula whose angle depends on the plane in which a limb is bent: the limb's joints, and the standard
-deviation in rad of its sideways bow.
+deviation in rad of the angle of its sideways bow.
 """
 
 
@@ -299,15 +300,16 @@ def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.nda
     lever is below ``LEAST_LEVER``.
 
     position_m (21, 3, n), sigma_m (21, n): errors are assumed independent between joints and axes. To find the error of
-    an angle, each coordinate is moved by its sigma in both directions. A derivative is not used: it is undefined at a
-    straight knee and would give no error there. The error of the formula itself (``own_sigma``) is added in quadrature.
+    an angle, each coordinate of its joints is moved by its sigma in both directions. A derivative is not used: that of
+    a straight knee's angle is undefined, and would give no error. The error of the formula itself (``own_sigma``) is
+    added in quadrature.
     """
     angle, sigma = np.empty((2, len(group.names), position_m.shape[-1]))
     for rows in blocks(angle.shape[1], AT_ONCE):
         points = {name: position_m[JOINT_INDEX[name]][:, rows] for name in group.joints}
         angle[:, rows], sigma[:, rows] = _angles_of_some(group, points, sigma_m[:, rows])
     lost = np.isnan(position_m[[JOINT_INDEX[name] for name in group.joints]]).any(axis=(0, 1))
-    angle[:, lost] = sigma[:, lost] = np.nan  # also angles that do not need the lost joint
+    angle[:, lost] = sigma[:, lost] = np.nan  # also the group's angles that do not need the lost joint
     return angle, sigma
 
 
@@ -323,8 +325,8 @@ def _angles_of_some(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> t
 
 
 def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points:
-    """Return variants of each of j joints, (3, 1 + 6 j, n): first all joints unchanged, then one coordinate of one
-    joint moved by its sigma, down and up.
+    """Return 1 + 6 j variants of the group's j joints, each joint (3, 1 + 6 j, n): first all joints unchanged, then one
+    coordinate of one joint moved by its sigma, down and up.
 
     The formula is called once for all variants. For a single live frame (n = 1), one call per variant would take longer
     than tracking.
@@ -338,7 +340,7 @@ def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points
 
 
 def _shorter_way(angle: np.ndarray) -> np.ndarray:
-    """Return an angle shifted by whole turns into the range from minus pi to pi."""
+    """Return the angle, shifted by whole turns into the range from -pi to pi."""
     turn: np.ndarray = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
     return turn
 

@@ -104,8 +104,8 @@ CONTACT_MEASURES: Final = (
 
 
 def assistance_measures(session: Session) -> list[Measure]:
-    """Return the measures of assistance: time and number of contacts in all, for each person, each part of the
-    patient's body, and each pair of person and part; then the measures while upright.
+    """Return the measures of assistance: time and number of contacts with people, in all, for each person, for each
+    part of the patient's body, and for each pair of person and part; then the measures while upright.
 
     Only frames in which the patient was found count, since contacts are unknown in all other frames.
     """
@@ -140,8 +140,8 @@ def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, p
 
 
 def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measure]:
-    """Return the measures of the time in which the patient is upright: share with hands on the patient, time and share
-    without, and the mean and the largest number of simultaneous contacts.
+    """Return the measures of the time in which the patient is upright: share with people's hands on the patient, time
+    and share without them, and the mean and the largest number of simultaneous contacts.
     """
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
@@ -152,7 +152,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = inferred_touch_share(helped)
-    of_help = (shared, None, None, shared, shared)  # None: hands-free time has no contact that could be inferred
+    of_help = (shared, None, None, shared, shared)  # None: in hands-free time there is no contact, seen or inferred
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)
@@ -237,7 +237,7 @@ def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> l
 def _measures(
     session: Session, moves: list[Transition], steps: list[Step], events: list[Event], config: MeasureConfig
 ) -> list[Measure]:
-    """Return every measure of a session or of a part of it. moves, steps, events: those that lie in it."""
+    """Return every measure of a session or of a part of it. moves, steps, events: those of this session or part."""
     return [
         *time_measures(session, config.upright),
         *transition_measures(session, moves),
@@ -264,7 +264,7 @@ WRITTEN: Final = (
     TRIALS_FILE,
     INTERVALS_FILE,
 )
-"""Files that ``write_measured`` writes, or removes if there is nothing to write."""
+"""Files that ``write_measured`` writes, or removes if there is nothing to write to them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -320,7 +320,7 @@ def write_measured(
 
 
 def processing_sentence(policy: str) -> str:
-    """Return a sentence on how many joint positions were smoothed, filled and left alone. policy: as in
+    """Return a sentence on how many joint positions were smoothed, filled and left as measured. policy: as in
     ``MeasureResult``.
     """
     counted = json.loads(policy)

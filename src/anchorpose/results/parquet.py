@@ -23,7 +23,7 @@ from anchorpose.recording.regular_file import LARGEST_ARRAYS, require_regular
 Row = TypeVar("Row")
 
 ROWS_AT_ONCE: Final = 1 << 15
-"""Number of rows read at once from a table, which take some megabytes."""
+"""Number of rows read at once from a table; so many rows take some megabytes."""
 
 TRACK_AGAIN: Final = "track the recording again"
 MEASURE_AGAIN: Final = "run 'anchorpose measure' on its folder again"
@@ -118,7 +118,7 @@ def opened_parquet(path: Path) -> Iterator[Any]:
 
 def pieces(file: Any) -> Iterator[pa.Table]:
     """Yield the rows of an open file in their order, at most ``ROWS_AT_ONCE`` at a time."""
-    for group in range(file.num_row_groups):  # one at a time, since pyarrow would hold several row groups in memory
+    for group in range(file.num_row_groups):  # one at a time; else pyarrow holds several row groups in memory
         for batch in file.iter_batches(ROWS_AT_ONCE, row_groups=[group], use_threads=False):
             yield pa.Table.from_batches([batch])
 
@@ -130,8 +130,8 @@ def schema_of(record: type, *names: str) -> pa.Schema:
     """Return the columns of a dataclass ``record``: one per attribute or property in ``names``, or per attribute if no
     names are given.
 
-    A column may be null where its type allows None. Types other than numbers and bytes are stored as text. A column
-    whose name is a Python keyword belongs to the attribute with an underscore after it.
+    A column may be null if the type of its attribute allows None. Types other than numbers and bytes are stored as
+    text. A column whose name is a Python keyword belongs to the attribute with an underscore after it.
     """
     hints = get_type_hints(record)
     hints |= {

@@ -1,5 +1,5 @@
 """Test by permutation whether a measure differs between two conditions. The observed difference is compared with the
-differences that result from all other orders in which the conditions could have been drawn for the trials.
+differences that result if the conditions are assigned to the trials in every other order that could have been drawn.
 
 Frames of a recording are not independent, but trials are exchangeable if their condition was drawn at random. If
 conditions make no difference, every assignment of the conditions to the trials of a block is as probable as the
@@ -23,8 +23,8 @@ import numpy as np
 ALPHA: Final = 0.05  # level of significance
 
 MOST_EXACT: Final = 200_000
-"""Maximum number of assignments that are all examined, which takes a fraction of a second. If there are more, a sample
-is drawn.
+"""If there are at most this many assignments of conditions to trials, all are examined, which takes a fraction of a
+second. If there are more, a sample of them is examined.
 """
 
 SAMPLED: Final = 9_999
@@ -34,7 +34,7 @@ observed one.
 """
 
 TIE: Final = 1e-9
-"""Relative tolerance within which two differences count as equal: a sum in another order may differ by rounding."""
+"""Relative tolerance within which two differences count as equal: sums in another order differ by rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +74,7 @@ class Blocks:
     @property
     def smallest_p(self) -> float:
         """Return the smallest two-sided p that any values can give: two divided by the number of assignments if each
-        has a mirror image (both conditions exchanged), else one divided by their number.
+        has a mirror image (the two conditions exchanged) among them, else one divided by this number.
         """
         mirrored = all(2 * int(self.treated[places].sum()) == len(places) for places in self.members)
         return min(1.0, (2.0 if mirrored else 1.0) / self.assignments)
@@ -124,7 +124,7 @@ def _all_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 @lru_cache(8)
 def _choices(trials: int, treated: int) -> np.ndarray:
-    """Return (assignments, trials) bool: one row for each possible choice of this many treated trials."""
+    """Return (assignments, trials) bool: one row for each way of choosing ``treated`` of the trials."""
     places = np.array(list(combinations(range(trials), treated)))
     chosen = np.zeros((len(places), trials), dtype=bool)
     np.put_along_axis(chosen, places, True, axis=1)
@@ -143,7 +143,7 @@ def _drawn_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 def holm(p: Sequence[float]) -> list[float]:
     """Return the adjusted p values of several comparisons, in the order given. If all adjusted values below 0.05 are
-    called significant, one or more of them is wrong in at most 5 of 100 cases.
+    called significant, one or more of them is wrong in at most 5 of 100 experiments.
     """
     adjusted, largest = [0.0] * len(p), 0.0
     for rank, place in enumerate(sorted(range(len(p)), key=lambda k: p[k])):
@@ -153,8 +153,8 @@ def holm(p: Sequence[float]) -> list[float]:
 
 
 def pairs_needed(comparisons: int = 1) -> int:
-    """Return the minimum number of pairs with which p can fall below 0.05 divided by the number of comparisons; n pairs
-    have 2^n assignments, so the smallest p is 2 / 2^n.
+    """Return the minimum number of pairs of trials with which p can fall below 0.05 divided by the number of
+    comparisons; n pairs have 2^n assignments, so the smallest p is 2 / 2^n.
     """
     return next(n for n in count(1) if 2.0 / 2**n < ALPHA / comparisons)
 

@@ -1,6 +1,6 @@
 """Smooth the joints of a recording and fill gaps, only on request. The settings (policy) are stored with the result.
 
-There are two smoothers, both without a delay: the Kalman smoother of Rauch, Tung and Striebel (1965,
+There are two smoothers, both of which cause no delay: the Kalman smoother of Rauch, Tung and Striebel (1965,
 doi:10.2514/3.3166), and a Butterworth filter in a forward and a backward pass.
 """
 
@@ -22,7 +22,7 @@ from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.results.uncertainty import random_sigma, systematic_sigma
 from anchorpose.settings import Positive, settings
 
-FIRST_SPEED_M_S: Final = 1.0  # standard deviations at the first frame: speed (m/s), then acceleration (m/s2)
+FIRST_SPEED_M_S: Final = 1.0  # m/s and, below, m/s2: standard deviations assumed at the first frame
 FIRST_ACCELERATION_M_S2: Final = 10.0
 
 
@@ -49,8 +49,8 @@ def _smoothed_backwards(
     position, speed and acceleration.
     """
     count = len(position_m)
-    mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # after each frame
-    ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # state and covariance, predicted from frame k - 1
+    mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # in frame k, given frames 0 to k
+    ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # predicted for frame k from frame k - 1
     mean[0, 0] = position_m[0]
     spread[0, 0, 0] = variance[0]
     spread[0, 1, 1], spread[0, 2, 2] = FIRST_SPEED_M_S**2, FIRST_ACCELERATION_M_S2**2
@@ -76,8 +76,8 @@ def _motion(step_s: float) -> np.ndarray:
 
 @njit(cache=True)
 def _random_walk(step_s: float) -> np.ndarray:
-    """Return the covariance (3, 3) of position, speed and acceleration that a random walk of the acceleration adds in
-    one step, for a jerk of one.
+    """Return the covariance (3, 3) of position, speed and acceleration that a random walk of the acceleration adds in a
+    step of step_s, for a jerk (``smooth_stretch``) of one.
     """
     h = step_s
     return np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
@@ -121,16 +121,16 @@ def highest_cutoff_hz(rate_hz: float) -> float:
 
 
 def shortest_frames(rate_hz: float, cutoff_hz: float) -> int:
-    """Return the minimum number of frames to filter: two periods of the cutoff frequency, and more than the padding."""
+    """Return the minimum number of frames to filter: two periods of the cutoff, and more than the filter's padding."""
     return max(3 * (2 * _ORDER + 1) + 1, int(np.ceil(2.0 * rate_hz / cutoff_hz)))
 
 
 def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray:
     """Filter values (n, ...) along the first axis by a Butterworth low-pass of effective order four, without delay.
 
-    rate_hz: rate of the values, which are evenly spaced and finite. cutoff_hz: where the two passes together are 3 dB
-    down. Raises ValueError if the cutoff is not below ``highest_cutoff_hz``, or there are fewer values than
-    ``shortest_frames``.
+    rate_hz: rate of the values, which are evenly spaced and finite. cutoff_hz: the frequency at which the two passes
+    together are 3 dB down. Raises ValueError if the cutoff is not below ``highest_cutoff_hz``, or there are fewer
+    values than ``shortest_frames``.
     """
     if not 0.0 < cutoff_hz < highest_cutoff_hz(rate_hz):
         raise ValueError(f"a cutoff of {cutoff_hz:g} Hz does not fit {rate_hz:g} frames a second")
@@ -160,9 +160,9 @@ def filter_stretch(
     """Return position (n, 3) after the Butterworth filter and sigma (n,) of one joint that is known in all frames; None
     if there are fewer frames than ``shortest_frames``.
 
-    Sigma becomes the root mean square of the sigmas within half a period of the cutoff if this is larger, since a
-    poorly known position also moves the positions of neighbouring frames. Sigma is never reduced, since filtering does
-    not remove systematic errors.
+    A frame's sigma becomes the root mean square of the sigmas within half a period of the cutoff frequency if this is
+    larger, since the filter spreads the error of a poorly known position to neighbouring frames. Sigma is never
+    reduced, since filtering does not remove systematic errors.
     """
     rate_hz = 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if not rate_hz or len(time_s) < shortest_frames(rate_hz, cutoff_hz):
@@ -218,7 +218,7 @@ def fill_gaps(
 
 
 def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -> list[tuple[int, int]]:
-    """Return the gaps that may be filled, each as its first row and the row after its last."""
+    """Return the gaps (first row, row after the last) that may be filled: with ``reach`` known rows on either side."""
     found = []
     longest_step = longest_even_step_s(time_s)
     for start, stop in ((run.start, run.stop) for run in runs_of(~known)):
@@ -231,7 +231,8 @@ def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -
 
 
 def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
-    """Return the weights (m, 2 or 4) by which the known positions around a gap give each of its m missing positions.
+    """Return the weights (m, 2 or 4) of the known positions around a gap, by which they are summed to its m missing
+    positions.
 
     Two known positions give the straight line between them. Four give a cubic (Hermite) through the inner two, with the
     speed from each outer to its inner position.
@@ -250,8 +251,8 @@ def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
 def _trial_error(
     time_s: np.ndarray, position_m: np.ndarray, known: np.ndarray, reach: int, missing: int
 ) -> np.ndarray | None:
-    """Return the root-mean-square error (missing,) per axis of filling a gap of ``missing`` frames where the joint is
-    known; None if there are too few such places.
+    """Return the root-mean-square error (missing,) per axis of filling a trial gap of ``missing`` frames where the
+    joint is known; None if there are too few places for such gaps.
     """
     span = missing + 2 * reach
     if len(time_s) < span:
@@ -287,9 +288,9 @@ class ProcessingConfig:
 
     smooth: Smoothing = "none"
     cutoff_hz: Positive = DEFAULT_CUTOFF_HZ
-    jerk: Positive = 30.0  # m/s^2.5, random change of acceleration; enough for a reaching hand that reverses in 0.3 s
+    jerk: Positive = 30.0  # m/s^2.5, random change of acceleration; enough for a hand that turns back in 0.3 s
     fill: Filling = "none"
-    longest_gap_s: Positive = 0.2  # s, maximum length of a filled gap; a reaching hand takes longer to reverse
+    longest_gap_s: Positive = 0.2  # s, maximum length of a filled gap; a reaching hand takes longer to turn back
 
     @property
     def active(self) -> bool:

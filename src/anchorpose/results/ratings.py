@@ -1,7 +1,7 @@
 """Store the scores that blinded raters give to trials. Each rater has a table beside the results folder, with a row per
 trial in the order in which the rater sees the trials.
 
-The table is written, with the order of trials, before the first score, so that a rater who was interrupted continues in
+The table is written with all trials before the first score is given, so that a rater who was interrupted continues in
 the same order. The table does not name the conditions, so raters who open it stay blinded.
 """
 

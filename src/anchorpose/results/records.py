@@ -46,9 +46,9 @@ class Contact:
 
     part: one of ``REGIONS``. ``with_``: ``PERSON``, or the name of a part in the equipment's model. person: a name that
     stays the same as long as this person is followed; None for equipment. first_frame, last_frame and start_s, end_s:
-    both included. seen_share: share of the touching person's skin that some camera saw in the same frame; the remaining
-    skin was seen shortly before. For equipment: share of the frames in which some camera saw the skin beside the part.
-    area_cm2: area of touched skin, mean over the frames. gap_mm: smallest measured distance between the two surfaces,
+    both included. seen_share: share of the person's touching skin that some camera saw in the same frame; the rest is
+    remembered from before. For equipment: share of the frames in which some camera saw the skin beside the part.
+    area_cm2: touched area of skin, mean over the frames. gap_mm: smallest measured distance between the two surfaces,
     where the patient's is the outer surface of skin or clothes; negative if the skin was measured inside the equipment.
     """
 
@@ -154,8 +154,8 @@ class Episode:
 
     kind: one of ``EPISODE_KINDS``. first_frame, last_frame and start_s, end_s: both included. state: worst state of the
     joints by which it was recognised, in any of its frames. side, depth, sigma, unit: only for events, else None. side:
-    "left", "right", or None for a failed stand. depth: how far the event went, in ``unit``; sigma: its standard
-    deviation.
+    "left", "right", or None for a failed stand. depth: how deep or how far the event went, in ``unit``; sigma: its
+    standard deviation.
     """
 
     kind: str
@@ -303,14 +303,14 @@ def read_definition(path: Path) -> Definition | None:
         raise InputError(path, "its definition of the measures cannot be read", MEASURE_AGAIN) from None
 
 
-FRAMES_KEPT: Final = 64  # number of frames whose images (all cameras) are kept in memory; less than a megabyte
+FRAMES_KEPT: Final = 64  # number of frames whose label images (of all cameras) are kept in memory: under a megabyte
 
 ROOM: Final = 0
 """Label of pixels without equipment or a person: the room, clutter (``PixelLabel``), and pixels without a reading."""
 
 _PNG_SETTINGS: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
 """Settings of the PNG encoder for label images. Large areas have one value, so run-length coding makes the smallest
-files, with 5 kB per image.
+files: 5 kB per image.
 """
 
 

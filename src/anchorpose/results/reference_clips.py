@@ -17,7 +17,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own
 
 SUFFIX = ".npz"
-SHORTEST_S: Final = 0.5  # s, minimum duration of a clip: past frames for a prediction, and the predicted frame
+SHORTEST_S: Final = 0.5  # s, minimum duration of a clip: holds the past frames for a prediction and the predicted frame
 MOTIONS_MARK: Final = "format.npy"  # name of the first array in a file of movements, by which such a file is recognised
 
 

@@ -36,8 +36,8 @@ _Height = Annotated[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedCamera:
-    """A camera of the recording. camera_to_world: its pose (4, 4), None if it has none and was not used. clock: its
-    clock, None if unknown.
+    """A camera of the recording. camera_to_world: its pose (4, 4), None for a camera without a pose, which was not
+    used. clock: its clock, None if unknown.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -101,7 +101,7 @@ def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
         for camera in run["cameras"]
     }
     clocks = {camera["name"]: Clock(**camera["clock"]) for camera in run["cameras"] if camera.get("clock")}
-    floor_m = run.get("floor_height_m")  # older results do not state it
+    floor_m = run.get("floor_height_m")  # run.json of older versions lacks it
     return reviewed_recording(run["recording"], run["inputs_sha256"].items(), poses, clocks, floor_m)
 
 

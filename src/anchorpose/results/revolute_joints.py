@@ -2,8 +2,8 @@
 
 The axis is the normal of the plane in which both bones lie. A straight limb has no such plane. The skeleton's hinge,
 fixed to the upper bone, would give an axis there too, but depth hardly shows how far a bone is rotated about its long
-axis: in the four simulated clinics used for tuning, the root-mean-square error of the knees' axes is some 7 degrees by
-the hinge and 2 by the plane.
+axis: in the four simulated clinics used for tuning, the root-mean-square error of the knees' axes is some 7 degrees if
+the axis is taken from the hinge, and 2 if it is taken from the plane.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from anchorpose.results.tables import LARGEST_SIGMA, JointTable
 
 REVOLUTE_JOINTS: Final = ("ElbowLeft", "ElbowRight", "KneeLeft", "KneeRight")
 _ENDS: Final = {"Elbow": ("Shoulder", "Wrist"), "Knee": ("Hip", "Ankle")}
-UNIT: Final = 1e-9  # maximum rounding error of a unit vector's length
+UNIT: Final = 1e-9  # maximum deviation of a unit vector's length from 1, by rounding
 
 
 def _limb(name: str) -> list[int]:

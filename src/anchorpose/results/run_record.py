@@ -39,7 +39,7 @@ PICTURES: Final = "pictures"
 
 NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 Share = Annotated[float, Field(ge=0, le=1)]
-NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # m, limits of the depths in a noise model
+NEAREST_M, FARTHEST_READING_M = 1e-3, 1e3  # m, limits of the depths for which a noise model states sigma
 _is_sha256: Final = re.compile("[0-9a-f]{64}").fullmatch
 
 
@@ -59,8 +59,9 @@ class BoneRecord:
 class BodyRecord:
     """The tracked body, and the number of seconds of the recording from which it was learnt.
 
-    height_sigma_m follows from the fit's equations. It includes the effects of noise, poses and hidden parts, but not
-    of clothes, nor of bodies outside the shape space. A bone's sigma includes a systematic error for the last two.
+    height_sigma_m follows from the equations by which the body is fitted. It includes the effects of noise, poses and
+    hidden parts, but not of clothes or of bodies outside the shape space. A bone's sigma includes a systematic error
+    for both.
     """
 
     learnt_from_s: float
@@ -115,7 +116,7 @@ class Residual:
 
 @dataclass(frozen=True, slots=True)
 class StageTiming:
-    """The computing time of one stage in the whole run."""
+    """The total computing time of one stage in the run."""
 
     stage: str
     seconds: float
@@ -123,7 +124,7 @@ class StageTiming:
 
 @dataclass(frozen=True, slots=True)
 class MatchedShares:
-    """For each frame, the share of nodes (points of the patient's surface) that the track tree found again in the next.
+    """The share of each frame's nodes (points of the patient's surface) that the track tree found again in the next.
 
     Nodes that were not found stay at their predicted position. The share is None without the track tree, a method of
     following nodes that is not used by default.
@@ -184,8 +185,9 @@ class PoorInterval:
 
 @dataclass(frozen=True, slots=True)
 class PatientRecord:
-    """The person taken to be the patient: their place (x, z) on the floor in metres in the initial frame. reason: why,
-    such as "was at the given place in frame 7". rival_xz_m: place of another person who may be the patient.
+    """The person taken to be the patient: their place (x, z) on the floor in metres in the initial frame. reason: why
+    they were chosen, such as "was at the given place in frame 7". rival_xz_m: place of another person who may be the
+    patient.
     """
 
     frame: Frame
@@ -239,12 +241,12 @@ class RunRecord:
     body: BodyRecord | None = None  # None if the patient was never found
     patient: PatientRecord | None = None  # None if nobody was tracked
     corrections: CorrectionsRecord | None = None
-    calibration: CalibrationUsed | None = None  # None if the poses come from the recording or were found
+    calibration: CalibrationUsed | None = None  # None if the recording gives the poses, or tracking found them
     pictures: tuple[PictureRecord, ...] = ()
-    notes: tuple[str, ...] = ()  # sentences for the reader: assumptions and cautions
+    notes: tuple[str, ...] = ()  # sentences for readers of the results: assumptions and cautions
     config: Any = None  # the resolved configuration, a dataclass of stage configurations
-    inputs_sha256: dict[str, Sha256]  # hashes by the file's path in the recording folder
-    outputs_sha256: dict[str, Sha256] = field(default_factory=dict)  # hashes by the file's path in the results folder
+    inputs_sha256: dict[str, Sha256]  # hash of each file, by its path in the recording folder
+    outputs_sha256: dict[str, Sha256] = field(default_factory=dict)  # hash of each file, by its path in the results
 
 
 def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str) -> None:
@@ -343,7 +345,7 @@ def read_run(path: Path) -> dict[str, Any]:
 
 def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
     """Return the content of run.json without those hashes of inputs that have a valid form. An hour's recording has
-    324,000 hashes; to check them as part of the record would take longer than everything else.
+    324,000 hashes; to check them as part of the record would take longer than all other checks.
     """
     hashes = run.get("inputs_sha256")
     if not isinstance(hashes, dict):

@@ -21,10 +21,10 @@ from anchorpose.results.true_session import TrueEvent, read_true_contacts, read_
 from anchorpose.results.uncertainty import NORMAL_95
 
 NEAR_S: Final = 0.5
-"""Maximum time in s between a found and a true onset of one event; no knee gives way twice within this time."""
+"""Maximum time in s between found and true onset of the same event; no knee gives way twice within this time."""
 
 IN_TIME_S: Final = 0.1
-"""Maximum time in s between found and true onset for an event to count as found in time (three frames of a camera).
+"""Maximum time in s between found and true onset for an event to count as found in time: three frames at 30 per second.
 """
 
 EXACT_M: Final = 1e-6
@@ -72,14 +72,14 @@ class SessionEvaluation:
 
     seconds: float
     events: tuple[tuple[str, EventScore], ...]
-    times: TimeScore | None  # None if the result has no contacts
+    times: TimeScore | None  # None if the result has no table of contacts
 
 
 def score_session(
     results: Path, truth: Path, joints: JointTable, position_m: np.ndarray, rows: np.ndarray
 ) -> SessionEvaluation | None:
-    """Compute the measures of found and true joints of the same frames in the same way, and compare them. Return None
-    if the truth is not that of a simulated session.
+    """Compute the measures from the found and from the true joints of the same frames, and compare them. Return None if
+    the truth is not that of a simulated session.
 
     joints: the found joints in t frames; position_m (t, 21, 3): the true joints at the frames ``rows`` (t,) of the
     truth.
@@ -153,13 +153,13 @@ def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
 def _paired(found: Sequence[Measure], true: Sequence[Measure]) -> list[tuple[Measure, Measure]]:
     of_truth = {(row.key, row.condition, row.trial): row for row in true}
     asked = [row for row in found if row.unit == "s" and any(part in row.measure for part in INDEPENDENCE)]
-    whole = [row for row in asked if (row.condition is None) == (row.trial is None)]  # not the means of conditions
+    whole = [row for row in asked if (row.condition is None) == (row.trial is None)]  # without the rows of conditions
     return [(row, of_truth[row.key, row.condition, row.trial]) for row in whole]
 
 
 def is_within(found: Measure, true: Measure) -> bool:
-    """Return whether two known values differ by at most 1.96 sigma of the first; without a sigma, whether they are
-    equal.
+    """Return whether the values of both measures, which are known, differ by at most 1.96 sigma of ``found``; without a
+    sigma, whether they are equal.
     """
     assert found.value is not None
     assert true.value is not None

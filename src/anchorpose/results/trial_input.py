@@ -14,7 +14,8 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 
 def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]:
-    """Read the trials of an events file, and, by name, the SHA-256 of this file and of the file with its units.
+    """Read the trials of an events file, and, by file name, the SHA-256 of this file and of the file that states the
+    units of its columns.
 
     Raises InputError if a file cannot be used, or if it is unknown when the recording began.
     """

@@ -1,4 +1,4 @@
-"""Read truth.npz, a recording's true joints; check that given joints have the results' unit, axes and labels."""
+"""Read truth.npz, a recording's true joints; check that they have the unit, axes and labels of the results."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ NORMAL_95: Final = 1.96
 SYSTEMATIC_SHARE: Final = 0.7
 """Share of an error's variance that stays the same through a recording: errors of the learnt body's lengths, of
 clothes, and of the joints' places in the body. On simulated recordings it is 0.6 for angles and 0.8 for joints
-(docs/measures.md).
+(docs/measures.md); 0.7 is used for both.
 """
 
 CORRELATION_S: Final = 1.5

@@ -67,7 +67,7 @@ class HeldEquipment:
 def fit_standing_frame(
     rng: np.random.Generator, pelvis_m: float, knee_m: float, front_m: float, half_width_m: float
 ) -> HeldEquipment:
-    """Build a standing frame: posts, rails, floor runners, a cross-bar before the belly, and a bar before the knees.
+    """Build a standing frame: posts, rails, floor runners, and one bar each in front of belly and knees.
 
     pelvis_m, knee_m: heights of pelvis and knees. front_m: x of the foremost skin of belly and knees. half_width_m:
     distance of the rails from the plane z = 0 that leaves space for the arms.
@@ -94,7 +94,7 @@ def fit_standing_frame(
 
 
 def fit_parallel_bars(rng: np.random.Generator, pelvis_m: float, half_width_m: float) -> HeldEquipment:
-    """Build two rails on four posts around a patient at the origin. The front half mirrors the back half."""
+    """Build two rails on four posts around a patient at the origin. Their front half mirrors their back half."""
     rail_m = pelvis_m + rng.uniform(-0.06, 0.04)
     half_m = max(half_width_m, 0.32) + rng.uniform(0.0, 0.05)
     tube_m, length_m = rng.uniform(0.035, 0.045), rng.uniform(1.6, 2.2)
@@ -128,7 +128,7 @@ def build_stool(rng: np.random.Generator, center_m: tuple[float, float], height_
 def fit_chest_pad(
     rng: np.random.Generator, sweep: Sweep, sternum_m: float, rail_m: float, half_m: float
 ) -> tuple[EquipmentPart, ...]:
-    """Return a pad before the sternum, and straps around the hips. The pad's post stands on a bar across both rails.
+    """Return a pad in front of the sternum (its post stands on a bar across both rails) and straps around the hips.
 
     sternum_m, rail_m: heights; half_m: distance of each rail from the plane z = 0.
     """

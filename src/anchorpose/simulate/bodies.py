@@ -44,7 +44,7 @@ class OtherBody:
 
     build: Build = "ordinary"
     braces: tuple[BraceName, ...] = ()  # segments that are covered by stiff orthoses
-    file: Path | None = None  # file with another source's body (see ``rigged_body``); None = drawn from the body asset
+    file: Path | None = None  # file of a body for ``rigged_body``; None = the body is drawn from the body asset
     missing: tuple[MissingPart, ...] = ()  # limbs or parts of limbs that the patient lacks; stated in recording.json
 
 
@@ -81,7 +81,7 @@ def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) 
 
 
 def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
-    """Scale each bone's segment of the body along and across its axis; where bones meet, skin weights blend scales."""
+    """Scale each bone's segment of the body along and across its axis. Where bones meet, their scales are blended."""
     asset, heads = body.asset, body.bone_heads
     stretch = np.tile(np.eye(3), (len(heads), 1, 1))
     for bone, name in enumerate(asset.bone_names):
@@ -107,7 +107,7 @@ def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
 
 
 def _carry_to_ends(names: tuple[str, ...], parents: np.ndarray, stretch: np.ndarray) -> None:
-    """Set ``stretch`` of fingers and toes to the mean stretch of their hand or foot, equal in all directions."""
+    """Set the ``stretch`` (b, 3, 3) of fingers and toes to the geometric mean of their hand's or foot's factors."""
     for bone, name in enumerate(names):
         if name.endswith(("FingerBase", "HandFinger1", "Thumb", "ToeBase")):
             stretch[bone] = np.eye(3) * np.cbrt(np.linalg.det(stretch[parents[bone]]))
@@ -143,10 +143,10 @@ def with_shoes(body: BodyMesh, normals: np.ndarray, upper_m: float, sole_m: floa
 
 
 def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[BodyMesh, np.ndarray]:
-    """Add a stiff shell around the segments of some bones; also return (v,): how far it covers each vertex, 0 to 1.
+    """Add a stiff shell around the segments of some bones. Also return (v,): from 0 (vertex is bare) to 1 (covered).
 
-    The shell is ``off_m`` from the skin. On legs, it is at least ``off_m`` from the skin, and its radius is at least
-    ``off_m`` more than the 90th percentile of the radii of the segment's skin.
+    On the trunk, the shell is ``off_m`` from the skin. On legs, it is at least ``off_m`` from the skin, and its radius
+    is at least ``off_m`` more than the 90th percentile of the radii of the segment's skin.
     """
     asset, vertices, covered = body.asset, body.vertices.copy(), np.zeros(len(body.vertices))
     for name in bones:

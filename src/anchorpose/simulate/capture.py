@@ -13,12 +13,12 @@ from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, unit
 from anchorpose.simulate.movement_file import CLIP_HZ, SEATED, Clips, movement_of
 from anchorpose.simulate.timeline import ease
 
-SMOOTHING_S: Final = 0.07  # s, standard deviation of the smoothing Gaussian; Kinect v2 joints jitter by mm to cm
+SMOOTHING_S: Final = 0.07  # s, sigma of the Gaussian that smooths joints over time: a Kinect v2's jitter by mm to cm
 OVERLAP_S: Final = 0.4  # s, time over which the end of one repetition is blended into the start of the next
 STRAIGHT_RAD: Final = 0.35  # rad; if an elbow is bent by less, the axis of its bend comes partly from earlier frames
 PLANE_MEMORY_S: Final = 0.5  # s, time constant with which the axis of a nearly straight elbow is updated
 
-_AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of the file's axes: left, up and ahead
+_AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of a movement file's axes: left, up and ahead
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from anchorpose.rotations import FORWARD, rotate, turns_about
 
-LEAST_LOAD: Final = 1e-3  # share of the load on a foot in the air; not 0, so that both feet's shares never add up to 0
+LEAST_LOAD: Final = 1e-3  # share of the load that a foot in the air has; not 0, so that the shares never add up to 0
 ROUNDS: Final = 8  # number of iterations that compute the tilt; each reduces the error of the tilt to a tenth
 
 LEAST_HEIGHT_M: Final = 0.1
@@ -48,8 +48,8 @@ def carried_pelvis(
     """Return position (t, 3) and rotation (t, 3, 3) of the pelvis. The legs determine its height, and the posture its
     x and z.
 
-    The pelvis tilts to one side if the legs reach unequal heights, and less if a foot is in the air. ankles_m
-    (t, 2, 3): ankles. pelvis_m, pelvis_turn: position and rotation of the pelvis in the posture.
+    The pelvis tilts to one side if one leg carries its hip higher than the other, and less if a foot is in the air.
+    ankles_m (t, 2, 3): ankles. pelvis_m, pelvis_turn: position and rotation of the pelvis in the posture.
     """
     first, second = legs.lengths_m.T
     reach_m = np.sqrt(first**2 + second**2 + 2.0 * first * second * np.cos(np.maximum(bend.flexion, 0.0)))

@@ -41,7 +41,7 @@ STREAMS = (
     "session",
 )
 CAMERA_NAMES = ("front", "left", "right", "behind")
-AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # rad, from patient to camera: 0 = front, + = left
+AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # rad, direction to each camera: 0 = front, + = left
 AZIMUTH_SPREAD_RAD = (0.08, 0.2, 0.2, 0.3)  # rad, maximum random deviation of each camera from ``AZIMUTH_RAD``
 WALL_M = 2.7  # m, height of the walls
 
@@ -253,6 +253,6 @@ def room_triangles(rng: np.random.Generator, camera_behind: bool) -> np.ndarray:
 
 
 def face_parts(person: Person) -> np.ndarray:
-    """Return (f,) uint8: for each face, 1 + the index of the bone that mainly moves its first corner."""
+    """Return (f,) uint8: for each triangle of the skin, 1 + index of the bone that mostly moves its first corner."""
     asset = person.body.asset
     return (asset.main_bone()[asset.faces[:, 0]] + 1).astype(np.uint8)

@@ -49,10 +49,10 @@ ROOM_MOTIONS: Final[dict[Posture, tuple[tuple[str, ...], ...]]] = {
     "sits": (("reach", "arm-raise"), ("reach", "head"), ("arm-raise", "head", "standing")),
     "stands-up": (("sit-to-stand", "reach"), ("sit-to-stand", "squat", "arm-raise"), ("sit-to-stand", "trunk", "head")),
 }
-ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # ``posture`` says who sits
-# share of the standing patients in rooms who do a captured movement, if a file of captured movements is given
+ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # ``posture`` decides about sitting
+# share of the standing patients in cluttered rooms who do a captured movement, if a file of such movements is given
 CAPTURED_SHARE: Final = 0.6
-ABSENT_SHARE: Final = 0.15  # share of the recording before a late patient comes into view
+ABSENT_SHARE: Final = 0.15  # a late patient comes into view after this share of the recording
 HIDDEN_S: Final = 2.0  # s, duration for which the patient is behind a curtain
 LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0  # limits of the settings ``seconds`` and ``fps``
 THICKEST_CLOTHING_M: Final = 0.015  # m; thicker clothes would hide the body's shape
@@ -129,7 +129,7 @@ def _check_equipment(config: SimulationConfig) -> None:
     for motion in config.motions:
         _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
     captured = config.movement_file is not None
-    in_frame = config.equipment == "standing-frame" and not captured  # frames are made to fit captured movements
+    in_frame = config.equipment == "standing-frame" and not captured  # a frame is fitted to a captured movement
     clash = FRAMELESS_MOTIONS.intersection(config.motions) if in_frame else frozenset()
     _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")
     _require(not config.chest_pad or config.equipment == "parallel-bars", "a chest pad needs parallel bars")
@@ -214,7 +214,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
 
 
 def rough_recorder(config: SimulationConfig) -> SimulationConfig:
-    """Return ``config`` with unsynchronised cameras that lose images; its seed determines clock errors and losses."""
+    """Return ``config`` with unsynchronised cameras that lose images; the seed determines clock errors and losses."""
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROUGH_KEY,)))
     others = config.cameras - 1
     return replace(
@@ -286,8 +286,8 @@ def rehabilitation(
     """Return ``config`` with a captured movement, which has already begun when the recording begins. movement: None =
     drawn by the seed.
 
-    Parallel bars have a chest pad and straps, a therapist behind the patient, and one in front who holds the knees. If
-    the patient steps or raises a leg, there are no pad and no straps, and only the therapist behind.
+    In parallel bars, the patient has a chest pad and straps, a therapist behind, and one in front who holds the knees.
+    If the movement contains steps or a raised leg, there are no pad and no straps, and only the therapist behind.
     """
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(MOVEMENT_KEY,)))
     roomy = equipment in ("none", "sling", "parallel-bars")

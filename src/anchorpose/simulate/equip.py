@@ -28,7 +28,7 @@ from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.timeline import Movement, ball_ahead_m, stand, standing_pelvis_m
 
 SWEEP_HZ = 5.0  # Hz, rate at which the patient's movement is sampled to find the space that it needs
-STOOL_HALF_M = 0.20  # m from a stool's middle to the legs of the standing patient: half its depth, plus a margin
+STOOL_HALF_M = 0.20  # m from a stool's middle to the legs of the standing patient: half the stool's depth plus a margin
 CEILING_M = 2.65  # m, height of the ceiling from which a sling hangs
 BELOW_NECK_M = 0.15  # m from the joint SpineShoulder down to the middle of the sternum
 HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that the patient's hands hold

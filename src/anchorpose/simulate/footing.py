@@ -17,9 +17,9 @@ from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
 WAVER_M: Final = 0.06  # m; a captured ankle that rises by less than this counts as standing: the rise is noise
 CLEAR_M: Final = 0.06  # m; a rise up to ``WAVER_M`` is set to 0, and one of this much above ``WAVER_M`` is kept in full
-HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # m; if an ankle rises and travels by less than this, only the heel rises
+HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # m; if an ankle rises and travels by less than these, only its heel rises
 MOVING_M_S: Final = 0.30  # m/s; a foot that moves faster than this has left the floor
-SHORTEST_STAND_S: Final = 0.25  # s, minimum time for which a foot stands
+SHORTEST_STAND_S: Final = 0.25  # s; a foot that stays in one place for less time than this does not count as standing
 SAME_PLACE_M: Final = 0.08  # m; a foot that comes down within this distance of its former place has not moved
 EASE_S: Final = 0.15  # s, duration of the transitions between standing and stepping
 YAW_LIMIT: Final = 0.5  # rad, maximum angle of a standing foot from straight ahead, to the left or right

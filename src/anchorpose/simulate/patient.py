@@ -38,7 +38,7 @@ GRIP_TILT_RAD = 0.5  # rad, angle by which the fingers of a hand on a rail point
 WRIST_TO_GRIP_M = 0.06  # m, distance from the wrist to the point of the hand that lies on the rail
 SIT_CHANCE = 0.4  # probability that a patient with a stool begins or ends a mixed series of motions on it
 LONG_AGO_S = -100.0  # s, start of a movement that is already complete when the recording begins
-OUTSIDE_M = 2.4  # m, distance from the place of training to a place outside of the front camera's view
+OUTSIDE_M = 2.4  # m; a patient who walks out of the front camera's view goes this far from the place of training
 STANCE_M = 0.26  # m, distance between the feet
 WALK_S = 3.0  # s, duration of the walk from outside to the place of training
 
@@ -229,7 +229,7 @@ def seated_offsets(person: Person) -> tuple[tuple[str, float], ...]:
 def _draw_steps(
     rng: np.random.Generator, footwork: Footwork, start_s: float, pace: float, here: Situation
 ) -> tuple[Footwork, list[Movement]]:
-    """Draw 2 or 4 steps in place, forward or back; steps 3 and 4 lead back. The pelvis shifts over the standing foot.
+    """Draw 2 or 4 steps in place, forward or backward; steps 3 and 4 return. The pelvis shifts over the standing foot.
 
     Return ``footwork`` with the steps appended, and the shifts of the pelvis.
     """

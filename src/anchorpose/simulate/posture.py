@@ -18,14 +18,14 @@ from anchorpose.simulate.carried_pelvis import KneeBend, Legs, carried_pelvis
 
 SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # per side, sign of the direction along Z that leads away from the middle
-FULL_REACH = 0.985  # maximum reach as a share of a limb's length; below 1, since a straight limb has no defined plane
-STRAIGHT_REACH = 1.0 - 1e-6  # maximum reach / leg length if the knee's bend is given; there it is still 0.2 degrees
+FULL_REACH = 0.985  # maximum reach as a share of a limb's length; below 1, since a straight limb defines no plane
+STRAIGHT_REACH = 1.0 - 1e-6  # maximum reach / leg length if the knee's bend is given; at this reach, it is 0.2 degrees
 HEIGHT_SOFTNESS_M = 0.004  # m, range of the pelvis's height in which a straightening leg gradually limits it
 SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))  # share of the trunk's bend that each bone takes
 NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))  # share of the head's bend that each bone takes
 CLAVICLE_SHARE = 0.25  # clavicle's share of the arm's elevation beyond 30 degrees (scapulohumeral rhythm)
 # m, the length of an upper arm. The elbow of an arm that holds something bends towards a point that is this far behind
-# its place in a free arm: elbows are behind hands that hold rails beside the hips
+# the elbow of an arm that holds nothing, since elbows are behind hands that hold rails beside the hips
 ELBOW_BEHIND_M = 0.3
 
 

@@ -26,7 +26,7 @@ from anchorpose.simulate.timeline import (
     ease,
 )
 
-STRAIGHT_LEG: Final = 0.998  # maximum reach as a share of a leg's length; there, the knee is still bent by 7 degrees
+STRAIGHT_LEG: Final = 0.998  # maximum reach of a leg / its length; at this reach, the knee is still bent by 7 degrees
 PELVIS_S: Final = 0.06  # s, standard deviation of the Gaussian that smooths the path of the pelvis
 KNEE_SHOWS_M: Final = 0.05  # m; a knee this far from the line from hip to ankle points in the captured direction
 AIR_M: Final = 0.12  # m; a foot at least this high above the floor keeps its angle to the shank
@@ -167,7 +167,7 @@ def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
 
 
 def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
-    """Move feet in the air to the ends of the legs (n, 2, 3), but lower none to less than half the height of a step."""
+    """Move feet in the air to the ends of the legs (n, 2, 3), but lower none below half of ``STEP_HEIGHT_M``."""
     place = feet.place_m + (1.0 - feet.stands)[..., None] * (leg_end_m - feet.place_m)
     least_m = np.minimum(feet.place_m[..., 1], 0.5 * STEP_HEIGHT_M)
     place[..., 1] = np.maximum(place[..., 1], least_m)
@@ -187,7 +187,7 @@ def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray
 
 
 def _knee_directions(pelvis: np.ndarray, legs: np.ndarray, knee_m: np.ndarray) -> np.ndarray:
-    """Return the directions (t, 2, 3) in which the knees point: as captured if clearly bent, else to the front."""
+    """Return the directions (t, 2, 3) in which the knees point: as captured if they are clearly bent, else ahead."""
     along = legs.sum(axis=2)
     forward = unit(np.cross(pelvis[:, None, :, 2], along))
     off_m = np.linalg.norm(knee_m, axis=2, keepdims=True)
@@ -215,8 +215,8 @@ def _head_turn(thorax: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 
 def _swing(thorax: np.ndarray, upper: np.ndarray, side: int) -> np.ndarray:
-    """Return shoulder angles (t, 3), rad: flexion and abduction of an upper arm along ``upper`` (t, 3). The rotation is
-    0.
+    """Return shoulder angles (t, 3), rad, of an upper arm that points along ``upper`` (t, 3): flexion, abduction, and 0
+    for the rotation about the arm.
     """
     local = rotate(np.swapaxes(thorax, -1, -2), upper)
     axis = np.cross(-UP, local)

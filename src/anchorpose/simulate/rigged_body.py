@@ -56,7 +56,7 @@ def read_rigged_body(path: Path) -> BodyMesh:
 
 @cache
 def sampled_vertices(asset: BodyAsset) -> np.ndarray:
-    """Return (p,): the vertex nearest to each skin point of the tracker, once these are scaled to the body's height."""
+    """Return (p,): the vertex nearest to each of the tracker's skin points after their scaling to the body's height."""
     points = body_points()
     if len(asset.vertices) == len(points.asset.vertices):
         return points.vertex

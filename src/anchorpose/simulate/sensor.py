@@ -22,8 +22,8 @@ class SensorSpec:
     nearest_m: float
     farthest_m: float
     # factor on the axial noise that was measured on white targets. It is 2, since clothes, skin and floors return a
-    # quarter of the light, and a time-of-flight camera's noise is proportional to the inverse square root of the
-    # returned light
+    # quarter of the light that a white target returns, and a time-of-flight camera's noise is proportional to the
+    # inverse square root of the returned light
     noise_gain: float = 2.0
     baseline_m: float = 0.0  # m, distance between the imagers of a stereo camera
     disparity_noise_px: float = 0.06  # pixels, standard deviation of the error of disparity
@@ -94,8 +94,8 @@ SENSORS = {
         noise_gain=1.2,
         lens="rational",
     ),
-    # 50 mm between the imagers (measured on two devices) and 87 +- 3 degrees (data sheet; sources in docs/simulate.md);
-    # its maker assumes an error of 0.08 pixels of disparity for a calibrated unit (librealsense, issue 3904). The real
+    # 50 mm between the imagers (measured on two devices), 87 +- 3 degrees wide (data sheet, see docs/simulate.md); the
+    # maker assumes an error of 0.08 pixels of disparity for a calibrated unit (librealsense, issue 3904). The real
     # camera also reads beyond 4.5 m, with more error
     "d435": SensorSpec(
         kind="stereo",
@@ -107,7 +107,7 @@ SENSORS = {
         baseline_m=0.05,
         disparity_noise_px=0.08,
     ),
-    # 58 x 45 degrees, 0.8 to 3.5 m (Asus, as quoted in docs/simulate.md); 75 mm to the projector, steps of an eighth of
+    # 58 x 45 degrees, 0.8 to 3.5 m (Asus, as quoted in docs/simulate.md); 75 mm to its projector, steps of an eighth of
     # a pixel, and a standard deviation of half a step, 5.7 mm at 2 m (Khoshelham and Oude Elberink 2012,
     # doi:10.3390/s120201437)
     "xtion": SensorSpec(
@@ -140,9 +140,9 @@ SENSORS = {
 
 LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
     "pinhole": (LensModel.BROWN_CONRADY, (0.0, 0.0, 0.0, 0.0, 0.0), None),
-    # of the same order as a Kinect v2's infrared camera
+    # coefficients of the same order as those of a Kinect v2's infrared camera
     "brown-conrady": (LensModel.BROWN_CONRADY, (0.09, -0.27, 0.001, -0.0005, 0.09), None),
-    # of the same order as an Azure Kinect's depth camera, up to its valid radius
+    # coefficients of the same order as those of an Azure Kinect's depth camera, and the valid radius of that camera
     "rational": (LensModel.RATIONAL, (0.44, 0.013, -2.4e-5, -6.4e-5, -0.002, 0.77, 0.089, -0.005), 1.74),
     # a lens that draws the image's border a tenth nearer to the centre than a pinhole camera does
     "kannala-brandt": (LensModel.KANNALA_BRANDT, (-0.02, 0.003, -0.001, 0.0002), None),
@@ -150,12 +150,12 @@ LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
 """Model, coefficients and valid radius of each imitated lens."""
 
 EDGE_STEP_M = 0.03  # m; a pixel is at an edge if depths around it differ by this much more than the slope explains
-SLOPE_ALLOWANCE = 4.0  # factor on the slope's change of depth per pixel: 2 pixels across 3 x 3, times 2 as a margin
-DROPOUT = 0.003  # probability of a lost reading anywhere
-EDGE_JITTER = 0.35  # probability that an edge pixel has the reading of its neighbour
-FLYING = 0.22  # probability that an edge pixel mixes near and far depths
+SLOPE_ALLOWANCE = 4.0  # factor on the depth change per pixel of a slope: 3 x 3 pixels span 2, times 2 as a margin
+DROPOUT = 0.003  # probability that a pixel, at an edge or elsewhere, has no reading
+EDGE_JITTER = 0.35  # probability that an edge pixel has the reading of one of its neighbours
+FLYING = 0.22  # probability that an edge pixel has a depth between the near and the far surface
 EDGE_LOSS = 0.08  # probability that an edge pixel has no reading
-GRAZING_COSINE = 0.10  # minimum cosine of the angle of incidence, 84 degrees, at which there is a reading
+GRAZING_COSINE = 0.10  # cosine of the largest angle of incidence (84 degrees) at which there is a reading
 BLOB_PX = 2.2  # pixels, standard deviation of the Gaussian that imitates a stereo camera's matching window
 SPECKLE_DEVIATIONS = 2.7  # noise beyond this number of standard deviations makes stereo matching fail
 JOINED_M = 0.1  # m; ARKit smooths depth steps smaller than this, unless the colour image shows an edge

@@ -25,7 +25,8 @@ from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 # m, the curtain's distance from the patient (more than an arm's length), half its width, and its height
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
 BACKGROUND_FRAMES = 9  # number of images of the empty room; their median is stored
-SAME_SKIN_M: Final = 0.03  # m; the depth of seen skin differs by less from its pixel's; a pixel is 7 mm wide at 2.5 m
+# m; skin whose depth differs by less than this from the depth in its pixel is seen; a pixel is 7 mm wide at 2.5 m
+SAME_SKIN_M: Final = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,7 +188,7 @@ def body_centre_m(cameras: tuple[Camera, ...], images: list[TrueImage]) -> np.nd
 
 
 def _with_hole(clinic: Clinic, images: list[TrueImage], depths_mm: list[np.ndarray]) -> list[np.ndarray]:
-    """Remove all readings within ``hole_radius_m`` of the body's centre, as in Section V of the paper in README.md."""
+    """Remove all readings within ``hole_radius_m`` of the body's centre, as in the paper's Section V (README.md)."""
     centre_m = body_centre_m(clinic.cameras, images)
     if centre_m is None:
         return depths_mm

@@ -46,7 +46,7 @@ PASSING_M = (0.6, 1.5)  # m, range of the distance between a camera and a person
 BESIDE_M = 3.2  # m from each end of a passer-by's path to the point where it crosses the line of sight
 SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # rad, tried angles of the path; 0 = across the line of sight
 CLEAR_M = 0.7  # m, intended clearance of the path from the other cameras and from the patient
-HALFWAY = (0.35, 0.65)  # range of the time at which a passer-by is at the crossing, as a share of the recording
+HALFWAY = (0.35, 0.65)  # range of the time at which a passer-by crosses the line of sight, as a share of the recording
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,7 +29,7 @@ from anchorpose.simulate.touches import Touch, touches
 
 EQUIPMENT_FILE: Final = "equipment.json"
 PNG_COMPRESSION: Final = 2  # level; noise hardly compresses: a higher level triples the time and saves 3 % of the size
-PASSER_HIDES: Final = 0.25  # a frame counts as occluded if people passing by hide this share of the patient's pixels
+PASSER_HIDES: Final = 0.25  # a frame is occluded if people passing by hide more than this share of the patient's pixels
 JITTER_LIMIT: Final = 0.4  # maximum jitter as a share of the frame period; above 0.5, stamps could change their order
 JITTER_SPREADS: Final = 2.0  # number of standard deviations at which the jitter's normal distribution is cut off
 
@@ -128,7 +128,7 @@ class Sight:
 def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight: Sight, contacts: list[Touch]) -> None:
     """Write the truth with which tracking is compared: t frames, those of the first camera; places in world metres.
 
-    occluded (t,): a hole was cut, or people passing by hide over ``PASSER_HIDES`` of the patient from a camera.
+    occluded (t,): a hole was cut, or passers-by hide over ``PASSER_HIDES`` of the patient's pixels from a camera.
     In addition to the keys of the file format, there are these arrays (n other people):
 
     - patient_pixels (t,): the patient's pixels of all cameras together

@@ -1,4 +1,5 @@
-"""Read recordings (``.mkv``) by Azure Kinect's SDK, or by Orbbec's wrapper of this SDK for Femto cameras.
+"""Read recordings (``.mkv``) that were made with Azure Kinect's SDK, or with Orbbec's wrapper of this SDK for Femto
+cameras.
 
 The layout is that of the published Azure Kinect Sensor SDK (github.com/microsoft/Azure-Kinect-Sensor-SDK, MIT,
 ``src/record``): a Matroska file with the track DEPTH, uncompressed, big-endian, millimetres; the lens in the attachment
@@ -33,22 +34,22 @@ if TYPE_CHECKING:
 
 DEPTH_CAMERA: Final = "CALIBRATION_CameraLocationD0"
 MODEL: Final = "CALIBRATION_LensDistortionModelBrownConrady"
-"""The only lens model that is read; its formula is that of OpenCV's rational model. Only early internal devices had
-other models.
+"""The only lens model that is read; its formula is that of OpenCV's rational model. Only early internal devices of the
+maker had other models.
 """
 SENSOR_PX: Final = 1024
 """Width and height of the sensor; the SDK, too, refuses the calibration of a sensor of another size."""
 FOCAL: Final = (0.25, 1.0)
-"""Limits of the focal length, divided by the sensor's width; a number beyond them is damaged. Without distortion, the
-lower limit gives 127 degrees of view and the upper 53. The maker states 120 for its lens, which has distortion; a real
-file has 0.493.
+"""Limits of the focal length, divided by the sensor's width; a value beyond them shows that the file is damaged.
+Without distortion, the lower limit gives 127 degrees of view and the upper 53. The maker states 120 for its lens, which
+has distortion; a real file has 0.493.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class DepthMode:
-    """A mode of the depth camera; each mode reads a part of the sensor. binning: sensor pixels per image pixel, along
-    each axis; left, top: image pixels cropped at the left and at the top.
+    """A mode of the depth camera; each mode reads a part of the sensor. binning: number of sensor pixels per image
+    pixel, along each axis; left, top: number of image pixels cropped at the left and at the top.
     """
 
     name: str
@@ -127,7 +128,7 @@ def _parameters(camera: dict) -> tuple[float, ...]:
 
 
 def _radius(camera: dict) -> float | None:
-    """Return the radius, sqrt(x² + y²) / z of a ray, up to which the lens was calibrated; None if the maker gives 0."""
+    """Return the largest sqrt(x² + y²) / z of a ray for which the lens was calibrated; None if unknown."""
     radius = camera.get("MetricRadius")
     if not isinstance(radius, int | float) or not np.isfinite(radius) or radius <= 1e-4:
         return None
@@ -157,7 +158,7 @@ def open_source(path: Path) -> AzureKinectFile:
             height=mode.height,
             depth_scale=MILLIMETRE_M,
             intrinsics=lens,
-            model=container.metadata.get("title", ""),  # Orbbec's wrapper writes Azure Kinect here, too
+            model=container.metadata.get("title", ""),  # Orbbec's wrapper, too, writes "Azure Kinect"
             serial=container.metadata.get("K4A_DEVICE_SERIAL_NUMBER", ""),
         )
     cut = "" if _is_whole(path) else "the file was cut short, or its recorder did not close it: its end may be missing"
@@ -186,7 +187,7 @@ class AzureKinectFile:
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """Yield the depth images by time, one in memory at a time; damaged images are left out, and counted in a note.
 
-        Raises InputError if the file has no depth image that can be read, or reading it fails.
+        Raises InputError if the file has no depth image that can be read, or if reading the file fails.
         """
         camera = self.cameras[0]
         count = self.left_out = 0
@@ -307,15 +308,15 @@ def _start_us(container: InputContainer) -> tuple[int, str]:
 
 
 def _is_whole(path: Path) -> bool:
-    """Return whether the file is as long as its Segment (the element that holds all tracks) states; it states no length
-    if the recorder was killed.
+    """Return whether the file has the length that its Segment (the element that holds all tracks) states; False if that
+    states no length, because the recorder was killed.
     """
     with open_regular(path) as file:
         head = file.read(4096)
     start = head.find(SEGMENT) + len(SEGMENT)
     if start < len(SEGMENT) or not head[start : start + 1].strip(b"\0"):
         return False
-    width = 9 - head[start].bit_length()  # EBML (RFC 8794): leading zero bits of a length give its number of bytes
+    width = 9 - head[start].bit_length()  # EBML (RFC 8794): its leading zero bits tell how many bytes a length has
     unknown = (1 << 7 * width) - 1
     length = int.from_bytes(head[start : start + width]) & unknown
     return length != unknown and start + width + length == path.stat().st_size

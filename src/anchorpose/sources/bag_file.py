@@ -95,7 +95,7 @@ class BagFile(ABC):
         numbers, self._damage = self._on(topics), ""
         try:
             for number, received_ns, data in self._read(numbers) if numbers else ():
-                if self._channels[number].topic in topics:  # two topics of a damaged file may share a number
+                if self._channels[number].topic in topics:  # topics of a damaged file may share a connection number
                     yield Message(self._channels[number], received_ns, _unpack(data))
         except Exception as error:
             self._damage = (
@@ -104,7 +104,9 @@ class BagFile(ABC):
 
     @abstractmethod
     def _open(self) -> list[tuple[int, Channel, int | None]]:
-        """Return number, channel and count of messages of each connection (a publisher on a topic)."""
+        """Return for each connection (a publisher on a topic) its number, its channel, and how many messages it has, if
+        known.
+        """
 
     @abstractmethod
     def _read(self, numbers: Collection[int]) -> Iterable[tuple[int, int, bytes]]:
@@ -121,7 +123,7 @@ class _RosbagsFile(BagFile):
 
     @abstractmethod
     def _reader(self) -> Any:
-        """Return the reader of rosbags."""
+        """Return rosbags' reader of this file, not opened yet."""
 
     def _open(self) -> list[tuple[int, Channel, int | None]]:
         try:
@@ -232,7 +234,7 @@ class Ros2Database(BagFile):
     def _open(self) -> list[tuple[int, Channel, int | None]]:
         with open_regular(self._path) as file:
             head, size = file.read(32), file.seek(0, 2)
-        page = int.from_bytes(head[16:18], "big")  # page size (sqlite.org/fileformat); 1 means 65536
+        page = int.from_bytes(head[16:18], "big")  # page size in bytes (sqlite.org/fileformat); 1 means 65536
         if size < int.from_bytes(head[28:32], "big") * (65536 if page == 1 else page):
             raise DamagedBag("its end is missing")  # SQLite would take the missing bytes as zeros
         topics = "SELECT id, name, type, (SELECT COUNT(*) FROM messages WHERE topic_id = topics.id) FROM topics"
@@ -351,4 +353,4 @@ def _unpack(data: bytes) -> bytes:
     try:
         return bytes(zstd.ZstdDecompressor().decompress(data, max_length=_LARGEST_BYTES))
     except zstd.ZstdError:
-        return b""  # no message is so short, so this one counts as damaged
+        return b""  # an empty message counts as damaged when its fields are read

@@ -34,7 +34,7 @@ from anchorpose.threads import one_thread
 CONVERSION_FILE: Final = "conversion.json"
 LOCK_FILE: Final = ".conversion.lock"
 
-BLOCK: Final = 65536  # size in bytes of each piece (block) of a file that is hashed
+BLOCK: Final = 65536  # size in bytes of a block: a piece of a large file that is hashed
 BLOCKS: Final = 16  # number of hashed blocks of a large file; the sensor noise in them identifies a recording
 
 SMALL: Final = 65536  # maximum size in bytes of a text file that is hashed whole
@@ -99,7 +99,7 @@ def is_untouched(folder: Path) -> bool:
 
 def fingerprint(path: Path) -> tuple[int, str]:
     """Return the size in bytes of a file or folder, and a SHA-256 of samples of its content and, for a folder, of the
-    names and sizes of its files. The place of the file or folder does not change the result.
+    names and sizes of its files. Moving the file or folder does not change the result.
     """
     digest = hashlib.sha256()
     if path.is_file():
@@ -176,7 +176,7 @@ def _convert(
         else:
             notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
             _finish(out, begun, plan, counts, notes)
-    if refusal is not None:  # the files cause the error, so the conversion cannot be resumed
+    if refusal is not None:  # the input files cause this error, so resuming would not help
         if is_untouched(out):
             shutil.rmtree(out)
         raise refusal
@@ -221,7 +221,7 @@ def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
         yield
     finally:
         lock.release()
-        with suppress(OSError):  # another process of anchorpose may hold the lock file by now
+        with suppress(OSError):  # deleting fails if another process of anchorpose holds the lock file by now
             (out / LOCK_FILE).unlink()
 
 
@@ -283,7 +283,7 @@ def _json(document: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class DirectInput:
-    """The input of a command, and the recording to use for it. ready: False if it must be converted first."""
+    """The input of a command, and the recording to use for it. ready: False if the input must be converted first."""
 
     given: Path
     recording: Path
@@ -320,7 +320,7 @@ def look_at(path: Path) -> DirectInput:
 
 
 def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
-    """Convert an input that is not ready; return the notes. Raises InputError if it cannot write beside the input."""
+    """Convert an input that is not ready; return notes. Raises InputError if nothing can be written beside it."""
     if not _may_write(direct.recording.parent):
         remedy = f"make the recording elsewhere with 'anchorpose convert {direct.given.name} OUT'"
         raise InputError(direct.recording.parent, "cannot be written", remedy)
@@ -328,6 +328,6 @@ def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
 
 
 def _may_write(folder: Path) -> bool:
-    """Return whether a folder may be written. A folder that is marked as read-only may not, even by administrators."""
+    """Return whether a folder may be written; one marked as read-only may not be written, even by administrators."""
     marked = os.name == "posix" and not folder.stat().st_mode & 0o222
     return not marked and os.access(folder, os.W_OK)

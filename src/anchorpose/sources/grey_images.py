@@ -1,4 +1,4 @@
-"""Read depth images in single files, 16-bit grey PNG and PGM; read numbers in their names; convert metres to grey."""
+"""Read depth images in single files (16-bit grey PNG, PGM), and numbers in file names; turn metres into grey values."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ ENDINGS: Final = {".png", ".pgm"}
 Size = tuple[int, int]
 """Width and height in pixels."""
 
-# metres per grey value, for readings of up to 16, 33 and 65 m; the steps of depth cameras are coarser
+# metres per grey value: 16 bits then reach to 16, 33 and 65 m; at such distances, depth cameras measure in coarser
+# steps
 _SCALES: Final = (0.00025, 0.0005, 0.001)
 _WHOLE_MM: Final = 0.01  # tolerance in millimetres within which a reading counts as a whole number of millimetres
 _SPARE: Final = 1.25  # factor by which readings of later images may exceed the largest reading of the first image
 GREY_M: Final = _SCALES[0]
-"""Metres per grey value for files in metres whose largest reading is unknown until the whole file is read. Readings
-reach 16.4 m, and are rounded by at most an eighth of a millimetre.
+"""Metres per grey value for files in metres whose largest reading is unknown until the whole file is read. It
+represents readings of up to 16.4 m, and rounds them by at most an eighth of a millimetre.
 """
 
 

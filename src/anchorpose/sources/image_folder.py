@@ -43,7 +43,8 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
-# m, minimum median of readings that are in metres; readings in millimetres have a median beyond ``FARTHEST_M``
+# m, minimum median of an image's readings if they are in metres; readings in millimetres have a median beyond
+# ``FARTHEST_M``
 NEAREST_M: Final = 0.1
 
 _NPY: Final = b"\x93NUMPY"  # first bytes of NumPy's files
@@ -64,7 +65,7 @@ class ImageArray:
         self.cameras: tuple[SourceCamera, ...] = (replace(camera, count=len(times_s)),)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; raises InputError if the file ends early."""
+        """Yield the depth images in order; raises InputError if the file ends before the last image."""
         for position in range(skip[0], len(self._times_s)):
             grey = self._read(position)
             grey[grey == NO_READING] = 0
@@ -154,8 +155,8 @@ SIDECAR: Final = "depth.json"
 LOOK_AT: Final = 100
 
 FASTEST_S, SLOWEST_S = 0.003, 1.0
-"""Minimum and maximum time in s between two images of a depth camera; numbers in file names that usually differ by less
-or by more are not times.
+"""Minimum and maximum time in s between two images of a depth camera; numbers in file names are not taken as times if
+their median difference is less or more.
 """
 
 
@@ -215,7 +216,7 @@ def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
 
 
 def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> SourceCamera:
-    """Return ``camera`` completed by the sidecar ``given``; raises InputError if it states another image size."""
+    """Return ``camera`` completed by the sidecar ``given``; raises InputError if the sidecar states another size."""
     for name, own, said in (("width", camera.width, given.width), ("height", camera.height, given.height)):
         if said is not None and said != own:
             raise InputError(path, f"{name} is {said}, the images have {own}", "correct the number")

@@ -54,7 +54,7 @@ class MatArray:
         return math.prod(self.shape) * self.dtype.itemsize
 
     def read(self) -> np.ndarray:
-        """Read the values; raises ValueError or zlib.error if the element is damaged."""
+        """Read the values; raises ValueError or zlib.error if the array's bytes are damaged."""
         matrix = self.content
         if self.compressed:
             unpack = zlib.decompressobj()
@@ -98,7 +98,7 @@ def _body(data: memoryview, order: str) -> memoryview:
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Yield type and content of each element; raises ValueError if an element ends beyond the data."""
+    """Yield type and content of each element in ``data``; raises ValueError if an element ends beyond ``data``."""
     place = 0
     while place < len(data):
         kind, size = struct.unpack_from(f"{order}II", data, place)

@@ -3,7 +3,7 @@
 Stray Scanner (github.com/strayrobots/scanner, docs/format.md): depth is 16-bit PNG in mm, camera_matrix.csv has the
 lens in pixels of the video, odometry.csv has the time of every image. Record3D (record3d.app): a zip with ``metadata``
 (JSON) and rgbd/<n>.depth, metres as float32 packed with LZFSE. In the metadata, the lens matrix K is written column by
-column, for the colour image of w x h pixels; dw x dh is the size of depth.
+column, for the colour image of w x h pixels; dw x dh is the size of the depth images.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from anchorpose.sources.source import (
     read_matrix,
 )
 
-VIDEO: Final = (1920, 1440)  # pixels, size of these devices' colour image; checked against the principal point
+VIDEO: Final = (1920, 1440)  # pixels, size of these devices' colour image; the principal point must be near its middle
 
 # maximum distance of the principal point from the middle, as a share of the image's size; real lenses have up to 0.02
 OFF_CENTRE: Final = 0.1

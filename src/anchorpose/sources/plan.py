@@ -42,7 +42,7 @@ class CameraPlan:
     count: int | None = None
 
     def document(self) -> dict[str, Any]:
-        """Return the camera in the form of recording.json."""
+        """Return the camera's entry in recording.json."""
         known = {key: value for key, value in (("model", self.model), ("serial", self.serial)) if value}
         return {**camera_document(self.camera), **known}
 
@@ -224,13 +224,13 @@ def _quarter(lens: Intrinsics, height: int) -> Intrinsics:
 
 def _mirror_across(lens: Intrinsics, width: int) -> Intrinsics:
     """Mirror a lens left to right: x becomes -x."""
-    d = _negated(lens, (3, 8, 9, 13))  # these change sign: p2, s1, s2 and the tilt about y
+    d = _negated(lens, (3, 8, 9, 13))  # coefficients that change sign: p2, s1, s2 and the tilt about y
     return replace(lens, cx=width - 1 - lens.cx, distortion=d)
 
 
 def _mirror_down(lens: Intrinsics, height: int) -> Intrinsics:
     """Mirror a lens top to bottom: y becomes -y."""
-    d = _negated(lens, (2, 10, 11, 12))  # these change sign: p1, s3, s4 and the tilt about x
+    d = _negated(lens, (2, 10, 11, 12))  # coefficients that change sign: p1, s3, s4 and the tilt about x
     return replace(lens, cy=height - 1 - lens.cy, distortion=d)
 
 
@@ -315,8 +315,8 @@ class CameraWriter:
 def encode_grey(grey: np.ndarray) -> bytes:
     """Return a PNG file of grey values (height, width) uint16.
 
-    The compression uses only Huffman coding and the lengths of runs of one byte. A search for other repeated sequences
-    would double the time of encoding, and noisy depth images have no such sequences.
+    The compression uses only Huffman coding and runs of equal bytes. A search for other repeated sequences would double
+    the time of encoding, and noisy depth images have no such sequences.
     """
     import cv2
 
@@ -326,7 +326,7 @@ def encode_grey(grey: np.ndarray) -> bytes:
 
 
 def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
-    """Return numbers and times of the images before the first missing file, without damaged images at the end."""
+    """Return number and time (text) of each image before the first missing file, except damaged images at their end."""
     path = folder / "timestamps.csv"
     if not path.is_file():
         return []

@@ -1,10 +1,10 @@
 """Read folders of depth images in the layouts of public data sets: TUM and ICL-NUIM, Open3D, Redwood and ScanNet.
 
-TUM: a text file lists times and depth images, with grey values in 1/5000 m (the benchmark's page on file formats); the
-lens is published per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON file with
-``intrinsic_matrix``, stored column by column; ``depth_scale`` in this file is in grey values per metre (Open3D's
-RGBDVideoMetadata). ScanNet's reader of .sens files writes the lens to intrinsic/intrinsic_depth.txt, depth in mm, and
-the poses of a carried camera in an arbitrary world. If a folder has no times, no times are made up.
+TUM: a text file lists times and depth images, with grey values in units of 1/5000 m (the benchmark's page on file
+formats); the lens is published per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON
+file with ``intrinsic_matrix``, stored column by column; ``depth_scale`` in this file is in grey values per metre
+(Open3D's RGBDVideoMetadata). ScanNet's reader of .sens files writes the lens to intrinsic/intrinsic_depth.txt, depth in
+mm, and the poses of a carried camera in an arbitrary world. If a folder has no times, no times are made up.
 """
 
 from __future__ import annotations

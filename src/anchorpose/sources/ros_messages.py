@@ -82,7 +82,7 @@ class MessageFields:
         return stamp_ns, self.text()
 
     def _align(self, size: int) -> None:
-        """Skip to the next multiple of a number's size, since CDR aligns numbers."""
+        """Skip to the next position divisible by ``size``, since CDR aligns each number to its size in bytes."""
         if self._cdr:
             self._place += -(self._place - self._start) % size
 
@@ -117,8 +117,8 @@ class CompressedMessage:
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraInfo:
     """A ``sensor_msgs/CameraInfo``. model, D: distortion model and coefficients; K, P: camera matrix and projection,
-    row by row; binning: number of pixels binned across and down; roi: column, row, height, width of the region in the
-    full image, zeros for all of it.
+    row by row; binning: number of pixels binned across and down; roi: column, row, height, width of the images' region
+    in the full image, all 0 if it is the full image.
     """
 
     frame_id: str

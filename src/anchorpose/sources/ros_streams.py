@@ -51,11 +51,11 @@ _MODELS: Final = {
     "equidistant": LensModel.KANNALA_BRANDT,
     "fisheye": LensModel.KANNALA_BRANDT,
 }
-_LARGEST: Final = 1e6  # maximum size of any number of a lens, and of a position in metres
+_LARGEST: Final = 1e6  # maximum absolute value of a lens parameter, and of a coordinate in metres
 _SHORTEST_PX: Final = 1.0  # minimum focal length
 _TOPIC: Final = "/tf_static"
 _WORLDS: Final = frozenset({"world", "map", "odom"})  # names of fixed coordinate frames
-_LONGEST: Final = 100  # maximum number of successive transforms, since in a damaged file they may form a cycle
+_LONGEST: Final = 100  # maximum number of transforms from a camera to its world; a damaged file may have a cycle
 T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
 """Rotation (4, 4) from the world of ROS (REP 103: x forward, z up) to this project's world (x forward, y up)."""
 
@@ -142,8 +142,8 @@ class _Search:
         return None
 
     def _infos_of(self, candidate: _Candidate, size: tuple[int, int]) -> list[CameraInfo]:
-        """Return the ``CameraInfo`` whose topic is beside that of the images, if its size fits; otherwise all that have
-        the optical frame and the size of the images.
+        """Return the ``CameraInfo`` on the topic ``camera_info`` beside the topic of the images, if it states their
+        size; otherwise every ``CameraInfo`` with the optical frame and the size of the images.
         """
         topic = re.sub(r"/compressed(Depth)?$", "", candidate.channel.topic)
         beside = self.infos.get(f"{topic.rpartition('/')[0]}/camera_info")

@@ -164,8 +164,8 @@ def _number(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-_ORBBEC_DEPTH: Final = "/cam/sensor_3/frameType_3"  # OB_SENSOR_ORBBEC_DEPTH, OB_FRAME_DEPTH
-_PROFILE: Final = "/cam/streamProfileType_3"  # OB_STREAM_DEPTH
+_ORBBEC_DEPTH: Final = "/cam/sensor_3/frameType_3"  # each 3 is an SDK number: OB_SENSOR_DEPTH, OB_FRAME_DEPTH
+_PROFILE: Final = "/cam/streamProfileType_3"  # 3 is the SDK's number OB_STREAM_DEPTH
 _ABOUT: Final = "/cam/deviceInfo"
 _PROPERTY: Final = "/cam/property"
 _DISPARITY: Final = "/cam/disparityParam"
@@ -208,8 +208,8 @@ def find_orbbec(bag: Bag, path: Path) -> Streams | None:
 
 
 def read_depth(message: Message) -> ImageMessage:
-    """Read an image of Orbbec with the device's time. SDK 2.3 writes the length of the metadata before the data, and
-    the data begin with the metadata.
+    """Read an image of Orbbec with the device's time. SDK 2.3 writes the length of the metadata before the image's
+    data, which then begin with the metadata.
 
     Raises DamagedBag if the message is cut off.
     """
@@ -247,7 +247,7 @@ def _properties(bag: Bag) -> dict[int, bytes]:
             number = reader.whole("I")
             properties[number] = bytes(reader.take(reader.whole("I")))
         except DamagedBag:
-            continue  # a missing unit or disparity setting is reported elsewhere
+            continue  # ``_notes`` reports a missing unit, ``_refuse_disparity`` a missing setting
     return properties
 
 
@@ -278,7 +278,7 @@ def _read_lens(message: Message) -> Lens:
     """Read ``custom_msg/OBStreamProfileInfo``; its coefficients are k1 to k6, then p1, p2."""
     reader = MessageFields(message)
     reader.header()
-    reader.take(2 + 4 * (9 + 3) + 2 * 3)  # skip stream and format, pose to colour, width, height and rate
+    reader.take(2 + 4 * (9 + 3) + 2 * 3)  # skip stream, format, pose relative to colour camera, width, height, rate
     fx, fy, cx, cy = reader.numbers("f", 4).tolist()
     k1, k2, k3, k4, k5, k6, p1, p2 = reader.numbers("f", 8).tolist()
     model = reader.whole("B")
@@ -297,6 +297,6 @@ def _read_about(message: Message) -> tuple[str, str]:
     reader = MessageFields(message)
     reader.header()
     name, _, _ = reader.text(), reader.text(), reader.text()
-    reader.take(4)  # USB numbers
-    reader.text()  # USB port
+    reader.take(4)  # skip the USB numbers
+    reader.text()  # skip the USB port
     return name, reader.text()

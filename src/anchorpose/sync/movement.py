@@ -34,13 +34,13 @@ LEAST_OVERLAP_S: Final = 1.5
 SHORT_S: Final = 10.0
 LEAST_SHORT_CORRELATION: Final = 0.9
 """Minimum correlation if the common time is below ``SHORT_S`` (s), since a short movement may by chance correlate with
-a different one. In four real recordings of 2.5 to 5 s, the correlation with the recording's own file was 0.90 to 0.99.
+a different one. In four real recordings of 2.5 to 5 s, the correlation with the right sensor file was 0.90 to 0.99.
 """
 
 LARGEST_MISFIT: Final = 0.7
 """Maximum of ``_mean_misfit`` of accelerations if the common time is below ``SHORT_S``. Rotated signals of a different
 movement may correlate, but then gravity seldom has the right direction and size. In fourteen real recordings, the
-misfit of the recording's own file was 0.15 to 0.67.
+misfit of the right sensor file was 0.15 to 0.67.
 """
 
 SENSOR_SIGMA_S: Final = 0.01

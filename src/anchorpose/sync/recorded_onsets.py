@@ -70,7 +70,7 @@ def _number(path: Path, text: str) -> float:
 
 
 def first_frame_s(results: Path, joints: JointTable) -> float:
-    """Return when the recording began on the clock of its first camera; raises InputError if unknown."""
+    """Return the recording's start time on the clock of its first camera; raises InputError if it is unknown."""
     run: dict[str, Any] = read_run(results / RUN_FILE)
     if run.get("recorded"):
         return float(run["recorded"]["first_s"])

@@ -35,8 +35,8 @@ SIGNALS_FILE: Final = "signals.parquet"
 SYNC: Final = FolderKind("a synchronisation", (CLOCK_FILE,), (CLOCK_FILE, JOINTS_FILE, SIGNALS_FILE, EVENTS_FILE))
 
 SEVERAL: Final = 2.0
-"""Samples per frame: a signal with at least this many is averaged over the time of each frame, one with fewer is
-interpolated.
+"""Minimum number of a signal's samples per frame for which it is averaged over the time of each frame; with fewer, it
+is interpolated.
 """
 
 

@@ -1,8 +1,8 @@
 """Fit a rough body to every bystander and follow it, to compare each pixel with the predicted skin of every person.
 
-A therapist's forearm may hold or pass the patient's. The skin seen in earlier frames does not always show which forearm
-belongs to whom, and a wrong label persists in later frames. Fitted bodies can show it, since an arm is attached to only
-one person (paper, Section III, transient occlusion).
+A therapist's forearm may touch or cross the patient's forearm. The skin seen in earlier frames does not always show
+whose forearm a pixel shows, and a wrong label persists in later frames. Fitted bodies can show whose forearm it is,
+since an arm is attached to only one person (paper, Section III, transient occlusion).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from anchorpose.surface.surface import Nodes, SurfaceConfig, join_nodes
 from anchorpose.threads import each
 from anchorpose.tracker.steps import facing_points, step_onto
 
-COARSE: Final = SurfaceConfig(step=4)  # one node per 4 x 4 pixels; a rough body needs no finer nodes
+COARSE: Final = SurfaceConfig(step=4)  # one node per 4 x 4 pixels; a rough body needs no denser nodes
 
 
 def nodes_of_pixels(
@@ -64,11 +64,11 @@ ROUGHLY: Final = RegistrationConfig(
 )
 """Settings to fit a rough body: three registration steps, and a third as many nodes as for the patient's body."""
 
-WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # growth of a predicted pose's sigma in 1 s
+WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # predicted pose's sigma after 1 s: bones, pelvis
 
 TALLEST_CHILD_M: Final = 1.5  # m; people who appear taller get an adult's proportions, others a child's
 STATURE_STEP_M: Final = 0.05  # m; statures are rounded to this step, since a stature from one frame has this error
-HEIGHT_SIGMA_M: Final = 0.01  # m, assumed error of a child's height; small, so that the body gets this height
+HEIGHT_SIGMA_M: Final = 0.01  # m, assumed error of a child's height; small, so that the body gets the given height
 LEAST_EXPLAINED: Final = 0.75  # a body is used only if it lies near at least this share of the person's surface nodes
 # maximum share of a trunk's skin that a camera may see past (read something farther away) before the body is rejected;
 # not 0, since rough bodies have errors of some centimetres
@@ -78,8 +78,8 @@ MOST_TRUNK_PAST: Final = 0.25
 MOST_LIMB_PAST: Final = 0.5
 LEAST_NODES: Final = 150  # minimum number of nodes to fit a body; a third of a person's front at 4 m has this many
 SKIN_SIGMA_M: Final = 0.03  # m, standard deviation of a bystander's skin from its prediction: clothes, hair, body shape
-GROWTH_M_S: Final = 0.4  # m/s, growth of SKIN_SIGMA_M with time, since a hand may move faster than predicted
-DAMPING: Final = 0.8  # factor on the velocity of the last movement in a prediction; below 1, since movements slow down
+GROWTH_M_S: Final = 0.4  # m/s, growth of the skin's sigma after a fit, since a hand may move faster than predicted
+DAMPING: Final = 0.8  # a predicted movement has this share of the last movement's velocity, since movements slow down
 FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between two attempts to fit a body; doubled after each failure, up to 240
 
 
@@ -97,11 +97,11 @@ class Bystander:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """A bystander without a fitted body; fitting one is tried again after some frames."""
+    """A bystander without a fitted body; fitting a body is tried again after some frames."""
 
     label: int
     wait: int  # number of frames until fitting is tried again
-    pause: int  # number of frames to wait after that attempt if it fails
+    pause: int  # number of frames to wait after the next attempt to fit a body, if it fails
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +133,7 @@ def bystanders_placed(
     elapsed_s: float,
 ) -> Bystanders:
     """Return the bystanders after moving their bodies over the ground to where the next frame (``pieces``) shows them.
-    memory: the skin of all people, already moved by ``find_steps``; elapsed_s: time from the earlier to the next frame.
+    memory: the skin of all people, already moved by ``find_steps``; elapsed_s: time from the old to the next frame.
     """
     seen, points, moved = memory.seen_last, body_points(), list[Bystander]()
     for one in bystanders.followed:
@@ -239,8 +239,8 @@ def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], lab
 
 
 def _is_person(body: Body, pose: Pose, evidence: Evidence) -> bool:
-    """Return whether a fitted body may be a real person: no camera reads something farther away at much of the body. If
-    a camera does, the pixels to which the body was fitted may show only a part of another person.
+    """Return whether a fitted body may be a real person: no camera reads something farther away at a large part of the
+    body. If a camera does, the pixels to which the body was fitted may show only a part of another person.
     """
     past = np.nan_to_num(seen_past(body.points, pose_points(body, pose), evidence.views, evidence.cameras))
     return bool(past[TRUNK] <= MOST_TRUNK_PAST and (np.delete(past, TRUNK) > MOST_LIMB_PAST).sum() <= 1)
@@ -256,7 +256,7 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
 
 
 def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander | None:
-    """Return a bystander who is hidden now, in the old pose; None after ``MEMORY_S`` or if a camera sees past it."""
+    """Return a hidden bystander in the last pose; None after ``MEMORY_S`` or if a camera sees past the body."""
     hidden_s = one.hidden_s + abs(elapsed_s)
     if hidden_s > MEMORY_S or not _is_person(one.body, one.belief.pose, evidence):
         return None

@@ -24,7 +24,7 @@ from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.track_tree.tree import TreeConfig
 
-# m, limits of the height that a user may give; others are beyond the body shape model and probably in a wrong unit
+# m, limits of the height that a user may give; the body shape model has no other heights, their unit is probably wrong
 HEIGHTS_M: Final = (1.2, 2.2)
 
 
@@ -39,12 +39,12 @@ class Method(StrEnum):
 class FollowConfig:
     """Settings of how the patient is followed over time."""
 
-    look_ahead: Count = 3  # number of later frames that the track tree spans: N_Tr, its depth (paper, Section V)
-    tree_nodes: Count = 800  # number of nodes that the track tree follows, about 40 per body part
+    look_ahead: Count = 3  # number of later frames that the track tree spans: the tree's depth N_Tr (paper, Section V)
+    tree_nodes: Count = 800  # number of nodes that the track tree follows, about 40 per segment of the body
     history: Count = 12  # number of past frames kept for predicting the next pose (motion dynamics)
     samples: Count = 16  # number of frames read before tracking, to learn the empty room and to choose the patient
-    lost_sigma_m: Positive = 0.25  # m, a forearm; a joint with a larger sigma (standard deviation) is lost
-    lost_after_s: Positive = 1.0  # s; if no frame shows the patient for longer, the whole patient is searched for again
+    lost_sigma_m: Positive = 0.25  # m, a forearm's length; a joint with a larger sigma (standard deviation) is lost
+    lost_after_s: Positive = 1.0  # s; if no frame shows the patient for longer, the patient is searched for again
     # whether each bystander is followed with a fitted body; False = only each bystander's last seen skin is kept
     bystanders: bool = True
 
@@ -56,7 +56,7 @@ class TrackConfig:
     method: Method = Method.ARTICULATED
     start: int = 0  # first frame to track
     stop: int | None = None  # frame before which tracking stops; None = the end of the recording
-    # whether to track backward, too, and combine both passes; takes twice the time, and is impossible live
+    # whether to track backward, too, and combine both passes; takes twice the time of one pass, and is impossible live
     smooth: bool = False
     height_m: float | None = None  # m, the patient's standing height; None = the height in recording.json, if any
     patient_xz_m: tuple[float, float] | None = None  # m, patient's x and z on the floor; None = chosen automatically

@@ -48,7 +48,7 @@ class Estimate:
     shape: FittedShape | None  # shape of the body; None if the patient was not found or not searched for
     explained: float  # 0 to 1, share of the patient's visible surface that lies near the body
     joints_m: np.ndarray  # (21, 3) m, world; NaN for lost joints
-    sigma_m: np.ndarray  # (21,) m, standard deviation of the joints per axis, NaN for lost joints
+    sigma_m: np.ndarray  # (21,) m, standard deviation of each joint's position per axis; NaN for lost joints
     states: tuple[JointState, ...]
     # share of the track tree's nodes that have a match in this frame; None if the tree was not used
     matched_share: float | None = None
@@ -57,7 +57,7 @@ class Estimate:
     poor: tuple[PoorDepth, ...] = ()  # the defects that make depth images of this frame too poor for joints
     moved: bool = False  # whether limbs were found in another place than earlier frames suggested
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
-    rivals: tuple[Rival, ...] = ()  # other poses that fit the images almost as well as this one
+    rivals: tuple[Rival, ...] = ()  # other poses that fit the images almost as well as the pose in ``belief``
     # joint states as in ``states``, but without the rule that a joint with a large sigma is lost
     shown: tuple[JointState, ...] = ()
 
@@ -65,7 +65,7 @@ class Estimate:
 class Earlier(NamedTuple):
     """The values from earlier frames that an estimate needs."""
 
-    rivals: Sequence[Rival] = ()  # other poses that fit the images almost as well as this one
+    rivals: Sequence[Rival] = ()  # other poses that fit the images almost as well as the registered pose
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
     unseen_s: np.ndarray | None = None  # (PARTS, 2) s, time since a limb's halves (cut at elbow or knee) were last seen
 

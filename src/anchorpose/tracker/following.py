@@ -75,7 +75,7 @@ class Follower:
         self.run = run
         self.tracker = None
         self._choice, self._known, self._begin = choice, known, begin
-        self._search = None  # a search is set when a followed patient is lost
+        self._search = None  # None until a followed patient is lost
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
@@ -130,7 +130,7 @@ class Follower:
 
 
 def _poor_at(choice: PatientChoice | None, frame_set: FrameSet, run: Run) -> tuple[PoorDepth, ...]:
-    """Return what makes depth at the patient's place too coarse to find joints; empty if no place is known."""
+    """Return the defects that make depth at the patient's place too coarse for joints; empty if no place is known."""
     if choice is None:
         return ()
     place = np.array([choice.ground_xz_m[0], 0.0, choice.ground_xz_m[1]])

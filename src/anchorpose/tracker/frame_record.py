@@ -25,7 +25,7 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import PassResult
 
-LEAST_BONE_M: Final = 1e-6  # m, lower limit of a bone's length before dividing by it; only a missing bone is shorter
+LEAST_BONE_M: Final = 1e-6  # m; shorter bones are divided by this, not by their length; only a missing bone is shorter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,11 +37,11 @@ class FrameRecord:
     explained: ExplainedFrame  # how well the pose fits the depth images
     anchors: AnchorFrame
     matched_share: float | None  # share of the track tree's nodes that have a match; None if no tree was used
-    near: Nearness | None  # nearness of other people; None if the patient is lost
-    problems: tuple[str, ...]  # problems of the depth images and, if a reviewer marked the frame as unusable, why
+    near: Nearness | None  # how near other people are to the body; None if the patient is lost
+    problems: tuple[str, ...]  # problems of the depth images, and the reason if a reviewer marked the frame as unusable
     why_lost: str = ""  # why the patient is lost; empty if not
     poor: tuple[PoorDepth, ...] = ()  # the defects that make depth images too poor for joints
-    gaps: EquipmentGaps | None = None  # gaps to the equipment; None if the patient is lost or there is no equipment
+    gaps: EquipmentGaps | None = None  # gaps between body and equipment; None if one of them is unknown
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,7 +165,7 @@ def body_pose(
 
 
 def axial_sigma(body: Body, pose: Pose, covariance: np.ndarray, inflation: float) -> np.ndarray:
-    """Return (21,) radians: standard deviation of each bone's rotation about its long axis, relative to its parent.
+    """Return (21,) radians: standard deviation of each bone's turn about its long axis, relative to its parent bone.
 
     covariance (POSE_SIZE, POSE_SIZE): covariance of the pose; inflation: factor on sigma, as in ``UncertaintyConfig``.
     """

@@ -53,7 +53,7 @@ class Inspection:
     observation: Observation | None  # results of the stages before registration; None if no patient was searched for
     estimate: Estimate | None  # None if the patient was not found
     next: Next | None  # None if the recording ends here or the patient was not found
-    height_m: float  # m, the patient's height; the usual distances between anchors scale with it
+    height_m: float  # m, the patient's height; the expected distances between anchors grow with it
     account: tuple[str, ...]  # sentences about the steps taken and the reasons for missing results
 
 
@@ -147,7 +147,7 @@ def _as_tracked(route: Route, position: int, run: Run) -> tuple[_Reached | None,
 
 
 def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None, tuple[str, ...]]:
-    """Track as ``track`` does, but from a nearby initial frame and with a first estimate of the body."""
+    """Track as ``track`` does, but from a nearby frame and with a first body; also return sentences on these steps."""
     for initial in _initial_frames_nearby(route, position, run.room, run.config):
         reached = _follow(route, initial, position, None, run)
         if reached is not None:
@@ -190,7 +190,7 @@ def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedSha
     frames = route.frames(_course(initial.frame, position, route, run))
     for estimate, tracker in follow_openly(run, frames, initial.choice, shape):
         if tracker is None and shape is None:
-            return None  # searching every frame is slow without a learnt shape: try the next initial frame
+            return None  # searching every frame is slow without a learnt shape, so the next initial frame is tried
         if estimate.frame_set.frame == _number(run.room, position):
             if tracker is None or estimate.belief is None:
                 return None

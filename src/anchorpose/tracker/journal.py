@@ -44,7 +44,7 @@ from anchorpose.results.folder import naming_place
 
 NUMBERS: Final = "biuf"  # allowed kinds of dtype: boolean, integers, floats
 ALSO: Final = {float: (int, np.floating, np.integer), int: (np.integer,), bool: (np.bool_,)}
-"""Types that a field may hold besides its declared type; type checkers allow the same."""
+"""Types that a value may have besides the declared type of its field; type checkers allow the same."""
 
 
 def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) -> None:

@@ -31,7 +31,7 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
-# for each frame that learning uses, this many are kept; of all kept frames, those whose poses differ most are used
+# for each frame that learning uses, this many frames are kept; learning uses those whose poses differ most
 CANDIDATES: Final = 2
 
 
@@ -106,9 +106,9 @@ class Stretch(NamedTuple):
 def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | None:
     """Learn the patient's shape; return None if the patient is never found.
 
-    Each stretch is followed for its share of ``learning.longest_s``; in the first stretch, this time begins when the
-    patient is found. Meanwhile, tracking uses the shape learnt so far, and each window of frames refines it. To save
-    memory, only the frames of the first and the latest window are kept for each of two opposite facings.
+    Each stretch is followed for an equal share of ``learning.longest_s``; in the first stretch, this time begins when
+    the patient is found. Meanwhile, tracking uses the shape learnt so far, and each window of frames refines it. To
+    save memory, only the frames of the first and the latest window are kept for each of two opposite facings.
     """
     learnt: LearntPatient | None = None
     for stretch in stretches:
@@ -122,10 +122,10 @@ class _Window:
 
     kept: list[_Seen]
     seconds: float  # s, time from the start of this stretch (see ``_windows``) to the end of this window
-    moved: float  # nats, cost of this window's movements by which the body turned round between two frames
+    moved: float  # nats, improbability of the movements in this window by which the body turned round
     tracker: PatientTracker | None  # the tracker after this window; None if tracking ended
-    turned: Start | None  # the opposite facing in the frame ``frame``; None if this frame excludes it
-    frame: int  # number of the first frame with the patient; 0 in later stretches
+    turned: Start | None  # start with the opposite facing in the frame ``frame``; None if this frame excludes it
+    frame: int  # number of the first frame with the patient; 0 in stretches after the first
 
 
 def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, run: Run) -> LearntPatient | None:
@@ -278,7 +278,7 @@ def _moved(before: _Seen, after: _Seen) -> float:
 
 
 def _seen(estimate: Estimate, run: Run) -> _Seen | None:
-    """Return the values of a frame to learn from; None if no body fits it or a reviewer marked it as unusable."""
+    """Return the values of a frame that learning needs; None if no body fits it or a reviewer marked it as unusable."""
     if estimate.belief is None or estimate.shape is None or estimate.observation is None:
         return None
     if estimate.explained < LEAST_EXPLAINED or run.room.review.why_unusable(estimate.frame_set.frame) is not None:
@@ -287,7 +287,7 @@ def _seen(estimate: Estimate, run: Run) -> _Seen | None:
 
 
 def _fixed(window: _Window, run: Run) -> LearntPatient:
-    """Return the body of the first pose unchanged, for settings without learning."""
+    """Return the patient with the unchanged body of the first pose, for settings without learning."""
     shape = window.kept[0].shape
     beliefs = known_beliefs(run.room.recording.subject, run.config)
     fixed = replace(likeliest(beliefs, shape), shape=shape)
@@ -309,7 +309,7 @@ def _learn_more(learnt: LearntPatient | None, window: _Window, seconds: float, r
 
 
 def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
-    """Learn from the first window. Statements about the patient are ignored if the images contradict them."""
+    """Learn from the first window. The user's statements on the patient are ignored if the images contradict them."""
     subject, config, kept = run.room.recording.subject, run.config, window.kept
     shape = kept[0].shape
 

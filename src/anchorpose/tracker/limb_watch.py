@@ -20,10 +20,10 @@ from anchorpose.tracker.room import Run
 
 # frames between two searches, doubled up to 16 while nothing is found; a search takes as long as tracking three frames
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16
-# nats; if a limb's log likelihood ratios (``named_nats``) sum to less, the descriptor assigns its skin to another limb;
-# in correctly tracked people, every sum is larger (``tools/measure_named_places.py``)
+# nats; if the log likelihood ratios of a limb's two halves (``named_nats``) sum to less, the descriptor assigns its
+# skin to another limb; in correctly tracked people, every sum is larger (``tools/measure_named_places.py``)
 MISNAMED: Final = -1.0
-MORE: Final = 1.5  # if the area not covered by the body grows by this factor after a vain search, the pause ends
+MORE: Final = 1.5  # if the area not covered by the body grows by this factor since a vain search, the pause ends
 # m, tolerated distance of an anchor from the pose's hand or foot; if a bar hides the hand, the anchor is at wrist or
 # elbow
 ELSEWHERE_M: Final = 0.25
@@ -34,8 +34,8 @@ class LimbWatch:
     """The watch that decides in each frame whether misplaced limbs are searched for; it pauses after vain searches."""
 
     run: Run
-    search_wait: int  # frames until the next search for limbs
-    search_pause: int  # number of frames to wait after the next search if it finds nothing
+    search_wait: int  # number of frames until the next search for limbs
+    search_pause: int  # number of frames to wait after the next search, if that search finds nothing
     left_uncovered_m2: float  # m2, area of visible skin that the body did not cover at the last vain search
 
     def __init__(self, run: Run) -> None:
@@ -78,7 +78,7 @@ class LimbWatch:
     def _search(
         self, body: Body, found: Registration, predicted: PoseBelief, explanation: Explanation, seen: Observation
     ) -> Search:
-        """Search for limbs; after a search without a result, the next search waits longer."""
+        """Search for misplaced limbs; after a search without a result, the next search waits longer."""
         config = self.run.config.registration
         search = search_limbs(body, found, predicted, seen.evidence, config, seen.seen_anchors)
         if search.taken:
@@ -90,8 +90,8 @@ class LimbWatch:
 
 
 def _misnamed(body: Body, found: Registration, seen: Observation, sources: Sequence[Source]) -> bool:
-    """Return whether the descriptor assigns a limb's skin to another limb than the pose does; this is checked every few
-    frames.
+    """Return whether the descriptor assigns a limb's skin to another limb than the pose does; False in frames that the
+    descriptor does not check (``is_described``).
     """
     if Source.DESCRIPTOR not in sources or not is_described(seen.frame_set.frame):
         return False

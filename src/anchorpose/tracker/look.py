@@ -28,8 +28,8 @@ from anchorpose.tracker.start import rank_initial_frames
 # m, maximum distance of a twin (the real person) from the reflection of the mirror image; the camera may see the front
 # of one and the back of the other, which are this far apart
 TWIN_M: Final = 0.35
-# minimum number of frames in which a mirror image has a twin (the real person); people who pass each other may look
-# like twins in one or two frames
+# minimum number of frames in which a mirror image has a twin (the real person); without a mirror, people who pass each
+# other may look like twins in one or two frames
 LEAST_TWINS: Final = 3
 
 
@@ -40,8 +40,8 @@ class Mirror:
     scene: int
     wall: Wall
     gap: np.ndarray  # (height, width) bool, the gap's pixels
-    twins: int  # number of frames in which the twin of the mirror image is seen, too
-    shown: int  # number of frames that show both a person beyond the gap and the twin's possible place
+    twins: int  # number of frames that show both a mirror image and its twin
+    shown: int  # number of frames that show both a person beyond the gap and the place where the twin would be
 
     def is_in(self, other: Mirror) -> bool:
         """Return whether both mirrors are the same gap in a wall, found twice if the wall was taken for two planes."""
@@ -105,7 +105,7 @@ def _gap_before(one: SeenPerson, wall: Wall) -> np.ndarray | None:
 
 
 def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> list[Mirror]:
-    """Return the gaps of a wall in which people have a twin in most of the frames that show the place of the twin."""
+    """Return the gaps of a wall that are mirrors: if the twin's place is in view, people in them mostly have a twin."""
     gaps, twins, shown = list[np.ndarray](), list[int](), list[int]()
     for sighting in sightings:
         for one in sighting.people:
@@ -126,7 +126,7 @@ def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras:
 
 
 def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequence[Camera]) -> bool | None:
-    """Return whether a twin stands where a mirror image would come from; None if that place is not visible."""
+    """Return whether a twin stands where the original of a mirror image would stand; None if that place is not seen."""
     x, z = image.place_xz_m
     middle = wall.reflected(np.array([x, _middle(image)[1], z]))
     others = [one.place_xz_m for one in sighting.people if one is not image]
@@ -152,7 +152,7 @@ def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], came
 class Look:
     """The result of examining sampled frames."""
 
-    scenes: tuple[Scene, ...]  # with walls in place of mirrors
+    scenes: tuple[Scene, ...]  # one per camera, with walls in place of mirrors
     sightings: tuple[Sighting, ...]  # one per sampled frame
     initial_frames: tuple[InitialFrame, ...]  # best first; empty if no patient is found
     notes: tuple[str, ...]  # sentences for the user about mirrors and gaps in walls

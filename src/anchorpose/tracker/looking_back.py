@@ -1,8 +1,9 @@
 """Track backward, against the direction of the pass, from a frame in which a limb or the patient was found again.
 
 If a limb or patient is found again, it was often in view in earlier frames already, but not at the predicted place. So
-the patient is tracked back from that frame, until both directions agree or nothing is seen. Each frame is then taken
-from the direction that has more joints at places where cameras see the body.
+the patient is tracked back from that frame, until both directions agree, or until tracking back shows no more of the
+body than the pass did. Each frame is then taken from the direction that has more joints at places where cameras see the
+body.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from anchorpose.tracker.stopwatch import Stopwatch
 # a node's distances to anchors are left out if a hole in the surface lengthens them, but only if at least this many
 # others remain; three distances identify a node (paper, Section IV-D), and four allow four choices of three
 LEAST_TRUSTED = 4
-# number of frames between two checks by the learnt descriptor; a check takes a third of the time to track a frame
+# number of frames between two checks by the learnt descriptor; a check takes a third of the time for tracking a frame
 DESCRIBED_EVERY: Final = 8
 
 
@@ -41,13 +41,13 @@ class Expectation:
     """The place and pose in which the patient is expected in a frame."""
 
     skin: ExpectedSkin
-    sigma_m: np.ndarray  # (p,) m, standard deviation of each skin point
+    sigma_m: np.ndarray  # (p,) m, standard deviation of each skin point's place
     anchors_m: np.ndarray  # (5, 3) expected places of the anchors: head, hands and feet
     facing: np.ndarray  # (3,) direction in which the trunk faces, a horizontal unit vector
     frames_without_fit: int  # number of frames since the body was last fitted
 
     def apart_m(self, other: Expectation) -> float:
-        """Return the 90th percentile of how far the same skin points lie apart in two expectations."""
+        """Return the 90th percentile over all skin points of the distance between a point's two expected places."""
         return float(np.quantile(np.linalg.norm(self.skin.points_m - other.skin.points_m, axis=1), 0.9))
 
     def moved(self, step: np.ndarray) -> Expectation:
@@ -61,7 +61,7 @@ class Isolated:
     """The people of one frame."""
 
     pieces: tuple[Pieces | None, ...]  # the pixels of all people, per camera; None without a depth image
-    views: tuple[View | None, ...]  # depth frame with the label of each pixel, per camera; None without one
+    views: tuple[View | None, ...]  # depth frame with the label of each pixel, per camera; None without a depth image
     memory: BystanderMemory  # the skin of all people, the patient included, as last seen
     bystanders: Bystanders  # the bodies that were fitted to the bystanders
 

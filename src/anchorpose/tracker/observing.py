@@ -53,7 +53,7 @@ from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
 LOOSEST_SKIN_M = 0.05  # m, half a limb's width; skin with a larger sigma does not decide which pixels show the patient
-UNFITTED_M = 0.04  # m, growth of the skin's sigma per frame without a fit; a fast leg moves this far at 30 Hz (1.2 m/s)
+UNFITTED_M = 0.04  # m, growth of the skin's sigma per frame without a fit; a leg at 1.2 m/s moves this far in a frame
 
 
 def observe_first(
@@ -115,7 +115,7 @@ def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> By
 
 
 def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> np.ndarray:
-    """Return the step (3,) from the patient's expected place to that in ``memory``; zero if both agree."""
+    """Return the step (3,) from the patient's expected place to the place in ``memory``; zero if both agree."""
     seen_m = memory.seen_last.get(PixelLabel.PATIENT)
     if seen_m is None:
         return np.zeros(3)
@@ -245,7 +245,7 @@ class Window:
 
     run: Run
     frames: deque[FrameSet]  # all frames of the window
-    seen: deque[Observation]  # observations of the first of these frames; the last ones may not be observed yet
+    seen: deque[Observation]  # observations of the window's first frames; its last frames may not be observed yet
     _matchers: deque[Matcher | None]
 
     def __init__(self, first: Observation, run: Run) -> None:
@@ -269,7 +269,7 @@ class Window:
         self.frames.append(frame_set)
 
     def see(self, seen: Observation) -> None:
-        """Add the observation of the first frame that is not observed yet."""
+        """Add an observation: that of the window's first frame that has none yet."""
         self._matchers.append(None)
         self.seen.append(seen)
 
@@ -297,7 +297,7 @@ class Window:
         return found
 
     def global_hypothesis(self, body: Body, pose: Pose, predicted: Sequence[Pose]) -> GlobalHypothesis:
-        """Search the track tree over all observed frames. pose: in the first frame; predicted: in the later frames."""
+        """Search the track tree over all observed frames. pose: in the first frame; predicted: in all later frames."""
         config = self.run.config
         return global_hypothesis(
             body, pose, predicted, list(self.seen), self.matchers(), config.follow.tree_nodes, config.tree

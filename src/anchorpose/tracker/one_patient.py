@@ -41,8 +41,8 @@ def one_patient(
     person by mistake. If the descriptor takes one person for two, fitted rough bodies show the error
     (``see_people_apart``). The patient is the person with most surface near the predicted place. Every other person who
     shows enough surface gets a new label. A person of smaller surface gets one only if many of the patient's pixels,
-    and most of this person's, lie off the predicted skin. skin_m (s, 3): the certain part of the patient's predicted
-    skin; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest label that is still unused.
+    and most of this person's, lie off the predicted skin. skin_m (s, 3): the patient's predicted skin without uncertain
+    points; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest unused label.
     """
     theirs = [_patient_pixels(pixels, view) for pixels, view in zip(pieces, views, strict=True)]
     skin = cKDTree(skin_m) if len(skin_m) else None
@@ -75,8 +75,8 @@ def _patient_pixels(pixels: Pieces | None, view: View | None) -> Pieces | None:
 
 def _may_be_others(theirs: Sequence[Pieces | None], people: People, skin: cKDTree | None, moved: bool) -> np.ndarray:
     """Return (k,) bool: people who are possibly somebody else than the patient. These are all people with enough
-    surface for a whole person, if there are at least two. If many pixels lie off the patient's predicted skin
-    (``moved``), people who lie mostly off it are included, too.
+    surface for a whole person, if there are at least two such people. If many pixels lie off the patient's predicted
+    skin (``moved``), people who lie mostly off it are included, too.
     """
     large = np.array([person.area_m2 >= PERSON_AREA_M2 for person in people.people])
     large &= large.sum() > 1

@@ -36,7 +36,9 @@ from anchorpose.tracker.smoothing import (
 from anchorpose.tracker.start import find_start, turn_round
 
 BLOCK: Final = 48
-"""Number of frames per stored block, tracked in two to six seconds. The state stored with a block has 10 to 50 MB."""
+"""Number of frames per stored block; these are tracked in two to six seconds. The state stored with a block has 10 to
+50 MB.
+"""
 
 STRETCHES: Final = 3  # maximum number of parts of the recording to learn from; each costs a search for a first pose
 # s, minimum time between the initial frames of two stretches; patients often just keep sitting or standing for a
@@ -46,7 +48,7 @@ STRETCHES_APART_S: Final = 60.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """The positions of the frames to track in both directions; both begin with the initial frame."""
+    """The positions of the frames to track, forward and backward; both series begin with the initial frame."""
 
     room: Room
     forward: Sequence[int]
@@ -65,8 +67,8 @@ class Route:
 
     def stretches(self) -> tuple[Stretch, ...]:
         """Return the stretches of the recording to learn the body from. One begins at the initial frame. Up to two more
-        begin at the frames that show the patient best among those more than a minute away from it and from each other.
-        A body part that is hidden in one stretch may be in view in another.
+        begin at the frames that show the patient best among those over a minute away from this frame and from each
+        other. A body part that is hidden in one stretch may be in view in another.
         """
         chosen = list(self.room.initial_frames[:1])
         for other in self.room.initial_frames[1:]:
@@ -89,7 +91,7 @@ class Route:
         return float(self.room.recording.streams[0].time_s[position])
 
     def skip(self, count: int) -> None:
-        """Call ``tick`` for frames that were tracked before the run was interrupted."""
+        """Call ``tick`` once for each of ``count`` frames that were tracked before the run was interrupted."""
         for _ in range(count):
             self.tick()
 
@@ -132,13 +134,13 @@ class _PassState:
     stored: int  # number of frames stored
     waiting: Waiting  # frames that are not stored yet, since tracking back from later frames may replace them
     follower: Follower | None  # the tracker to continue with; None after the pass has ended
-    turned: Start | None  # the start of the pass back through the same frames, once this pass has ended
+    turned: Start | None  # the start of a pass back through the same frames; None until this pass has ended
     seconds: dict[str, float]  # time spent in each stage so far
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Passes:
-    """The passes over both sides of the initial frame (frames before it and after it); each pass has its own folder."""
+    """The passes over both sides of the initial frame (earlier, later frames); each has a folder in the journal."""
 
     route: Route
     run: Run
@@ -159,7 +161,7 @@ class _Passes:
         if both:
             self.side("backward", self.route.backward)
         self.side("forward", self.route.forward)
-        if both:  # the initial frame is left out here, since the forward side has it
+        if both:  # the backward side's initial frame is left out, since the forward side has it, too
             yield from islice(self.stored("backward", backward=True), len(self.route.backward) - 1)
         yield from self.stored("forward")
 
@@ -240,10 +242,10 @@ class _Passes:
         keep: Callable[[Estimate], Kept],
         wait: int = 0,
     ) -> Start | None:
-        """Run one pass to its end, after the frames that the journal has already; return the start of the pass back.
+        """Run one pass to its end, after the frames that the journal has already; return the start of a pass back.
 
-        begin: finds the start of this pass; keep: returns the values to store for an estimate; wait: number of last
-        frames that are not stored yet, because they may still change when a lost limb is found again.
+        The pass back goes through the same frames. begin: finds this pass's start; keep: returns the values to store
+        for an estimate; wait: number of last frames not stored yet, since finding a lost limb again may change them.
         """
         journal, blocks = self.journal.inside(name), self._blocks(name)
         initial = self.run.room.initial_frame

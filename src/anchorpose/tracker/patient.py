@@ -115,7 +115,7 @@ class PatientTracker:
         # predict, isolate, surface, anchors: observe the second frame of the window, which is estimated now
         poses, elapsed_s = self._observe_until(1), self._elapsed_s()
         # register: fit all parts of the body together to the patient's whole visible surface; search again for limbs
-        # that do not explain the frame
+        # whose place does not fit the frame
         registration, hypothesis = self._register(poses, elapsed_s)
         return registration, self._move_on(registration, elapsed_s), hypothesis
 
@@ -130,7 +130,7 @@ class PatientTracker:
 
     @property
     def has_left(self) -> bool:
-        """Return whether the patient leaves or has left the images, so that a newcomer may be somebody else."""
+        """Return whether the patient leaves or has left the images; if so, a newcomer may be somebody else."""
         views = self.window[0].evidence.views
         gone = not self._in_view and not any(view.patient.any() for view in views if view is not None)
         return gone or seen_as_strip(views, self.run.room.cameras)
@@ -186,7 +186,7 @@ class PatientTracker:
         return estimate
 
     def _unseen_s(self, registration: Registration, seen: Observation) -> np.ndarray:
-        """Return (PARTS, 2) s since each half of each limb was last seen, inf if never; store the halves seen now."""
+        """Return (PARTS, 2) seconds since each half of a limb was last seen, inf if never; note the halves seen now."""
         time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
         shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
         if corrected is not None:
@@ -199,8 +199,8 @@ class PatientTracker:
         return self.run.room.review.corrected(seen.frame_set.frame)
 
     def predict(self, steps: int) -> list[Pose]:
-        """Predict the poses of the next ``steps`` frames by scaled motion dynamics. All joints of the look-ahead are
-        predicted at once; a pose is fitted to them when it is first needed.
+        """Predict the poses of the next ``steps`` frames by scaled motion dynamics. The joints of all look-ahead frames
+        are predicted at once; a frame's pose is fitted to its joints when first needed.
         """
         with self.run.stage("prediction"):
             if not self.ahead:
@@ -239,7 +239,7 @@ class PatientTracker:
             expected = expected.moved(step)
         if number == 1:
             self.pace = WALKING if step.any() else PATIENT_PACE
-        # surface: make one mesh from all cameras, cut where the body touches itself, bridged where it is hidden
+        # surface: make one mesh from all cameras, cut where the body touches itself, closed where skin is hidden
         surface = see_surface(isolated, expected, self.run)
         # anchors: find head, hands and feet in the depth image (Definition 2)
         anchors = see_anchors(surface, expected, self.height_m, self.run)
@@ -294,8 +294,8 @@ class PatientTracker:
             return self.window.global_hypothesis(self.body, self.belief.pose, poses)
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
-        """Register the second frame of the window, or keep the predicted pose if the patient is not seen. Also return
-        the track tree's best branches, None if they were not searched.
+        """Register the body to the second frame of the window, or keep the predicted pose if the patient is not seen.
+        Also return the track tree's best branches, None if they were not searched.
         """
         predicted, self.moved = self.belief.later(poses[0], elapsed_s, self.pace), False
         if not len(self.window[1].surface):

@@ -34,7 +34,7 @@ HUMAN: Final = 0.65
 MOST_PAST: Final = 0.3
 HELP_M: Final = 1.2  # m, maximum distance between the pelvises of helper and patient; an outstretched arm plus a step
 FACES: Final = 0.7  # minimum cosine between a helper's heading and the direction to the patient: 45 degrees
-ASIDE_M: Final = 0.4  # m; a person this far from the cameras' axes loses ln 2 votes (0.7); cameras are aimed by eye
+ASIDE_M: Final = 0.4  # m; a person this far from the cameras' axes loses ln 2 votes (0.7); users aim cameras by eye
 OUTSIDE_M: Final = 0.2  # m; a person this far outside the equipment loses ln 2 votes (0.7); patients may lean out
 SURE: Final = 1.0  # minimum lead in votes for a sure choice: odds of three to one if votes are log likelihoods
 # added to the number of frames in which the person is missing, so that a person seen only once gets few votes: the body
@@ -42,7 +42,7 @@ SURE: Final = 1.0  # minimum lead in votes for a sure choice: odds of three to o
 CHANCE: Final = 2
 # m below the top of the head; the trunk of a standing or sitting person is at all these seven heights
 CHEST_M: Final = np.linspace(0.35, 0.75, 7)
-BEFORE_M: Final = 0.3  # m; a reading this far in front of the middle of a trunk belongs to another object
+BEFORE_M: Final = 0.3  # m; a reading this far in front of the middle of a trunk shows something in front of the person
 STEP_M: Final = 0.4  # m, maximum movement of a person from frame to frame: 2 m/s at 5 frames per second
 # m, maximum distance of the patient from the place that the user gave; a person farther away is another person
 GIVEN_M: Final = 0.5
@@ -55,7 +55,7 @@ class Candidate:
     seen: tuple[SeenPerson | None, ...]  # the person in each sighting; None if not seen
     votes: float  # sum of the votes; the candidate with the largest sum is most likely the patient
     within: bool  # whether the person's usual place lies inside the outline of the equipment
-    faced: float  # mean number of people nearby who face this person
+    faced: float  # mean over the sightings of the number of people nearby who face this person
 
     @property
     def place_xz_m(self) -> np.ndarray:
@@ -96,8 +96,8 @@ def choose_patient(
 
 
 def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndarray) -> Patient | None:
-    """Follow, from frame to frame, the person who stands at a place in sighting number ``first``; None if nobody is
-    near.
+    """Return as the patient, followed from frame to frame, the person who stands at a place in sighting number
+    ``first``; None if nobody is near.
 
     sightings: sightings of successive frames. In each frame, the person nearest to the previous place is taken.
     """
@@ -126,7 +126,7 @@ def find_candidates(
 
 
 def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
-    """Return, per person, how each sighting shows them (None: unseen); people near one usual place are one person."""
+    """Return each person as seen in every sighting (None: unseen); people near one usual place are one person."""
     members = list[list[SeenPerson | None]]()
     for number, sighting in enumerate(sightings):
         people = sighting.people
@@ -168,8 +168,8 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
     """Return whether most of the person lies near the fitted rough body, and cameras do not see past its trunk.
 
-    The upper quartile over the sightings of the share near the body decides, since a patient behind a pad and a
-    therapist is hardly seen before standing up.
+    In each sighting, a share of the person lies near the body. The upper quartile of these shares decides, since a
+    patient behind a pad and a therapist is hardly seen before standing up.
     """
     bodies = _bodies(seen)
     if not bodies:

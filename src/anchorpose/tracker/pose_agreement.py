@@ -27,15 +27,15 @@ from anchorpose.recording.recording import FrameSet, depths_of
 # limits of the share of the common room surface at which one camera reads something farther away by more than AWAY_M:
 # above the first, a note is written; above the second, the recording is refused
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
-SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40  # limits (note, refusal) of the same share for the surface of people
-# limit of the share of the room above which the recording is refused if the share of people is unknown, for example
-# because a camera blurs depth edges; higher, since people cannot confirm the contradiction
+SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40  # the same two limits (note, refusal) for the surface of people
+# limit of the share of the room seen past, above which the recording is refused if the share of people is unknown, for
+# example because a camera blurs depth edges; higher than MUCH_OF_ROOM, since people cannot confirm the contradiction
 ROOM_ALONE: Final = 0.6
 # m, tolerated distance of a reading behind a surface; poses wrong by 3 cm and 1 degree displace people by 0.12 m
 AWAY_M: Final = 0.10
 LEAST_SHARED: Final = 500  # minimum number of points that both cameras see; with fewer, shares are unknown
-POINTS: Final = 20000  # number of compared points of the room
-POINTS_OF_PEOPLE: Final = 3000  # number of compared points of the people in a frame
+POINTS: Final = 20000  # number of points of one camera's room that are compared
+POINTS_OF_PEOPLE: Final = 3000  # number of points on the people in one camera's frame that are compared
 FRAMES: Final = 8  # maximum number of frames in which people are compared
 # m; poses are doubted if the surfaces seen by both cameras are farther apart than this; correct poses: at most 0.009
 OFF_M: Final = 0.015
@@ -48,8 +48,8 @@ REFUTED_M: Final = 0.15
 class SeenPast:
     """The shares of one camera's surfaces that another camera sees past (it reads something farther away).
 
-    Each camera's surfaces are compared with the readings of the other camera; the larger share counts. A share is NaN
-    if both cameras see too little of the same surface.
+    Each camera's surfaces are compared with the readings of the other camera; the larger of the two shares counts. A
+    share is NaN if both cameras see too little of the same surface.
     """
 
     cameras: tuple[str, str]

@@ -167,7 +167,7 @@ def look_for_patient(
     samples = settled.samples
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
-    # finding the patient needs fewer samples than learning the empty room
+    # fewer samples are needed to find the patient than to learn the empty room
     usable = [usable[k] for k in thin(len(usable), config.follow.samples)]
     positions = [settled.chosen[k] for k in usable]
     frames = [without_other_places(samples[k], scenes) for k in usable]

@@ -1,4 +1,4 @@
-"""Collect what is known of the patient's shape: stature by age and sex, the user's statements, bodies to try first."""
+"""Collect what is known of the patient's body shape: stature by age and sex, user's statements, bodies to try first."""
 
 from __future__ import annotations
 
@@ -66,7 +66,9 @@ al. 2007, doi:10.2471/BLT.07.043497).
 
 _SPREAD: Final = 0.045  # standard deviation of statures as a share of their median; the WHO has 4 to 5 % at every age
 _ADULT_M: Final[dict[Sex, tuple[float, float]]] = {"female": (1.629, 0.064), "male": (1.756, 0.069)}
-"""Mean and standard deviation (m) of 1,986 women and 4,082 men: ANSUR II (Gordon et al. 2014, NATICK/TR-15/007)."""
+"""Mean and standard deviation (m) of the stature of 1,986 women and 4,082 men: ANSUR II (Gordon et al. 2014,
+NATICK/TR-15/007).
+"""
 
 
 def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
@@ -87,10 +89,10 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
 # factors on the stature that follows from the descriptor's matches; both statures are tried, since real people are
 # often 5 to 10 % shorter than these matches suggest
 TALLER = (1.0, 0.92)
-ADULT_HEIGHTS_M = (1.45, 2.0)  # m, limits of the height of a tried adult's body
-CHILD_HEIGHTS_M = (0.95, 1.55)  # m, limits of the height of a tried child's body
+ADULT_HEIGHTS_M = (1.45, 2.0)  # m, limits of the height of an adult body that is tried
+CHILD_HEIGHTS_M = (0.95, 1.55)  # m, limits of the height of a child's body that is tried
 ORDINARY_HEIGHT_M = 1.70  # m, assumed height of an adult whose height is not given
-CONTRADICTS = 3.0  # standard deviations; a stated height that differs by more from the images contradicts them
+CONTRADICTS = 3.0  # standard deviations; a stated height that differs by more from the height in the images is not used
 # m, systematic error of a height from images, due to shoes, hair and bodies that differ from the model
 SYSTEMATIC_M = 0.02
 TRIED_SIGMA_M = 0.01  # m, assumed error of a tried height; small, so that the fitted body gets this height
@@ -127,8 +129,8 @@ def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief
 
 
 def shape_cost(shape: FittedShape, subject: Subject, config: TrackConfig) -> float:
-    """Return the sum of a shape's squared deviations from its likeliest group (adults or children), in standard
-    deviations. Half of this sum is the cost in nats, as for a normal distribution.
+    """Return the sum of a shape's squared deviations, in standard deviations, from the mean of its likeliest group
+    (adults or children). Half of this sum is the cost in nats, as for a normal distribution.
     """
     likely = likeliest(known_beliefs(subject, config), shape)
     return float(likely.common(body_points().asset).cost(shape))

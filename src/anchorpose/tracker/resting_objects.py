@@ -26,15 +26,15 @@ from anchorpose.recording.recording import FrameSet
 
 LEAST_S: Final = 1.0  # s, minimum time at rest; a person who turns round to walk back stands still for half a second
 LEAST_SAMPLES: Final = 6  # minimum number of samples that show an object at rest, to measure the spread of its readings
-SETTLING: Final = 2  # number of sampled frames left out after an object came to rest, since it may still move
+SETTLING: Final = 2  # number of samples left out after an object came to rest, since it may still move a little
 # two minimum shares: of the connected foreground that contains an object, the share at rest; of the object's pixels,
 # the share that came to rest only after the first samples
 WHOLE: Final = 0.8
-SHOWN: Final = 33  # minimum percentage of an object's pixels that a usable sample shows; people may hide the others
+SHOWN: Final = 33  # a sample is used if it shows this percentage of an object's pixels; people may hide the others
 # percentile of the share at rest over the sampled frames (``_whole_share``): it is enough if nobody touches the object
 # in a third of the frames
 OFTEN: Final = 67
-RIM_PX: Final = 2  # width in pixels of the rim around an object in which its edge flickers
+RIM_PX: Final = 2  # pixels, width of the rim around an object; within it, the object's edge flickers
 
 
 class Recorded(NamedTuple):

@@ -40,8 +40,8 @@ class InitialFrame:
     frame: int  # position of the frame in the recording
     choice: PatientChoice  # where the patient stands in this frame, and why this person was chosen
     score: float  # 0 to 1; it is high if much of the patient is seen and other people are far from the patient
-    whole: float  # 0 to 1, the patient's visible area relative to the median of all frames with the patient
-    alone: bool  # whether the frame shows no other person than the patient
+    whole: float  # 0 to 1, the patient's visible area relative to its median over all frames with the patient
+    alone: bool  # whether the patient is the only person in the frame
     crowd: Crowd | None = field(default=None, repr=False)  # the people seen; None once they are no longer needed
     start: Start | None = field(default=None, repr=False)  # the patient as found here; None before a body is fitted
 
@@ -167,7 +167,7 @@ class Run:
     config: TrackConfig
     motions: MotionDatabase | None = None  # reference movements; None if the prediction needs none
     stopwatch: Stopwatch = field(default_factory=Stopwatch)
-    associate: Callable[..., Matcher] | None = None  # matches the nodes of two frames (``Associate``); None = ``link``
+    associate: Callable[..., Matcher] | None = None  # function to match nodes (``Associate``); None = ``link``
 
     def without_patient(self, why: str) -> Run:
         """Return the run without a patient, because the person who was found is not to be tracked. why: the reason."""

@@ -22,9 +22,9 @@ from anchorpose.tracker.patient_choice import outside_m
 from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.start import NoStart
 
-# m; a person this close to the patient's last place counts as being there: places of partly seen people have errors
+# m; a person this close to the patient's last place counts as being there: the place of a partly seen person is inexact
 NEAR_M: Final = 0.5
-WALK_M_S: Final = 1.5  # m/s, people's walking speed
+WALK_M_S: Final = 1.5  # m/s, speed at which people walk
 RETURN_S: Final = 1.0  # s, minimum time in which a person can walk out of the image, turn round and come back
 # m, width of half a trunk or a head; a patient who is seen less wide than this at the image border is leaving
 STRIP_M: Final = 0.15
@@ -113,7 +113,7 @@ class Search:
 
     def _is_someone_hidden(self, axis_xz_m: np.ndarray, views: Sequence[View | None]) -> bool:
         """Return whether a person at a place (2,) may be a bystander who is out of view: the bystander's last place is
-        nearer to it than the patient's. Such a bystander may reappear before the patient, under a new label.
+        nearer to it than the patient's last place. Such a bystander may reappear before the patient, under a new label.
         """
         shown = _people_in(views)
         hidden = [place for label, place in self._places.items() if label not in shown]
@@ -148,7 +148,7 @@ class Search:
 
 
 def _people_in(views: Sequence[View | None]) -> frozenset[int]:
-    """Return the labels of all people but the patient in any view."""
+    """Return the labels, in all views, of the people other than the patient."""
     seen = np.zeros(256, dtype=bool)
     for view in views:
         if view is not None:
@@ -167,8 +167,8 @@ def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bo
 
 
 def _is_strip(view: View, camera: Camera) -> bool:
-    """Return whether the patient's pixels extend less than ``STRIP_M`` from a border of the image, or from the readings
-    nearest to that border.
+    """Return whether the patient's pixels extend less than ``STRIP_M`` from an image border or, if pixels at the border
+    have no readings, from the readings nearest to it.
     """
     lens = camera.intrinsics
     sides = (

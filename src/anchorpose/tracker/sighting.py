@@ -112,7 +112,7 @@ def _bodies(
 
 def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[RoughPerson | None]) -> np.ndarray:
     """Return (k,) int, per person, the number of the larger person whose body covers most of this person; if there is
-    none, the number of this person.
+    none, this person's own number.
     """
     owner, skins = np.arange(len(people.people)), dict[int, cKDTree]()
     for number in np.argsort([-person.area_m2 for person in people.people], kind="stable").tolist():

@@ -37,12 +37,12 @@ APART_M: Final = 0.06
 # trunk
 TRUNK_APART_M: Final = 0.15
 HIDDEN_COST: Final = 0.5  # cost of taking a limb from a pass in a frame, per joint that is hidden there; seen: 0
-LOST_COST: Final = 2.0  # the same cost per lost joint (one where cameras read something farther away)
-SWITCH_COST: Final = 0.2  # cost of switching from one pass to the other, less than that of a hidden joint in one frame
-# additional cost of switching per metre by which the limb jumps; a jump of 0.2 m costs as much as one lost joint
+LOST_COST: Final = 2.0  # cost of taking a limb from a pass in a frame, per joint that is lost there
+SWITCH_COST: Final = 0.2  # cost of switching from one pass to the other; a joint that is hidden in one frame costs more
+# additional cost of switching, per metre that the limb jumps; a jump of 0.2 m costs as much as one lost joint
 SWITCH_COST_PER_M: Final = 10.0
-AT_ONCE: Final = 3  # number of joints smoothed together; all joints of an hour would fill the memory
-# m/s per square root of a second; when a reach starts, velocity changes by 1 m/s in 0.25 s: 1 / sqrt(0.25) = 2
+AT_ONCE: Final = 3  # number of joints smoothed together; all joints of an hour at once would fill the memory
+# m/s per square root of a second; a hand that starts to reach gains 1 m/s of velocity in 0.25 s: 1 / sqrt(0.25) = 2
 ACCELERATION: Final = 2.0
 
 
@@ -109,7 +109,7 @@ class PassResult:
 
     pose: Pose | None  # None if the patient is lost
     joints_m: np.ndarray  # (21, 3) m, joints of the pose, not NaN for lost joints; NaN only if the patient is lost
-    sigma_m: np.ndarray  # (21,) m, standard deviation of the joints; NaN for lost joints
+    sigma_m: np.ndarray  # (21,) m, standard deviation of each joint's position; NaN for lost joints
     states: tuple[JointState, ...]
     labels: tuple[LabelImage, ...] = ()  # person labels, one image per camera with a depth image; empty if lost
 
@@ -130,7 +130,7 @@ class PassCourse:
     """All frames of one pass, or of both combined, without poses and labels."""
 
     joints_m: np.ndarray  # (t, 21, 3)
-    sigma_m: np.ndarray  # (t, 21) m, standard deviation of the joints; NaN for lost joints
+    sigma_m: np.ndarray  # (t, 21) m, standard deviation of each joint's position; NaN for lost joints
     state_code: np.ndarray  # (t, 21) int8
     found: np.ndarray  # (t,) bool, whether the frame has a pose
 
@@ -229,7 +229,7 @@ def _known_sigma(course: PassCourse, lost_sigma_m: float) -> np.ndarray:
 
 
 def seen_less(answer: PassResult) -> float:
-    """Return the total cost of the joints that no camera sees at their estimated place; 0 if all joints are seen."""
+    """Return the sum of ``HIDDEN_COST`` or ``LOST_COST`` over all joints that no camera sees; 0 if all are seen."""
     return float(_JOINT_COST[[STATE_CODE[state] for state in answer.states]].sum())
 
 

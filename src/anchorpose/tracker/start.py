@@ -51,11 +51,11 @@ from anchorpose.tracker.prior_shape import (
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import Crowd, SeenPerson, Sighting
 
-# share of a forearm's or shank's skin; a limb with this share seen counts as fully seen; a camera sees at most half
+# a forearm or shank counts as fully seen if this share of its skin is seen; a camera sees at most half of the skin
 SEEN = 0.3
 # maximum rarity (sum of squared joint deviations) of a usual pose; correct first poses: 15 to 60, wrong poses: over 100
 USUAL = 60.0
-# minimum quality of a start in a recording without equipment; correct: 0.35, wrong in a crowd: below 0.25
+# minimum quality of a start in a recording without equipment; correct starts: 0.35, wrong starts in a crowd: below 0.25
 LEAST_QUALITY = 0.25
 # minimum seen share of the skin of trunk and head: as much as a face, or as a part of a chest between other people
 LEAST_TRUNK = 0.05
@@ -64,7 +64,7 @@ LEAST_TRUNK = 0.05
 TURN_GATE = 21.1
 # maximum deviation, in standard deviations, of any of 16 shape components; one adult in a thousand exceeds it
 MOST_DEVIATIONS = 4.0
-LEAST_EXPLAINED = 0.55  # minimum share of the surface that must lie near the body in a first pose
+LEAST_EXPLAINED = 0.55  # minimum share of the patient's surface that lies near the body in a first pose
 HANGS_M = 0.35  # m, maximum height of the feet above the floor; even on a high bed or a treadmill, feet are lower
 UPRIGHT = 0.7  # minimum cosine between trunk and vertical for testing HANGS_M; the feet of people who lie may be high
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
@@ -134,7 +134,7 @@ def _start_with(
     if not found.found:
         return None
     before = expected or vague_belief(found.belief.pose)
-    # the search corrects left and right limbs that were exchanged, and limbs at which the descriptor has no matches
+    # the search corrects exchanged left and right limbs, and limbs at which the descriptor has no matches
     search = search_limbs(body, found, before, seen.evidence, config.registration)
     found = search.registration
     others = [*search.rivals, turned] if facing is None else _facing_as(facing, search.rivals)
@@ -241,7 +241,7 @@ def quality(start: Start) -> float:
 
 def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     """Return the start of a pass in the other direction, from the last frame of a pass; None if the patient is lost in
-    it.
+    this frame.
 
     The start uses only the evidence of this frame, so that both passes are independent.
     """
@@ -256,9 +256,9 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
 
 CROWDED_M: Final = 1.0  # m, arm plus half a trunk; a frame scores less if another person is this close to the patient
 MERGED: Final = 0.5  # factor on the score of a frame with fewer people than usual: two people may be taken for one
-# a frame with a start of this quality is used at once; 0.95 to 1 for a patient alone, 0.7 with a therapist's arm
+# if a start has this ``quality``, no other frame is tried; 0.95 to 1 for a patient alone, 0.7 with a therapist's arm
 WELL: Final = 0.92
-WHOLE: Final = 0.8  # minimum share of the patient's usual visible surface; any pose fits a narrow strip
+WHOLE: Final = 0.8  # minimum share of the patient's usual visible area in such a frame; any pose fits a narrow strip
 TRIES: Final = 8  # maximum number of frames in which a body is fitted; each takes one or two seconds
 # share of the candidates' time span; a frame nearer than this to a tried frame scores less, since it would probably
 # fail for the same reason
@@ -314,8 +314,8 @@ def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
 
 
 def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: float) -> InitialFrame:
-    """Score a frame in which tracking may begin. Surface beyond the usual area does not raise the score: it may belong
-    to a person who touches the patient.
+    """Return a frame in which tracking may begin, with its score. Surface beyond the usual area does not raise the
+    score: it may belong to a person who touches the patient.
     """
     one, sighting = shown.patient, shown.sighting
     people = sighting.people

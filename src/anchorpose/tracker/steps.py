@@ -21,18 +21,18 @@ from anchorpose.isolation.scene import Pieces
 
 REACH_M: Final = 0.60  # m, maximum length of a step from frame to frame: 3 m/s at 5 frames per second
 GRID_M: Final = 0.05  # m, spacing of the steps (movements over the ground) that are tried: half a limb's width
-SAME_M: Final = 0.06  # m, maximum gap between a moved point and its reading: half the grid step, clothes and noise
+SAME_M: Final = 0.06  # m, maximum gap between a moved point and its reading: half of GRID_M, clothes and noise
 PAST_M: Final = 0.15  # m; if a reading is this far behind a point, the point counts as refuted (not there)
-POINTS: Final = 250  # maximum number of points used per person; the share of them that is found has an error of 0.03
+POINTS: Final = 250  # maximum number of points used per person; so few give the share found a sampling error of 0.03
 STAYED: Final = 0.6  # if this share of a person's points is found again without a step, the person has not walked
-PLACED: Final = 0.4  # no step is needed if this share of the predicted skin is found; the limbs hide the rest
+PLACED: Final = 0.4  # no step is needed if this share of the predicted skin is found; limbs in front may hide the rest
 BETTER: Final = 0.2  # a step is taken only if the share of points found with it is larger by this than without it
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
-# per metre of a step, this is subtracted from its share of points, so that the shorter of two good steps is preferred
+# subtracted, per metre of a step, from the share of points found, so that the shorter of two good steps is preferred
 FAR_COST: Final = 0.2
 MOST_WALKERS: Final = 5  # maximum number of people whose steps are compared jointly; more do not fit into an image
 MOST_STEPS: Final = 4  # maximum number of steps considered for each person
-APART_M: Final = 0.25  # m, minimum distance between two people's axes, and between two considered steps of a person
+APART_M: Final = 0.25  # m, minimum distance between two people's places, and between two considered steps of a person
 LEAST_POINTS: Final = 60  # minimum number of a person's points (a hand has as many); with fewer, no step is found
 
 
@@ -66,7 +66,7 @@ class _Option(NamedTuple):
 
     step: np.ndarray  # (3,) m
     place_xz_m: np.ndarray  # (2,) the person's place on the ground after the step
-    worth: float  # share of the points found minus the share refuted, minus the cost of the distance
+    worth: float  # share of the points found minus the share refuted, minus ``FAR_COST`` times the distance
 
 
 def _options(
@@ -85,7 +85,7 @@ def _options(
 
 
 def _together(chosen: Sequence[_Option]) -> float:
-    """Return the total worth of one option per person; -inf if two people would stand in the same place."""
+    """Return the total worth of the chosen options, one per person; -inf if two people would stand in one place."""
     for one, other in combinations(chosen, 2):
         if (one.step.any() or other.step.any()) and np.linalg.norm(one.place_xz_m - other.place_xz_m) < APART_M:
             return -np.inf
@@ -141,7 +141,7 @@ def _grid() -> np.ndarray:
 def _best_step(
     points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, float]:
-    """Return the best step (3,) and its worth, from which the cost of the distance is already subtracted."""
+    """Return the best step (3,) and its worth, from which ``FAR_COST`` times the distance is already subtracted."""
     steps = _grid()
     worth = _worth(points_m, steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     best = int(worth.argmax())

@@ -32,8 +32,8 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
     return tuple(Clock(**clocks[camera]) for camera in cameras)
 
 
-# number of pixels to each side over which the slope at a pixel is computed (about 5 cm at 2 m); over fewer pixels,
-# noise would be visible
+# number of pixels to each side over which the slope at a pixel is computed (both sides: about 5 cm at 2 m); over fewer
+# pixels, noise would be visible
 REACH_PX: Final = 4
 JUMP_M: Final = 0.15  # m, maximum step in depth within a surface; a larger step is the edge of another surface
 

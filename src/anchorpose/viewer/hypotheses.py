@@ -72,7 +72,7 @@ class HypothesisWorker:
         patient_xz_m: the patient's place in the results, None if lost.
         """
         self.cancel()
-        context = multiprocessing.get_context("spawn")  # forking would copy the locks of the server's threads
+        context = multiprocessing.get_context("spawn")  # forking would copy locks that threads of the server hold
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
         with self._lock:  # so that cancel finds either a started process or none

@@ -56,7 +56,7 @@ def _up(place: int) -> int:
 
 MOST_FRAMES: Final = 32  # maximum number of frames whose points or surfaces are in one answer
 SAMPLED: Final = 2000  # approximate number of frames whose joints determine the middle of the view
-MOST_ROWS: Final = 512  # maximum number of frames whose table rows are in one answer, some hundred kilobytes
+MOST_ROWS: Final = 512  # maximum number of frames whose table rows are in one answer (some hundred kilobytes)
 
 
 def overview_payload(review: Review) -> bytes:
@@ -253,7 +253,7 @@ def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
 
 
 def _heaviest(bones: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ``INFLUENCES`` bones with the largest weight on each point, and these weights, scaled so that their
+    """Return the ``INFLUENCES`` bones with the largest weight on each vertex, and these weights, scaled so that their
     sum is 1. Bones that move together count as one.
     """
     total = np.zeros((len(bones), len(MOVING_BONES)))

@@ -186,7 +186,7 @@ def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
 def worst_frames(
     joints: JointTable, matched_share: np.ndarray, dropped: Sequence[dict[str, Any]]
 ) -> tuple[WorstFrame, ...]:
-    """Return frames to check: lost joints first, then unusable depth images, few matches, and largest sigma.
+    """Return frames to check: those with lost joints first, then with unusable depth images, few matches, large sigma.
 
     matched_share (n,): as in ``Review``. Unusable depth images come in the order of ``dropped``. Of each other kind,
     the worst frame comes first, then the worst frame that is at least a second away from it, and so on.

@@ -21,7 +21,7 @@ Progress = Callable[[float, float], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A part of an experiment: its clips, the plan of their tasks, and the costs of the tasks."""
+    """A part of an experiment (training or test): its clips, the plan of their tasks, and the tasks' costs."""
 
     spec: PlanSpec
     clips: tuple[Clip, ...]
@@ -33,11 +33,11 @@ class Part:
         return [task for clip in self.clips for task in plan.tasks(clip)]
 
     def left_s(self) -> float:
-        """Return the seconds on one core for all tasks without a result, and for making the recordings they need."""
+        """Return the estimated seconds on one core for all tasks without a result, and for making their recordings."""
         return self.cost_s(self.tasks())
 
     def cost_s(self, tasks: list[Task]) -> float:
-        """Return the seconds on one core for the given tasks without a result, and for making their recordings."""
+        """Return the estimated seconds as ``left_s`` does, but for the given tasks only."""
         by_clip: dict[str, float] = {}
         for task in tasks:
             if not task.done:

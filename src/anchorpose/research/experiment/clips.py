@@ -24,7 +24,7 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
-LOOSE_M = 0.014  # m, height of folds in loose clothes, near the simulator's maximum; it is 0.009 in other clothes
+LOOSE_M = 0.014  # m, height of folds in loose clothes, near the simulator's maximum (0.015); other clothes have 0.009
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +108,7 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
 
 
 ON_BODY_M = 0.3  # m, maximum distance from a body's centre to the nearest reading; a farther reading is not on the body
-HOLES_KEY = 7  # key of the random numbers that choose the frames with holes, separate from those of the recordings
+HOLES_KEY = 7  # key of the random numbers that choose the frames with holes; the simulator uses other random numbers
 
 
 def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]) -> np.ndarray:
@@ -123,13 +123,13 @@ def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]
 
 
 def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.ndarray, radius_m: float) -> np.ndarray:
-    """Copy the recording folder to ``out`` without the readings nearer than ``radius_m`` to the body's centre.
+    """Copy the recording folder to ``out``, without the depth readings inside a hole of radius ``radius_m``.
 
-    centre_m (t, 3): the mean of the visible body, world. This mean lies inside the body, so the hole is centred on the
-    reading nearest to it. If the mean is NaN, the body was not seen and the frame does not change. chosen (t,) bool:
-    the frames to change. Images that lose no reading are linked, not copied. Returns (t,) bool: the frames that lost
-    readings. Raises InputError for a recording with several cameras, since this function cannot tell which of their
-    images belong together.
+    centre_m (t, 3): mean position of the patient's visible surface, world. It lies inside the body, so the hole is
+    centred on the reading nearest to it. If it is NaN, the body was not seen and the frame does not change. chosen
+    (t,) bool: the frames to change. Images that lose no reading are linked, not copied. Returns (t,) bool: the frames
+    that lost readings. Raises InputError for a recording with several cameras, since this function cannot tell which
+    of their images belong together.
     """
     if len(recording.cameras) != 1:
         raise InputError(recording.folder, "has several cameras", "holes are cut in recordings of one camera only")

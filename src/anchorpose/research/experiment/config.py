@@ -84,7 +84,7 @@ class ExperimentConfig:
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose nodes are matched
     # number of pairs of frames whose matches are compared with the truth, for each recording, size of hole and gap
     windows: Count = 2
-    # forms of the framework; those without a fit to the surface run only with no hole and with the largest hole
+    # forms of the framework; forms without a fit to the surface run only with no hole and with the largest hole
     forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: Count = 3  # number of recordings of each scene other than the paper's
@@ -97,11 +97,11 @@ class ExperimentConfig:
     training_recordings: Count = 4
     # number of frames of the reference movements, by which poses are predicted
     training_samples: Annotated[Count, Field(ge=40)] = 200
-    # number of pairs of frames per training recording, once without and once with holes, on which settings are tried
+    # number of pairs of frames per training recording on which settings are tried, each pair without and with holes
     training_windows: Count = 2
     tuned: bool = True  # False: every method uses its first setting
     pictures: bool = True  # draw matches, hypotheses and tracked joints; False: tables and figures only
-    resamples: Annotated[Count, Field(ge=100)] = 2000  # number of resamples of the bootstrap over recordings
+    resamples: Annotated[Count, Field(ge=100)] = 2000  # number of random draws of recordings for a bootstrap interval
 
     def __post_init__(self) -> None:
         if not (

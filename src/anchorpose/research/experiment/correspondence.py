@@ -36,11 +36,11 @@ LAST_WITHOUT_SIDE = 1  # index of "trunk" in ``REGIONS``, the last region withou
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruePlaces:
-    """The true places, in another frame, of the m nodes of a frame."""
+    """Where the points of the skin at the m nodes of one frame truly are in another frame."""
 
     vertex: np.ndarray  # (m,), vertex of the skin nearest to the node
     place_m: np.ndarray  # (m, 3), position in the other frame, world; NaN if the node is not on the patient
-    seen: np.ndarray  # (m,) bool, whether the other frame has a node within ``SEEN_M`` of this position
+    seen: np.ndarray  # (m,) bool, whether the other frame has a node within ``SEEN_M`` of ``place_m``
 
 
 class Skin:
@@ -66,12 +66,15 @@ class Skin:
         return TruePlaces(vertex, place, seen)
 
     def vertex_at(self, places_m: np.ndarray, frame: int) -> np.ndarray:
-        """Return the vertex (m,) of the skin nearest to each place."""
+        """Return the vertex (m,) of the skin that is nearest to each place (m, 3) in a frame."""
         vertex: np.ndarray = cKDTree(self.at(frame)).query(places_m)[1]
         return vertex
 
     def along_skin_m(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Return (m,) metres along the skin between vertices. A long distance may be too small by ``SPACING_M``."""
+        """Return (m,) metres along the skin from the vertices ``one`` to the vertices ``other``.
+
+        Distances are stored only between sampled vertices, so a long one may be too small by ``SPACING_M``.
+        """
         rest, sample, between = self._sampled
         straight = np.linalg.norm(rest[one] - rest[other], axis=1)
         near_one, near_other = self._nearest[one], self._nearest[other]
@@ -82,7 +85,7 @@ class Skin:
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the skin at rest (v, 3), a sample (s,) of its vertices, and their distances (s, s) on the mesh."""
+        """Return the skin in the rest pose (v, 3), a sample (s,) of its vertices, and their mesh distances (s, s)."""
         body = self.clinic.patient.person.body
         rest, faces = body.vertices, body.asset.faces
         cell = np.unique(np.floor(rest / SPACING_M).astype(np.int64), axis=0, return_index=True)[1]

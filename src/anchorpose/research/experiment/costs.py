@@ -12,9 +12,9 @@ from anchorpose.research.experiment.method import Family, Method
 from anchorpose.research.experiment.plan import Kind, Task
 
 COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # time per frame, as a multiple of the paper scene's
-USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework, without the method's matching (``frame_ms``)
-USUAL_OWN_S: Final = 0.15  # s per frame of this project's tracker
-MAKING: Final = 2.0  # time to simulate a frame and track it for its reference, as a multiple of ``own_s``
+USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework; matching (``Method.frame_ms``) is added to it
+USUAL_OWN_S: Final = 0.15  # s per frame for this project's tracker
+MAKING: Final = 2.0  # time to simulate a frame and to make its reference by tracking, as a multiple of ``own_s``
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Costs:
     frame_s: Mapping[str, float]
     alone_s: Mapping[str, float]  # s per frame, for a single form and size of hole
     window_s: Mapping[str, float]  # s per pair of frames whose matches are compared
-    own_s: float  # s per frame of this project's tracker, including learning the body
+    own_s: float  # s per frame for this project's tracker, including the time to learn the body
 
     def of(self, task: Task, config: ExperimentConfig) -> float:
         """Return the estimated seconds of a task on one core."""
@@ -43,14 +43,14 @@ class Costs:
         return factor * tracked * self.alone_s[method.key] * len(task.forms)
 
     def making(self, clip: Clip) -> float:
-        """Return the seconds to simulate a clip and to track it for its reference (``given.Reference``)."""
+        """Return the seconds to simulate a clip and to make its reference (``given.Reference``) by tracking it."""
         if clip.simulation is None:
             return 10.0
         return 5.0 + MAKING * self.own_s * clip.simulation.frames * clip.simulation.cameras
 
 
 def _forms(config: ExperimentConfig) -> int:
-    """Return the number of runs of a method on a recording of the paper's scene, over all forms and sizes of hole."""
+    """Return in how many pairs of a form and a size of hole a method tracks one recording of the paper's scene."""
     ends = min(len(config.holes_m), 2)
     between = sum(form.refined for form in config.forms)
     return ends * len(config.forms) + between * (len(config.holes_m) - ends)

@@ -23,13 +23,13 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-NO_HEIGHT_M = np.nan  # m, patient's height until the body is set; only the later search for anchors needs it
+NO_HEIGHT_M = np.nan  # m, unknown height of the patient; only the search for anchors needs it, once the body is set
 NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects none
 ANYWHERE_M = 10.0  # m, radius within which matches are searched; as in the paper, it contains all nodes
 ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks: all of them
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
-"""Largest change of a node's distance to an anchor between two frames. The part due to the anchor's jitter is as in the
-paper. For the part due to the surface, a "linear function increasing with distance", the paper gives no numbers.
+"""Largest change of a node's distance to an anchor between two frames. The first part, for the anchor's jitter, is the
+paper's 5 cm. The second part, for noise of the surface, is a "linear function" in the paper, which gives no numbers.
 """
 
 
@@ -102,7 +102,7 @@ def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True)
 
 
 def _observing(config: TrackConfig) -> TrackConfig:
-    """Return the settings on which observations depend: those of prediction, gate and tree are replaced by defaults."""
+    """Return the settings with defaults for prediction, gate and track tree, on which observations do not depend."""
     follow = replace(config.follow, look_ahead=1, tree_nodes=1)
     return replace(config, tree=TreeConfig(), gate=GateConfig(), motion=MotionConfig(), follow=follow)
 
@@ -122,5 +122,5 @@ def follow_segment(tracker: PaperTracker, later: Sequence[FrameSet]) -> np.ndarr
 
 
 def _confident(belief: PoseBelief) -> PoseBelief:
-    """Return the pose with a tenth of its standard deviations, as if it had been tracked in earlier frames."""
+    """Return the pose with standard deviations ten times smaller, as if it had been tracked in earlier frames."""
     return PoseBelief(belief.pose, belief.covariance / 100.0, belief.information * 100.0)

@@ -37,7 +37,7 @@ class NoReference(AnchorposeError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The data of t frames that every method is given. This project's tracker found them before holes were cut.
+    """The data of t frames that every method is given, found by this project's tracker before holes were cut.
 
     Poses are NaN in frames in which the patient was lost.
     """
@@ -47,7 +47,7 @@ class Reference:
     rotations: np.ndarray  # (t, b, 3, 3), rotations of the b bones in the pose
     root_m: np.ndarray  # (t, 3), position of the body's root in the pose
     joints_m: np.ndarray  # (t, 21, 3), world
-    centre_m: np.ndarray  # (t, 3), mean of the visible body, world
+    centre_m: np.ndarray  # (t, 3), mean position of the patient's visible surface, world
     # one array per camera, (t, height, width) uint8 of ``PixelLabel``; all ``NO_READING`` in a frame that was not
     # labelled; an empty tuple if labels were not requested
     labels: tuple[np.ndarray, ...]
@@ -136,8 +136,8 @@ class GivenFrames:
     """The frames of a recording with the patient's pixels, which are given, and the surfaces that these pixels show.
 
     Frames and surfaces are made once for all methods and forms, which therefore use the same data. Only a method that
-    closes the mesh with the expected body uses another surface. uncut: the same recording without holes; frames that
-    lost no readings, and their surfaces, are taken from it.
+    closes holes in the mesh with the predicted body uses another surface. uncut: the same recording without holes;
+    frames that lost no readings, and their surfaces, are taken from it.
     """
 
     def __init__(
@@ -160,7 +160,7 @@ class GivenFrames:
         return None if self._cut[position] else self._uncut
 
     def start(self, position: int, observing: Hashable, make: Callable[[], Start]) -> Start:
-        """Return the start in the frame at a position; make it only once for all runs with the same ``observing``.
+        """Return the start of tracking in the frame at a position, made only once for all runs of equal ``observing``.
 
         observing: the settings on which the observation of a frame depends.
         """
@@ -219,5 +219,5 @@ class GivenFrames:
 
 
 def _isolated(views: tuple[View | None, ...]) -> Isolated:
-    """Return given labels as the stage isolation would, but without remembered people and bystanders' bodies."""
+    """Return the views as a result of the stage ``isolation``, but without remembered people and bystanders' bodies."""
     return Isolated((None,) * len(views), views, empty_memory(), Bystanders())

@@ -34,7 +34,7 @@ class Window:
     """A frame of a recording and the frames of its look-ahead, as the tracker observes them."""
 
     frame: int  # position of the first frame in the recording
-    stride: int  # step in frames from one observation to the next
+    stride: int  # number of frames from one observation to the next
     tracker: PatientTracker
     observations: tuple[Observation, ...]
     poses: tuple[Pose, ...]  # predicted poses, one for each observation after the first
@@ -43,11 +43,11 @@ class Window:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """A method's matches of the m nodes of a window's first frame with nodes of the second; -1 = no match."""
+    """A method's matches of the m nodes of a window's first frame with nodes of its second frame; -1 = no match."""
 
-    direct: np.ndarray  # (m,), the only hypothesis of each node; -1 for all nodes if the method makes several per node
+    direct: np.ndarray  # (m,), match of each node without the track tree; all -1 if nodes have several hypotheses
     links: tuple[Matcher, ...]  # hypotheses (possible matches) from each frame of the window to the next
-    tree: GlobalHypothesis  # matches chosen by the track tree, only for nodes near the posed body
+    tree: GlobalHypothesis  # matches chosen by the track tree; only nodes near the body in its pose have one
     every: GlobalHypothesis  # as ``tree``, but no match is rejected, however far it is from the node's predicted place
     describe_s: float  # seconds on one core for the first two frames' descriptors and the matches between them
 
@@ -101,7 +101,7 @@ def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
     return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))
 
 
-# number of nodes of a window that are compared, drawn at random; enough for a mean, and few enough to be stored
+# number of nodes per window whose matches are compared with the truth; enough for a mean, and few enough to be stored
 COMPARED = 400
 
 
@@ -127,8 +127,8 @@ class Truth:
 
     skin: Skin
     node: np.ndarray  # (m,), node of the first frame
-    moved_mm: np.ndarray  # (m,), distance by which this node moves
-    places: TruePlaces  # place of this node in the second frame
+    moved_mm: np.ndarray  # (m,), distance by which this node moves from the first to the second frame
+    places: TruePlaces  # true place of this node in the second frame
 
 
 def truth_of(window: Window, skin: Skin) -> Truth:
@@ -189,14 +189,14 @@ def _anchors_s(method: Method, setting: object, window: Window) -> float:
 
 
 def _chosen(tree: GlobalHypothesis, window: Window, truth: Truth) -> np.ndarray:
-    """Return the positions (m, 3) of the matches that a tree chose for the compared nodes; NaN without a match."""
+    """Return the positions (m, 3) of the matches that a track tree chose for compared nodes; NaN without a match."""
     place = np.full((len(window.observations[0].surface), 3), np.nan)
     place[tree.node] = tree.matched_m
     return place[truth.node]
 
 
 def _matched(matches: Matches, window: Window, truth: Truth) -> np.ndarray:
-    """Return the positions (m, 3) of the compared nodes' only hypotheses; NaN without a hypothesis."""
+    """Return the positions (m, 3) of the compared nodes' direct matches; NaN without a direct match."""
     found = np.full((len(truth.node), 3), np.nan)
     node = matches.direct[truth.node]
     found[node >= 0] = window.observations[1].surface.points_m[node[node >= 0]]

@@ -35,8 +35,8 @@ OWN: Final = "own"
 NEXT: Final = "next"
 """Key of the next generation of the paper's method, which the paper calls future work."""
 
-# bytes, maximum size of a cache of descriptors: enough for twelve frames with the longest descriptor, and for all
-# frames of a segment with most others
+# bytes, maximum size of a cache of one method's descriptors: with the longest descriptor, enough for twelve frames;
+# with most other descriptors, for all frames of a segment
 CACHED_BYTES: Final = 400_000_000
 # maximum number of pairs of frames whose matches are cached: enough for a segment, in all forms, with two sizes of hole
 CACHED_PAIRS: Final = 48
@@ -89,7 +89,7 @@ class DescriptorSetting:
 
 
 def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callable[[Any], Associate]:
-    """Return ``Method.associate`` that matches a node with the next frame's node that has the nearest descriptor.
+    """Return a ``Method.associate`` by which a node matches the next frame's node with the nearest descriptor.
 
     Source: the paper, Section V-A.
     describe: function that returns the descriptors (n, d) of a frame's seen nodes; NaN for a node without a descriptor.
@@ -114,7 +114,7 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
 
 
 Content = Callable[[Observation], bytes]
-"""Function that returns a digest of the part of a frame on which a computation depends."""
+"""Function that returns a digest of the part of a frame (such as its surface) on which a computation depends."""
 
 
 def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[..., np.ndarray]:
@@ -137,7 +137,7 @@ def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[...
 def associate_once(method: Method, setting: Any) -> Associate:
     """Return the method's function that matches two frames, with a cache.
 
-    Two frames with the same content are matched only once for all forms of the framework.
+    A pair of frames is matched only once, even if several forms of the framework need its matches.
     """
     if method.associate is None:
         raise ValueError(f"{method.key} has no association that the framework could use")
@@ -160,13 +160,13 @@ def whole_content(seen: Observation) -> bytes:
 
 
 def _surface_content(seen: Observation) -> bytes:
-    """Return a digest of a frame's surface, including the edges and links of its mesh."""
+    """Return a digest of a frame's surface, including the edges of its mesh and the links between its nodes."""
     whole = seen.whole
     return _digest(seen.surface.points_m, whole.points_m, whole.ring, whole.link_node, whole.link_length_m)
 
 
 def seen_content(seen: Observation) -> bytes:
-    """Return a digest of the seen nodes and their normals. It does not depend on the edges and links of the mesh."""
+    """Return a digest of the seen nodes and their normals, but not of the edges and links between them."""
     return _digest(seen.surface.points_m, seen.surface.normals)
 
 
@@ -175,7 +175,7 @@ def _digest(*arrays: np.ndarray) -> bytes:
 
 
 NO_SUBSET: Final = np.empty((1, 0), np.int64)
-"""The subsets of anchors of a method that uses none: a single empty subset."""
+"""The subsets of anchors of a method that uses no anchors: a single empty subset."""
 
 
 def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:

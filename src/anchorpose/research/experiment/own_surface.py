@@ -25,12 +25,12 @@ from anchorpose.geodesics.paths import unfolded
 from anchorpose.joints import ANCHOR_NAMES
 from anchorpose.surface.surface import Surface
 
-NODES: Final = 400  # maximum number of nodes of a frame that are matched, 5 cm apart; 250 are almost as good
+NODES: Final = 400  # maximum number of nodes of a frame that are matched, 5 cm apart; 250 nodes are almost as good
 TRIED: Final = 1200  # maximum number of skin points with which nodes are compared, 4 cm apart
 LEAST_DISTANCES: Final = 3  # minimum number of known distances to anchors; fewer do not fix a place (Section IV-D)
 SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marching and the anchors' jitter
-SIGMA_PER_M: Final = 0.02  # m per m, added to SIGMA_M in quadrature: limbs bend, and the body's size may be wrong
-# sigma of a turn (a sine); it exceeds a turn's error of 0.4, since only four of the ten turns are independent
+SIGMA_PER_M: Final = 0.02  # m per m of distance, added to SIGMA_M in quadrature: limbs bend, and body sizes are inexact
+# sigma of a turn (a sine): more than a turn's error of 0.4, since ten turns are used but only four are independent
 TURN_SIGMA: Final = 0.6
 # m, by how much distances to each anchor are longer in a frame than on the body model: medians of simulated people.
 # Those to head and feet are shorter, since the anchors found there lie short of the tips. Those to a hand are longer,
@@ -39,8 +39,8 @@ LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])
 ROUNDS: Final = 2  # number of rounds of matching; in the second, medians of the first round replace ``LONGER_M``
 # a skin point fits almost as well as the best one if its sum of squared deviations is at most this much larger
 ALMOST: Final = 2.0
-CLEAR_M: Final = 0.10  # m, maximum spread of the skin points that fit almost as well: the distance across a thigh
-LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of all, for a median that replaces ``LONGER_M``
+CLEAR_M: Final = 0.10  # m, maximum spread of the skin points that fit a node almost as well as the best: thigh width
+LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of ``NODES``, for a median that replaces ``LONGER_M``
 # m; distances have converged when a sweep changes each by less; the remaining error is a hundredth of ``SIGMA_M``
 SETTLED_M: Final = 1e-4
 MOST_SWEEPS: Final = 30  # maximum number of sweeps until distances have converged
@@ -56,7 +56,7 @@ _FIRST, _SECOND = (np.array(column) for column in zip(*PAIRS, strict=True))
 class OwnSurface:
     """The p skin points of a body: their distances to the tips of head, hands and feet, and their turns."""
 
-    distance_m: np.ndarray  # (p, 5), along the skin at rest, to the tips of head, hands and feet (``anchor_points``)
+    distance_m: np.ndarray  # (p, 5), along the skin in the rest pose, to the tips of head, hands and feet
     turns: np.ndarray  # (p, 10), see ``turns``
 
 
@@ -77,7 +77,7 @@ class SkinMatches:
 
     node: np.ndarray  # (m,), node of the seen surface
     point: np.ndarray  # (m,), skin point that this node shows
-    spread_m: np.ndarray  # (m,), standard deviation of the places of the skin points that fit almost as well
+    spread_m: np.ndarray  # (m,), standard deviation of the places of skin points that fit almost as well as ``point``
 
 
 @lru_cache(maxsize=4)
@@ -94,7 +94,7 @@ def skin_distance(vertices: np.ndarray, faces: np.ndarray, sources: np.ndarray) 
     """Return (s, v) metres along a triangle mesh from each source to each vertex; inf if no path leads there.
 
     Distances are first computed along the edges, then shortened across the triangles, as fast marching does
-    (``geodesics.paths.unfolded``), until nothing changes.
+    (``geodesics.paths.unfolded``), until they have converged.
     """
     sides = np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1).astype(np.int64)
     edges = np.stack(np.divmod(np.unique(sides @ [len(vertices), 1]), len(vertices)), axis=1)
@@ -217,7 +217,8 @@ def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
 def _longer(off_m: np.ndarray) -> np.ndarray:
     """Return (5,) medians of off_m: how much longer distances to each anchor are in the frame than on the body model.
 
-    off_m (k, 5): this difference for each matched node. With fewer than ``LEAST_NODES`` of them, it is ``LONGER_M``.
+    off_m (k, 5): this difference for each matched node. With fewer than ``LEAST_NODES`` known differences, an anchor
+    has its value of ``LONGER_M`` instead of a median.
     """
     known = np.isfinite(off_m).sum(axis=0)
     longer = LONGER_M.copy()

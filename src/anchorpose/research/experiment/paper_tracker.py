@@ -34,10 +34,10 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """The form of the framework in which a method runs, and how the method differs from others besides its matches."""
+    """The form of the framework in which a method runs, and the method's options other than how it matches nodes."""
 
     form: Form = Form.REFINED
-    anchored: bool = True  # whether the method uses anchors; otherwise they are not searched
+    anchored: bool = True  # whether the method uses anchors; if not, anchors are not searched
     update: Update = Update.PARTS  # how the pose is updated by the matches
     # whether an arm is moved if its hand is seen at another place than in the pose (``bring_limbs_back``)
     own_surface: bool = False
@@ -104,7 +104,8 @@ def _body_of(shape: FittedShape) -> tuple[Body, BodyMap]:
 
 
 HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
-BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # m, scale of the robust kernel per step; large while the arm is far off
+# m, scale of the robust kernel in each step that moves an arm; large at first, when the arm is far from its matches
+BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)
 BACK_SIGMA_M: Final = 0.05  # m, standard deviation of the distance of a node from its skin point on the arm
 HELD_SIGMA_M: Final = 0.01  # m, standard deviation with which the skin outside of the arm is held in place
 HELD_EVERY: Final = 4  # every fourth skin point outside of the arm is held in place

@@ -39,7 +39,7 @@ PRESENTING: Final = (
     "research/experiment/run.py",
     "viewer/",
 )
-"""Modules on which no stored result depends."""
+"""Folders and modules of the package on whose code no stored result depends."""
 
 
 class ResultStore:
@@ -77,7 +77,7 @@ def experiment_code() -> str:
     return code_digest(PRESENTING)
 
 
-# scenes in which variants of the tracker that lack a component run; with no occlusion but holes, tracking is too easy
+# scenes in which variants of the tracker that lack a component run; in the others, tracking is too easy to compare them
 ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
 # m, radius of the hole in half of the pairs of training frames; the others have none: a setting must work for both
 TUNING_HOLE_M: Final = 0.12
@@ -150,7 +150,7 @@ class Plan:
         return self.config.gaps_s[:1] if self.training else self.config.gaps_s
 
     def holes(self, clip: Clip) -> tuple[float, ...]:
-        """Return the clip's sizes of hole. With loose clothes, these are only no hole and the largest hole."""
+        """Return the radii in metres of the clip's holes, 0 = no hole. With loose clothes: only 0 and the largest."""
         if self.training:
             return (0.0, TUNING_HOLE_M)
         if clip.scene is Scene.LOOSE:

@@ -23,11 +23,11 @@ from anchorpose.track_tree.global_hypothesis import PAIR_SIGMA_M, GlobalHypothes
 from anchorpose.tracker.observation import Observation
 
 PAIR_SCALE_M: Final = 3.0 * PAIR_SIGMA_M  # m; a match this far from its skin point has a quarter of its full weight
-FAR_M: Final = 1000.0  # m, a scale so large that every match keeps its full weight
+FAR_M: Final = 1000.0  # m, scale of the robust kernel, so large that every match keeps its full weight
 KALMAN_STEPS: Final = 4  # number of Gauss-Newton steps of the iterated extended Kalman filter, which converges in three
 PARTICLES: Final = 200  # number of particles, three per parameter of the pose, so that their covariance has full rank
 COMPARED: Final = 120  # maximum number of matches with which a particle is compared; this takes 0.1 ms per particle
-# minimum share of effective particles in a step of tempering; their number is 1 / (sum of squared weights)
+# minimum share of effective particles in a step of tempering; the effective number is 1 / (sum of squared weights)
 EFFECTIVE: Final = 0.5
 SPREAD: Final = 0.3  # random shift of a particle that is drawn again, in standard deviations of all particles
 
@@ -83,8 +83,9 @@ def particle_update(
     """Return the mean and covariance of particles (poses) that are drawn from the prediction and weighted by ``rows``.
 
     With sixty-six parameters, a single particle would have all the weight. So the likelihood is tempered (Neal 2001,
-    doi:10.1023/A:1008923215028): each step uses only a part of it, so small that half of the particles stay effective.
-    After each step, particles are drawn again in a way that keeps their mean and covariance (Liu and West 2001).
+    doi:10.1023/A:1008923215028): each step raises it to a power so small that at least half of the particles stay
+    effective; the powers of all steps sum to 1. After each step, particles are drawn again in a way that keeps their
+    mean and covariance (Liu and West 2001).
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(19,)))
     states = rng.standard_normal((PARTICLES, POSE_SIZE)) @ np.linalg.cholesky(predicted.covariance).T
@@ -108,7 +109,7 @@ def _some_matches(rows: Constraints) -> Constraints:
 
 
 def _cost(body: Body, predicted: PoseBelief, change: np.ndarray, rows: Constraints) -> float:
-    """Return the sum of Geman-McClure's kernel of the rows' deviations after a change of the predicted pose."""
+    """Return the sum, over the rows, of Geman-McClure's kernel of their deviations in the pose moved by ``change``."""
     points, of = body.points, rows.point[::3]
     transforms = body.transforms(predicted.pose.moved(change, points.moving))
     placed = skin(points.bones[of], points.influence[of], transforms, body.rest_m[of], body.rest_normals[of])[0]
@@ -122,7 +123,7 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
 
 
 def _tempered(log_weight: np.ndarray, left: float) -> float:
-    """Return the largest part of the likelihood, up to ``left``, with enough (``EFFECTIVE``) effective particles."""
+    """Return the largest power of the likelihood, up to ``left``, with enough (``EFFECTIVE``) effective particles."""
 
     def effective(share: float) -> float:
         return 1.0 / float((_weights(share * log_weight) ** 2).sum())

@@ -27,7 +27,7 @@ class Tracked:
     method: str
     frame: np.ndarray  # (f,) int64, positions of the frames in the recording; frames whose pose was given are left out
     occluded: np.ndarray  # (f,) bool, whether the frame has a hole
-    # (f, 21), distance from the true joint (in real recordings, the reference skeleton's); NaN if either is missing
+    # (f, 21), distance from the true joint (in real recordings, the reference skeleton's); NaN if one joint is unknown
     error_mm: np.ndarray
     form: Form = Form.REFINED
 
@@ -61,9 +61,9 @@ class Matched:
     mirrored: np.ndarray
     nodes: int  # number of all nodes of the first frame
     describe_s: float  # seconds on one core for the descriptors and anchors of two frames, and the matches between them
-    body_m: float  # m, standing height, to state distances along the skin as shares of it
-    gap_s: float  # time between the two frames
-    moved_mm: np.ndarray  # (m,), distance of the true place from the node
+    body_m: float  # m, standing height of the patient; errors along the skin are also stated as shares of this height
+    gap_s: float  # seconds between the two frames
+    moved_mm: np.ndarray  # (m,), distance of the true place in the second frame from the node's place in the first
     every_mm: np.ndarray  # (m,), straight distance of the match by a track tree that rejects no match
 
 
@@ -97,30 +97,30 @@ class ExperimentResults:
 
     config: ExperimentConfig
     methods: tuple[Method, ...]  # in the order of the tables
-    tried: tuple[tuple[str, tuple[TriedSetting, ...]], ...]  # the settings tried for each method
+    tried: tuple[tuple[str, tuple[TriedSetting, ...]], ...]  # key of each method, and the settings tried for it
     tracked: tuple[Tracked, ...]
     matched: tuple[Matched, ...]
-    times: PaperTimes | None  # None = not measured
+    times: PaperTimes | None  # None = times were not measured
     failed: tuple[str, ...]  # a sentence for each recording that could not be used
     real: Path | None  # folder of real recordings
 
 
 MISSED_MM: Final = 100.0
-"""Error of a node without a match in scores; it equals the track tree's ``missed_cost_m``."""
+"""Error that is counted for a node without a match in scores; it equals ``missed_cost_m`` of ``TreeConfig``."""
 
 
 def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
     """Return the mean distance of the track tree's matches from the truth, over all nodes of all pairs of frames.
 
-    A node counts at most ``MISSED_MM``, since the framework's registration is robust to outliers. tree_mm: one array
-    (m,) for each pair of frames, NaN without a match. The result is NaN without nodes.
+    A distance counts at most ``MISSED_MM``, since the framework's registration is robust to outliers. tree_mm: one
+    array (m,) for each pair of frames, NaN without a match. The result is NaN without nodes.
     """
     every = np.concatenate([np.zeros(0), *(np.where(np.isfinite(e), e, MISSED_MM) for e in tree_mm)])
     return float(np.minimum(every, MISSED_MM).mean()) if len(every) else np.nan
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """Return the tried settings of a method with their scores, and which of them is chosen.
+    """Return the tried settings of a method, each with its score, and with whether it is chosen.
 
     The setting with the smallest score is chosen: the first of equally good ones, or of all if there are no scores.
     """

@@ -93,7 +93,7 @@ CACHE: Final = "cache"
 MARK_FILE: Final = "experiment.json"
 FORMAT: Final = "anchorpose-experiment"
 AllTried = tuple[tuple[str, tuple[TriedSetting, ...]], ...]
-"""The settings tried, by the key of each method with several settings."""
+"""For each method with several settings: its key, and the settings that were tried."""
 
 
 def run_experiment(
@@ -139,7 +139,7 @@ def run_experiment(
     return results
 
 
-# s of computing in addition to the tasks: every process compiles or loads kernels, and pictures and the page are made
+# s of computing besides the tasks: every process compiles or loads kernels, and the pictures and the page are made
 AROUND_S: Final = 240.0
 
 

@@ -1,4 +1,4 @@
-"""Do the work on one recording: simulate it, track it for its reference, cut holes and run all tasks without a result.
+"""Do the work on one recording: simulate it, make its reference by tracking, cut holes, run tasks without a result.
 
 In the paper's framework, a method runs on segments of the recording. This project's tracker runs on all of it.
 """
@@ -55,7 +55,7 @@ class TrackedJoints:
     """Tracked joints in f frames of a recording, in one or several forms of the framework."""
 
     frame: np.ndarray  # (f,), positions of the frames in the recording
-    joints_m: np.ndarray  # (forms, f, 21, 3), world, NaN = lost
+    joints_m: np.ndarray  # (forms, f, 21, 3), world, NaN in frames in which the patient was lost
 
 
 def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
@@ -146,7 +146,7 @@ def work_on(clip: Clip, plan: Plan) -> None:
     with one_thread(), prepare_clip(clip, plan) as prepared:
         holes_m = sorted({task.hole_m for task in open_tasks})
         one_camera = len(prepared.recording.cameras) == 1
-        # with several cameras, cutting holes raises an error; the tasks without a hole are then done and stored before
+        # with several cameras, cutting holes raises an error; so tasks without a hole are done and stored before that
         for together in [holes_m] if one_camera else [[hole_m] for hole_m in holes_m]:
             tasks = [task for task in open_tasks if task.hole_m in together]
             with open_trials(prepared, plan, together) as trials:
@@ -280,8 +280,8 @@ def _windows_over(
 def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[int]:
     """Return the first frames of the windows, drawn at random, but the same for every size of hole.
 
-    stride: number of frames from the first to the second frame of a window. If holes are cut in the recording, they are
-    cut in at least one of these two frames.
+    stride: number of frames from the first to the second frame of a window. If holes are cut in the recording, at least
+    one of these two frames is a frame with a hole.
     """
     found, hole = prepared.reference.found, prepared.in_hole
     here = np.arange(max(len(found) - stride, 0))
@@ -305,7 +305,7 @@ def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarra
 def _matched_arrays(
     windows: Sequence[Window], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray, plan: Plan
 ) -> dict[str, object]:
-    """Return the arrays to be stored for a task, over the nodes of all windows; ``window`` (m,): each node's window."""
+    """Return the arrays to be stored for a task, over the nodes of all windows; ``window``: each node's window."""
     height_m = np.nan if prepared.skin is None else prepared.skin.clinic.patient.person.height_m
     gap_of = {plan.config.stride(gap_s): gap_s for gap_s in plan.gaps_s}
     return {

@@ -1,4 +1,4 @@
-"""Find knees that buckle: one knee gives way, fast and farther than the other, while the patient stands on that foot.
+"""Find knees that buckle: one knee bends fast, and farther than the other, while the patient stands on that leg.
 
 This project defines buckles itself. A buckle differs from other flexion in three ways:
 
@@ -29,7 +29,7 @@ KINDS: Final = {"left": BUCKLE_LEFT, "right": BUCKLE_RIGHT}
 _OTHER: Final = {"left": "right", "right": "left"}
 
 HELD_S: Final = 0.1
-"""Window in s of the running median over the angles, so that an error of a single frame is not taken for a flexion."""
+"""Window in s of the running median of the angles: it removes errors of single frames, which are no flexions."""
 
 SMOOTHING_S: Final = 0.03
 """Standard deviation in s of the kernel that smooths the angles, a tenth of the time in which a knee gives way."""
@@ -38,12 +38,12 @@ BEFORE_S: Final = 0.3
 """Time in s before the flexion. The median angle in this time is the angle from which the knee gives way."""
 
 STILL_DEEPER_S: Final = 0.4
-"""Time in s after the deepest angle. If the knee bends deeper within it, the same flexion continues."""
+"""Time in s after the deepest angle. If the knee bends deeper within this time, the same flexion continues."""
 
 
 LEAD_SHARE: Final = 0.33
-"""Share of the depth of a knee's flexion by which this knee must at least bend farther than the other. If the other
-knee flexes by two thirds as much, the movement is a squat.
+"""Minimum amount by which a buckling knee must bend farther than the other, as a share of the depth of its flexion. If
+the other knee flexes by more than two thirds as much, the movement is a squat.
 """
 
 
@@ -103,8 +103,8 @@ def _calm(degrees: np.ndarray, step_s: float) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class Flexion:
-    """A flexion of a knee. before: rows that determine the angle before it; onset, deepest: rows where it begins and
-    where it is deepest; depth_deg: change of the angle from before to the deepest.
+    """A flexion of a knee. before: rows whose median is the angle before the flexion; onset, deepest: rows where it
+    begins and where it is deepest; depth_deg: change of the angle from ``before`` to ``deepest``.
     """
 
     before: slice
@@ -154,8 +154,8 @@ def _sigma(knee: Knee, flexion: Flexion, first: int) -> float:
 
 
 def _gives_way(session: Session, side: str, frames: slice) -> bool:
-    """Return whether a flexion is a knee that gives way: the patient stood on this foot, the foot stays in place, the
-    hip sinks more than the ankle rises, and the patient does not sit down.
+    """Return whether a knee gives way in a flexion: the patient stood on this foot, the foot stays in place, the hip
+    sinks more than the ankle rises, and the patient does not sit down.
     """
     first, last = frames.start, frames.stop - 1
     start_s, end_s = session.joints.time_s[[first, last]]

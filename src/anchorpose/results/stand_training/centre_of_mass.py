@@ -1,8 +1,8 @@
 """Estimate the whole body's centre of mass from the joints and a table of segment masses, and its sway.
 
 The masses are from de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4, which is about living young adults, women
-and men. The patient's sex is unknown, so the mean of the columns for women and men is used; these differ by 4 mm in the
-height of a standing body's centre.
+and men. The patient's sex is unknown, so the mean of the columns for women and men is used; between the two columns,
+the height of a standing body's centre of mass differs by 4 mm.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from anchorpose.settings import NotNegative, Positive, settings
 
 
 class Segment(NamedTuple):
-    """A body segment. mass: its share of the body's mass (of a limb, that of one side). fraction: position of its
-    centre of mass between start (0) and end (1).
+    """A body segment. mass: its share of the body's mass (for a segment of a limb: on one side of the body). fraction:
+    position of its centre of mass between start (0) and end (1).
 
     starts, ends: joints at whose mean the segment starts and ends; ``{side}`` stands for Left and Right.
     """
@@ -39,8 +39,8 @@ class Segment(NamedTuple):
 _SHOULDERS, _HIPS = ("ShoulderLeft", "ShoulderRight"), ("HipLeft", "HipRight")
 
 SINGLE_SEGMENTS: Final = (
-    # head and neck: the table's centre, 0.492 of the way from the vertex to the cervicale, is on the body model 0.72 of
-    # the way from SpineShoulder to Head
+    # head and neck: the table's centre of mass lies 0.492 of the way from the vertex to the cervicale; on the body
+    # model, this is 0.72 of the way from SpineShoulder to Head
     Segment(0.0681, ("SpineShoulder",), ("Head",), 0.72),
     Segment(0.43015, _SHOULDERS, _HIPS, 0.4046),
 )
@@ -48,20 +48,20 @@ SINGLE_SEGMENTS: Final = (
 PAIRED_SEGMENTS: Final = (
     Segment(0.0263, ("Shoulder{side}",), ("Elbow{side}",), 0.5763),
     Segment(0.0150, ("Elbow{side}",), ("Wrist{side}",), 0.4567),
-    # The hand: its centre is put 68 mm beyond the wrist in line with the forearm, even if the wrist is bent. This
-    # shifts the body's centre by at most 0.4 mm, and the centre stays known if the hand is lost.
+    # The hand: its centre of mass is put 68 mm beyond the wrist in line with the forearm, even if the wrist is bent.
+    # This shifts the body's centre of mass by at most 0.4 mm, and lets it stay known if the hand is lost.
     Segment(0.00585, ("Elbow{side}",), ("Wrist{side}",), 1.29),
     Segment(0.1447, ("Hip{side}",), ("Knee{side}",), 0.3854),
     Segment(0.0457, ("Knee{side}",), ("Ankle{side}",), 0.4374),
-    # the foot: the table's centre, 0.42 of the way from heel to toe tip, is on the body model 0.36 of the way from
-    # Ankle to Foot
+    # the foot: the table's centre of mass lies 0.42 of the way from heel to toe tip; on the body model, this is 0.36 of
+    # the way from Ankle to Foot
     Segment(0.0133, ("Ankle{side}",), ("Foot{side}",), 0.36),
 )
 
 
 @cache
 def joint_weights() -> np.ndarray:
-    """Return the weights (21,), sum 1, read only, of the joints in the centre of mass. Some may be negative."""
+    """Return the joints' weights (21,), read only, in the centre of mass. Their sum is 1; some may be negative."""
     paired = (_on_side(segment, side) for segment in PAIRED_SEGMENTS for side in ("Left", "Right"))
     weights = np.zeros(JOINT_COUNT)
     for segment in (*SINGLE_SEGMENTS, *paired):
@@ -80,8 +80,8 @@ def _on_side(segment: Segment, side: str) -> Segment:
 
 SHARED_ERROR: Final = 0.3
 """Share of the variance of a joint's error that is common to all joints: if the body is placed too far away, all joints
-are too far away. With independent errors the centre of mass would have a sigma of 1.6 mm; on simulated recordings it
-was up to 5 mm off (docs/measures.md).
+are too far away. With independent errors the centre of mass would have a sigma of 1.6 mm; on simulated recordings, the
+centre was up to 5 mm off (docs/measures.md).
 """
 
 
@@ -113,7 +113,7 @@ points lie (Schubert and Kirchner 2014, doi:10.1016/j.gaitpost.2013.09.001).
 """
 
 SCALE_ERROR: Final = 0.03
-"""Standard deviation of the relative error of measures of sway, found on simulated recordings."""
+"""Standard deviation of the relative error of a measure of sway, as found on simulated recordings."""
 
 STEPS_PER_PERIOD: Final = 4.0
 """Minimum number of frames per period of the cutoff frequency, since noise is measured between the cutoff frequency and
@@ -135,8 +135,8 @@ class SwayConfig:
 
     cutoff_hz: Positive = 1.5  # Hz, cutoff of the low-pass filter; a standing body sways below 1 Hz
     shortest_bout_s: Positive = 5.0  # s, minimum duration of a bout of standing
-    settle_s: NotNegative = 1.0  # s after standing up that are left out, since the body is not at rest yet
-    times_noise: Annotated[float, Field(ge=1)] = 2.0  # minimum reported sway, in multiples of the sway from noise
+    settle_s: NotNegative = 1.0  # s, time after standing up that is left out: the body is not at rest yet
+    times_noise: Annotated[float, Field(ge=1)] = 2.0  # minimum reported sway, in multiples of what noise alone gives
 
 
 class Bout(NamedTuple):
@@ -208,7 +208,7 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
         ("sway_velocity", path / seconds if path >= config.times_noise * noise else None, path_sigma / seconds),
         ("sway_rms_ap", float(rms[0]) if rms[0] >= config.times_noise * error else None, float(rms_sigma[0])),
         ("sway_rms_ml", float(rms[1]) if rms[1] >= config.times_noise * error else None, float(rms_sigma[1])),
-        # relative errors of both axes enter the area equally, so even the shorter axis must exceed its noise
+        # the ellipse's area has the relative errors of both its axes, so the shorter axis must exceed its noise too
         ("sway_ellipse_area", float(area_cm2) if axes.min() >= config.times_noise * error else None, float(area_sigma)),
     ]
 
@@ -250,8 +250,8 @@ def _bout(session: Session, run: slice, config: SwayConfig) -> Bout:
 
 
 def _patient_axes(session: Session, run: slice) -> np.ndarray:
-    """Return two unit vectors (x, z) on the floor as rows (2, 2): the patient's mean heading, and the direction to the
-    patient's right.
+    """Return two unit vectors (x, z) on the floor as rows (2, 2): the patient's mean heading in the run, and the
+    direction to the patient's right.
     """
     hips = session.joints.position_m[run][:, [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]]]
     across = (hips[:, 1] - hips[:, 0])[:, [0, 2]]
@@ -260,7 +260,8 @@ def _patient_axes(session: Session, run: slice) -> np.ndarray:
 
 
 def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> float:
-    """Return the speed in m/s that errors of measurement alone would cause below the cutoff frequency.
+    """Return the speed in m/s that the centre of mass would have below the cutoff frequency by errors of measurement
+    alone.
 
     residual_m (k, 2): the movement above the cutoff frequency, which is taken as error, since no standing body moves so
     fast. Below this frequency, the errors are assumed to be a random walk with power ~ 1 / f^2, which is more power

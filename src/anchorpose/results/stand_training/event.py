@@ -27,7 +27,7 @@ LEAST_HZ: Final = 10.0
 TOO_SLOW: Final = f"events need {LEAST_HZ:g} frames a second or more"
 
 ONSET_SIGMA_S: Final = 0.04
-"""Standard deviation in s of the error of an onset, measured on constructed events (docs/measures.md)."""
+"""Standard deviation in s of the error of an event's onset, measured on constructed events (docs/measures.md)."""
 
 CHANGE_SHARE: Final = float(np.sqrt(2.0 * (1.0 - SYSTEMATIC_SHARE)))
 """Ratio of the sigma of a change between two frames to the sigma of a single value. It is below sqrt(2), since both
@@ -42,21 +42,22 @@ class EventConfig:
     # degrees, minimum depth of a buckle; in walking, a knee that takes over the load bends by 5 to 20 degrees, usually
     # 15
     buckle_deg: Annotated[float, Field(gt=0, lt=90)] = 20.0
-    fast_s: Positive = 0.4  # s, maximum time for a flexion by buckle_deg
-    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # minimum degrees beyond the other knee; less is a squat
+    fast_s: Positive = 0.4  # s, maximum time in which the knee bends by buckle_deg
+    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # degrees, least bend beyond the other knee's; less: squat
     # minimum rise of a failed stand, as a share of the height from the seat to straight legs; about 12 cm
     failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3
     # m, minimum distance of the extrapolated centre of mass from the feet's outline; less may be an error of the
     # outline
     beyond_m: Positive = 0.05
-    # minimum depth of an event in sigmas: two knees have 3000 windows of 0.4 s in ten minutes, of which 0.7 exceed it
-    # by chance
+    # minimum depth of an event in sigmas: in ten minutes, two knees have 3000 windows of 0.4 s; on average, errors
+    # alone exceed this depth in 0.7 of the 3000
     times_sigma: Positive = 3.5
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event. frames: rows from its onset to its greatest depth, or to foot strike. kind: one of ``EPISODE_KINDS``.
+    """An event. frames: rows from onset to greatest depth (of a recovery step: foot strike). kind: one of
+    ``EPISODE_KINDS``.
 
     depth, sigma: in ``unit``: degrees for a buckle, share of the way from the seat to standing for a failed stand,
     millimetres beyond the feet for a recovery step. state_code: the worst state of the joints by which it was
@@ -104,7 +105,7 @@ def beginning_in(events: Sequence[Event], rows: slice) -> list[Event]:
 
 
 def fast_enough(time_s: np.ndarray) -> bool:
-    """Return whether the frames (n,) are dense enough in time to find events; False for a single frame."""
+    """Return whether the rate of the frames (n,) is high enough to find events; False for a single frame."""
     return bool(usual_step_s(time_s) <= 1.0 / LEAST_HZ + ROUNDING_S)
 
 
@@ -136,7 +137,7 @@ def onset_row(time_s: np.ndarray, values: np.ndarray, base: float, rows: slice) 
 
 
 def _crossing(time_s: np.ndarray, values: np.ndarray, row: int, level: float) -> float:
-    """Return the time at which the values pass ``level``, between a row and the next row."""
+    """Return the time, interpolated between a row and the next row, at which the values pass ``level``."""
     row = min(max(row, 0), len(values) - 2)
     step = values[row + 1] - values[row]
     share = float(np.clip((level - values[row]) / step, 0.0, 1.0)) if step > 0 else 0.0
@@ -144,7 +145,7 @@ def _crossing(time_s: np.ndarray, values: np.ndarray, row: int, level: float) ->
 
 
 def latency_sigma_s(time_s: np.ndarray, sigma_s: float) -> float:
-    """Return sigma of a latency. It combines sigma_s of the latency's end with the uncertainty of its beginning, which
-    may lie up to one frame before the first frame.
+    """Return sigma of a latency. It combines sigma_s, the sigma of the latency's end, with the uncertainty of its
+    beginning, which may lie up to one frame before the first frame.
     """
     return float(np.hypot(sigma_s, usual_step_s(time_s) / np.sqrt(3.0)))

@@ -21,12 +21,12 @@ from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
-LEAST_PERCENTILE: Final = 5.0  # percentile taken as the least flexion (95: greatest); extremes are mostly error
+LEAST_PERCENTILE: Final = 5.0  # percentile taken as least flexion (95 as greatest); the extremes are mostly error
 
 
 @settings
 class ExtensionConfig:
-    """Settings of when a knee counts as straight: the largest angle in degrees, bent or hyperextended."""
+    """Settings of when a knee counts as straight: up to this angle in degrees, bent or hyperextended."""
 
     straight_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
 
@@ -43,7 +43,7 @@ def extension_measures(session: Session, config: ExtensionConfig) -> list[Measur
 
 
 def known_upright(session: Session, angle: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n,) bool: frames in which the patient stood and the angle is known; and the angle (n,) in degrees."""
+    """Return (n,) bool: frames in which the patient stands and the angle is known; and the angle (n,) in degrees."""
     degrees = session.angles.degrees[:, session.angles.column(angle)]
     return session.standing & np.isfinite(degrees), degrees
 
@@ -179,16 +179,16 @@ SIDED: Final = (
 UNSIDED: Final = ("trunk_flexion", "trunk_side_bend", "trunk_pelvis_rotation", "neck_flexion")
 
 HELD_S: Final = 0.2
-"""Window in s of the running median over an angle. An extreme angle must be held for about half of this window, since
-the extreme in a single frame is mostly error.
+"""Length in s of the window of the running median over an angle. By the median, an extreme angle counts only if it is
+held for about half of the window: the extreme in a single frame is mostly error.
 """
 
 LEAST_S: Final = 1.0  # s, minimum duration of a stretch in which the angle is known
 
 
 def range_measures(session: Session) -> list[Measure]:
-    """Return the measure ``ANGLE_range`` in degrees of every joint, per side. It has no value if the joint moved by no
-    more than the errors of its angle.
+    """Return, for every joint's angle and side, the range of the angle in degrees (measure ``ANGLE_range``). It has no
+    value if the joint moved by no more than the errors of its angle.
     """
     names = [(angle, side) for angle in SIDED for side in ("left", "right")] + [(angle, None) for angle in UNSIDED]
     return [_range(session, angle, side) for angle, side in names]
@@ -203,13 +203,13 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
     low, high = int(np.argmin(held)), int(np.argmax(held))
     value, (first, second) = float(held[high] - held[low]), sigma[rows[[low, high]]]
     state_code = session.angles.state_code[rows, column]
-    if value <= NORMAL_95 * np.hypot(first, second):  # without movement, both extremes are independent errors
+    if value <= NORMAL_95 * np.hypot(first, second):  # without movement, the extremes are two independent errors
         return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
     return known(measure, "deg", value, state_code, sigma_of_difference(first, second), side)
 
 
 def _held(degrees: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows (k,) of all stretches of ``LEAST_S`` or more with a known angle, and its running median (k,)."""
+    """Return the rows (k,) of all stretches of ``LEAST_S`` or more with a known angle, and the angle's median (k,)."""
     step_s = usual_step_s(time_s)
     if not np.isfinite(step_s):
         return np.empty(0, dtype=np.int64), np.empty(0)

@@ -23,8 +23,8 @@ from anchorpose.results.uncertainty import sigma_of_difference
 def find_failed_stands(session: Session, config: TransitionConfig, events: EventConfig) -> list[Event]:
     """Return the rises from the seat that end on the seat again, in the order of time.
 
-    A rise is measured by the height of the pelvis, from 0 on the seat to 1 over straight legs. The event ends where the
-    pelvis is highest. If the patient was upright even for a moment, the stand did not fail.
+    A rise is measured by the height of the pelvis, from 0 on the seat to 1 over straight legs. The event ends in the
+    frame in which the pelvis is highest. If the patient was upright even for a moment, the stand did not fail.
     """
     time_s, height = session.joints.time_s, session.stance.height
     if not fast_enough(time_s):
@@ -42,8 +42,8 @@ def find_failed_stands(session: Session, config: TransitionConfig, events: Event
 
 
 def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Iterator[slice]:
-    """Yield the blocks of frames of a run in which the patient never stands: each from the beginning of sitting to the
-    end of the last sitting before the patient is upright. sitting: rows in which the patient sits.
+    """Yield the blocks of frames, within a run, in which the patient never stands: each from the beginning of sitting
+    to the end of the last sitting before the patient is upright. sitting: rows in which the patient sits.
     """
     inside = [slice(max(s.start, run.start), min(s.stop, run.stop)) for s in sitting]
     inside = [s for s in inside if s.start < s.stop]
@@ -55,11 +55,11 @@ def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Ite
 
 
 BACK: Final = 0.5
-"""With a rise below this share of ``failed_rise`` (minimum rise of a failed stand), the patient is back on the seat."""
+"""Share of ``failed_rise`` (minimum rise of a failed stand); once the rise is below it, the patient sits again."""
 
 BEFORE_S: Final = 1.5
-"""Time in s before the pelvis leaves the seat; the median height in this time is the start of the rise. The rise itself
-takes less than a third of this time.
+"""Time in s before the pelvis leaves the seat; the rise is measured from the median height in this time. The rise
+itself takes less than a third of this time.
 """
 
 

@@ -45,9 +45,9 @@ class IndependenceConfig:
     inclined, by at most ``extended_deg``, and ends above ``bent_deg``.
     """
 
-    # degrees; a knee that takes over the load in walking bends by about 20 degrees, and still carries the body
+    # degrees, largest bend: a knee that takes over the load in walking bends by about 20 and still carries the body
     extended_deg: _Degrees = 20.0
-    bent_deg: _Degrees = 25.0  # degrees; 5 more, so that errors of an angle (3 to 5 degrees) do not end an extension
+    bent_deg: _Degrees = 25.0  # degrees; 5 more than extended_deg: errors of an angle (3 to 5) do not end an extension
 
     def __post_init__(self) -> None:
         if self.bent_deg < self.extended_deg:
@@ -57,7 +57,7 @@ class IndependenceConfig:
 class _Part(NamedTuple):
     """A body part whose extension is measured. angle: the name of its angle, None for the trunk's inclination. regions:
     regions where a contact helps to extend it. beside: neighbouring regions; a hand on the border may be reported in
-    the wrong region. joints: joints at ``regions``; if a joint is unseen, a hand that holds the part may be unseen too.
+    one of these. joints: joints at ``regions``; if one is unseen, a hand that holds the part may be unseen too.
     """
 
     name: str
@@ -114,7 +114,7 @@ class _Extended(NamedTuple):
     """The frames in which a part is extended. is_known (n,) bool: upright, and the angle is known; decided (n,) bool:
     is_known, or known not to be upright. frames (n,) bool: is_known and extended; less, more (n,) bool: frames that
     would be extended if all angles were larger, or smaller, by their systematic sigma. sigma_s: sigma of the extended
-    time due to this error. codes (n,): state of the worst joint used.
+    time due to such errors. codes (n,): worst state of the joints used.
     """
 
     is_known: np.ndarray
@@ -188,7 +188,7 @@ NEVER_EXTENDED: Final = "it was never extended"
 def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
     """Return the seconds from the first frame (or the onset of the trial) until the part is first extended.
 
-    Sigma includes that an earlier extension may have been missed in frames in which the angle is unknown.
+    Sigma includes the possibility of an earlier extension in frames in which the angle is unknown.
     """
     name, time_s = f"{part.name}_extended_latency", session.joints.time_s
     if not found.frames.any() or found.frames[0]:
@@ -214,8 +214,8 @@ class _Free(NamedTuple):
 def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Contact]) -> _Free:
     """Return the frames in which the part is extended and has none of the ``contacts``.
 
-    A frame is uncertain in three cases: an unseen contact may not exist, a contact on an unseen part may be missing,
-    and a person's hand that is reported beside the part may be on it.
+    A frame is uncertain in three cases: a reported contact that no camera sees may not exist; a contact with an unseen
+    part may be missing; a person's hand that is reported beside the part may be on it.
     """
     frame, people = session.joints.frame, with_people(contacts)
     touch = touch_of(frame, [contact for contact in contacts if contact.part in part.regions])
@@ -231,7 +231,7 @@ OBSERVED: Final = STATE_CODE[JointState.OBSERVED]
 
 
 def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _Free, longest: bool = False) -> Measure:
-    """Return a measure: the time of the frames of ``free``, or of their longest bout."""
+    """Return a measure: the time of the frames of ``free``, or of their longest unbroken bout if ``longest``."""
     runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
     bouts_s = [float(session.seconds[run][free.frames[run]].sum()) for run in runs]
     value = max(bouts_s, default=0.0) if longest else float(session.seconds[free.frames].sum())
@@ -287,7 +287,7 @@ def _holding(session: Session) -> list[Measure]:
     as a hand.
 
     A frame in which a lost hand has no reported contact counts for none of the three times. A hand that is hidden or
-    lost makes all of them uncertain.
+    lost makes all three times uncertain.
     """
     why = _why_unknown(session, NO_EQUIPMENT if session.supports is None else None)
     if why is not None or session.supports is None:

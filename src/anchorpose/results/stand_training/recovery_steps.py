@@ -29,12 +29,12 @@ SMOOTHING_S: Final = 0.05
 """Standard deviation in s of the kernel that smooths the centre of mass, so that its speed is not mostly noise."""
 
 FOOT_M: Final = 0.05
-"""Length in m by which the sole extends beyond a foot's joints (the heel behind the ankle, the toes in front of the toe
-base).
+"""Length in m by which the sole extends beyond the joints of a foot: the heel behind the ankle, the toes in front of
+the toe base.
 """
 
 STILL_S: Final = 1.0
-"""Minimum time in s without another step before a recovery step, since people who walk place a foot all the time."""
+"""Minimum time in s without another step before a recovery step: steps in quick succession are walking."""
 
 WITHIN_S: Final = 1.2
 """Maximum time in seconds from the loss of balance to foot strike; a longer fall is not caught by a step."""
@@ -51,7 +51,7 @@ within 0.1 %.
 
 
 def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventConfig) -> list[Event]:
-    """Return the recovery steps in the order of time; each lasts from the loss of balance to foot strike."""
+    """Return the recovery steps in the order of time; each event lasts from the loss of balance to foot strike."""
     if not fast_enough(session.joints.time_s) or not steps:
         return []
     extrapolated_m = _extrapolated(session)
@@ -60,8 +60,8 @@ def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventCo
 
 
 def recovery_watched(session: Session, config: EventConfig) -> np.ndarray:
-    """Return (n,) bool: frames in which a loss of balance by ``beyond_m`` could be distinguished from errors of
-    measurement.
+    """Return (n,) bool: frames in which an extrapolated centre of mass ``beyond_m`` outside the feet could be
+    distinguished from errors of measurement.
     """
     return np.asarray(session.upright & (config.times_sigma * _sigma_m(session) <= config.beyond_m))
 
@@ -112,7 +112,7 @@ def _recovery(session: Session, step: Step, extrapolated_m: np.ndarray, config: 
     beyond_m = reach - FOOT_M
     inside = np.flatnonzero(beyond_m <= 0.0)
     if not len(inside) or not np.isfinite(beyond_m).all():
-        return None  # the centre of mass was beyond the feet all the time: the patient leant, for example on a rail
+        return None  # the extrapolated centre was always beyond the feet (leaning on a rail), or is unknown
     onset, depth_m = first + int(inside[-1]) + 1, float(beyond_m[inside[-1] :].max())
     sigma_m = float(_sigma_m(session)[first : off + 1].mean())
     if depth_m < max(config.beyond_m, config.times_sigma * sigma_m):

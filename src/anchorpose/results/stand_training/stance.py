@@ -97,7 +97,7 @@ _INCLINATIONS: Final = AngleGroup(
 
 
 def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return the height (n,) in m of the pelvis above the lower ankle (of the foot on the floor), and its sigma."""
+    """Return the height (n,) in m of the pelvis above the lower ankle (its foot is on the floor), and its sigma."""
     height, variance = joints.position_m[..., 1], joints.sigma_m**2
     hips, ankles = ([JOINT_INDEX[f"{name}{side}"] for side in ("Left", "Right")] for name in ("Hip", "Ankle"))
     both_m = height[:, ankles]
@@ -120,7 +120,7 @@ def _behind_feet(position_m: np.ndarray, mass_m: np.ndarray) -> np.ndarray:
 
 
 def _leg_length(joints: JointTable) -> float:
-    """Return the length in metres from hip to ankle along a straight leg; NaN if no frame has both whole legs."""
+    """Return the length in metres from hip to ankle along a straight leg; NaN if both legs are known in no frame."""
     bones = [
         (f"{a}{side}", f"{b}{side}") for side in ("Left", "Right") for a, b in (("Hip", "Knee"), ("Knee", "Ankle"))
     ]
@@ -139,13 +139,13 @@ class UprightConfig:
     ``leave`` limits is passed (hysteresis).
 
     Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
-    doi:10.1123/jpah.2011-0347). By the thigh alone, kneeling and hanging over a rail would count as upright; the
-    height of the pelvis and the inclination of the trunk exclude them.
+    doi:10.1123/jpah.2011-0347). By the thigh alone, kneeling and hanging over a rail would count as upright; the limits
+    of the pelvis' height and of the trunk's inclination exclude them.
     """
 
     thigh_enter_deg: Positive = 40.0
     thigh_leave_deg: Positive = 45.0
-    height_enter: Positive = 0.85  # leg lengths, least pelvis height; thigh and shank then lean by about 30 degrees
+    height_enter: Positive = 0.85  # leg lengths, least pelvis height, at which thigh and shank lean by about 30 degrees
     height_leave: Positive = 0.80
     trunk_enter_deg: Positive = 45.0
     trunk_leave_deg: Positive = 50.0
@@ -159,7 +159,7 @@ class UprightConfig:
 
 class Limits(NamedTuple):
     """Three arrays (n,) bool: whether all limits for becoming upright are met; whether one of the wider limits is
-    passed, so that the patient is no longer upright; whether no needed joint is lost.
+    passed, so that the patient is no longer upright; whether all joints needed for these limits are known.
     """
 
     begins: np.ndarray
@@ -180,8 +180,8 @@ def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) ->
 
 
 def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.ndarray:
-    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``. After a frame with a lost joint, the value is
-    ``UNKNOWN`` until a limit is passed again.
+    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``. From a frame with a lost joint on, the value is
+    ``UNKNOWN`` until a later frame meets the limits for becoming upright or passes a wider one.
 
     shift: as in ``upright_limits``.
     """
@@ -259,7 +259,7 @@ class Session:
 def known(
     measure: str, unit: str, value: float, state_code: np.ndarray, sigma: float | None = None, side: str | None = None
 ) -> Measure:
-    """Return a measure with a value. state_code (k,): code of the worst joint used, in each frame that was used."""
+    """Return a measure with a value. state_code (k,): worst state of the joints used, in each frame used."""
     return _measure(measure, unit, state_code, value=value, sigma=sigma, side=side)
 
 
@@ -278,5 +278,5 @@ def _measure(measure: str, unit: str, state_code: np.ndarray, **values: Any) -> 
 
 
 def inferred_share(state_code: np.ndarray) -> float | None:
-    """Return the share of frames in which the worst joint used, state_code (k,), was not seen; None for no frames."""
+    """Return the share of the frames in ``state_code`` in which a joint used was not seen; None for no frames."""
     return float(np.mean(state_code > 0)) if len(state_code) else None

@@ -23,7 +23,9 @@ from anchorpose.results.stand_training.upright import episode
 from anchorpose.results.tables import JointTable
 
 SMOOTHING_S: Final = 0.06
-"""Standard deviation in s of the kernel that smooths the ankles' paths; a swing lasts at least 0.3 s."""
+"""Standard deviation in s of the kernel that smooths the ankles' paths; short against a swing, which lasts 0.3 s or
+more.
+"""
 
 MOVES_M_PER_S: Final = 0.20
 RESTS_M_PER_S: Final = 0.10
@@ -39,7 +41,8 @@ AWAY_M: Final = 0.02
 
 LONGEST_S: Final = 2.0  # s, maximum duration of a swing
 EVENT_SIGMA_S: Final = 0.06
-"""Standard deviation in s of the error of a foot off or foot strike, measured on simulated steps (docs/measures.md)."""
+"""Standard deviation in s of the error in the time of foot off or foot strike, on simulated steps (docs/measures.md).
+"""
 
 LONGEST_PAUSE_S: Final = 2.0
 """Maximum time in s between successive steps; after a longer time, a new series of steps begins."""
@@ -80,7 +83,7 @@ def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> lis
     found = []
     for side, other in (("left", "right"), ("right", "left")):
         for run in _whole(unbroken_runs(speed[side] > RESTS_M_PER_S, time_s), paths[side][:, 1]):
-            inside = run.start > 0 and run.stop < len(time_s)  # whether foot off and foot strike were both seen
+            inside = run.start > 0 and run.stop < len(time_s)  # whether the run contains both foot off and foot strike
             fast = speed[side][run].max() >= MOVES_M_PER_S
             rests = np.median(speed[other][run]) < np.median(speed[side][run]) / 2.0
             swing = _swing(paths[side], _until_at_rest(speed[side], run)) if inside and fast and rests else None
@@ -91,8 +94,8 @@ def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> lis
 
 
 def _whole(runs: Iterable[slice], height_m: np.ndarray) -> list[slice]:
-    """Join two runs of movement to one swing if the foot is in the air in the pause between them: its ankle is then
-    higher than at rest.
+    """Join two runs of an ankle's movement to one swing if the foot is in the air in the pause between them, where the
+    ankle is then higher than at rest.
     """
     whole = list[slice]()
     for run in runs:
@@ -115,7 +118,7 @@ def _length(path_m: np.ndarray, other_m: np.ndarray, swing: slice) -> float | No
 
 
 def _until_at_rest(speed: np.ndarray, run: slice) -> slice:
-    """Extend the run outward at both ends as long as the speed falls, to the movement's slow beginning and end."""
+    """Extend the run at both ends to the movement's slow beginning and end: outward as long as the speed falls."""
     start, stop = run.start, run.stop
     while start > 1 and speed[start - 1] < speed[start]:
         start -= 1
@@ -185,8 +188,8 @@ def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
 def _mean(
     session: Session, name: str, side: str | None, unit: str, found: list[tuple[float, Step]], sigma: float, why: str
 ) -> Measure:
-    """Return the mean of the values in ``found`` as a measure. Half of the variance (sigma^2) of each value's error is
-    assumed to be common to all values.
+    """Return the mean of the values in ``found`` as a measure. Of the variance (sigma^2) of each value's error, one
+    half is assumed, not measured, to be common to all values.
     """
     if not found:
         return unknown(name, unit, why, side)

@@ -27,7 +27,7 @@ TIMES: Final = 5  # number of rises in the test
 LONGEST_SEATED_S: Final = 2.0
 LONGEST_STOOD_S: Final = 5.0
 """Maximum times in s between two changes of posture in the test: seated (``LONGEST_SEATED_S``) or standing. A patient
-who rests longer on the seat does another test; a slow patient may need time to stand steadily.
+who rests longer on the seat does another test; standing may last longer, until the patient is steady.
 """
 
 TOUCH_S: Final = 0.1
@@ -50,7 +50,7 @@ def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measu
     first, last = rises[0], rises[-1]
     rows = slice(first.frames.start, last.frames.stop)
     time_s, state_code = session.joints.time_s[rows], session.stance.state_code[rows]
-    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # sigma_s covers both ends; one of each counts
+    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # sigma_s is of both ends; here one counts
     return known(name, "s", float(time_s[-1] - time_s[0]), state_code, sigma)
 
 
@@ -86,7 +86,7 @@ a side.
 """
 
 BASE_M: Final = 0.05  # m, maximum movement of an ankle while the foot counts as in its place
-START_S: Final = 0.5  # s at the start of a reach; the wrist's median place in this time is where the reach starts
+START_S: Final = 0.5  # s, first part of a reach; the reach is measured from the wrist's median place in it
 LEAST_REACH_S: Final = 1.0  # s, minimum duration of a reach
 
 
@@ -126,8 +126,8 @@ _SHORT: Final = "the raised arm went forward by no more than the errors of the w
 def _raised_arm(
     position_m: np.ndarray, forward: np.ndarray, side: str, upright: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two arrays (n,) bool: whether the arm points forward, straight and about level; and whether it is level
-    enough for the test to begin.
+    """Return two arrays (n,) bool: whether the arm is straight, points forward and is about level; and whether this
+    also holds within the narrower limits for the test to begin.
     """
     shoulder, elbow, wrist = (position_m[:, JOINT_INDEX[f"{n}{side.capitalize()}"]] for n in _ARM)
     arm = wrist - shoulder
@@ -159,7 +159,7 @@ def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
 LIFTED_M: Final = 0.06
 LOWERED_M: Final = 0.04
 """Heights in m of one ankle above the other: the foot counts as off the floor while it is above ``LOWERED_M``, if it
-exceeds ``LIFTED_M`` in this time.
+rises above ``LIFTED_M`` at any time in between.
 """
 
 LEAST_STANCE_S: Final = 1.0
@@ -176,7 +176,7 @@ def single_leg_stance(session: Session, side: str) -> Measure:
     error = systematic_sigma(np.hypot(session.joints.sigma_m[:, lifted], session.joints.sigma_m[:, stands]))
     runs = [
         _longest_on_one_leg(session, height + shift * error, stands) for shift in (0.0, -1.0, 1.0)
-    ]  # with heights as measured, lower and higher by their systematic sigma
+    ]  # heights as measured, then lower, then higher by their systematic sigma
     run, seconds = runs[0]
     if run is None or seconds < LEAST_STANCE_S:
         why = f"the other foot was never seen off the floor for {LEAST_STANCE_S:g} s while upright on a foot in place"
@@ -189,7 +189,9 @@ _OTHER: Final = {"left": "right", "right": "left"}
 
 
 def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> tuple[slice | None, float]:
-    """Return the longest run of frames with one ankle lifted and the ankle ``stands`` in place, and its seconds."""
+    """Return the longest run of frames with one ankle lifted and the other (joint ``stands``) in place, and its
+    seconds. height_m (n,): height of the lifted ankle above the other.
+    """
     time_s = session.joints.time_s
     best: tuple[slice | None, float] = (None, 0.0)
     for run in unbroken_runs(session.upright & (height_m > LOWERED_M), time_s, 2.0 * usual_step_s(time_s)):

@@ -1,4 +1,4 @@
-"""Compute in which frames the patient is touched, the share of a touch that was seen, and the touched time."""
+"""Compute in which frames the patient is touched, the seen share of the touches, and the touched time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Touch(NamedTuple):
     seen: np.ndarray
 
     def where(self, frames: np.ndarray) -> Touch:
-        """Return only the touches in the given frames (n,) bool."""
+        """Return the touches, with none outside of the given frames (n,) bool."""
         return Touch(np.where(frames, self.at_once, 0), np.where(frames, self.seen, 0.0))
 
 
@@ -47,7 +47,7 @@ def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tu
     """Return the time with any contact, and its sigma.
 
     Without contacts there is no sigma, since it is unknown how many were missed. Each beginning and each end of a
-    contact may be wrong by one frame, and the unseen share of a contact may have been no contact.
+    contact may be wrong by one frame, and in its unseen share of the time, a contact may not have existed.
     """
     any_of = touch.at_once > 0
     if not any_of.any():

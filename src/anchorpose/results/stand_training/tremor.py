@@ -29,7 +29,7 @@ half a hertz apart.
 """
 
 MOVEMENT_HZ: Final = 1.0
-"""Power up to this frequency in Hz is posture and slow movement; it is left out of ``Window.share``."""
+"""Power up to this frequency in Hz comes from posture and slow movement; it is left out of ``Window.share``."""
 
 PEAK_HZ: Final = 0.75
 """Hz, half width of a peak: that of a Hann window of 2 s, plus one frequency step since the frequency varies."""
@@ -47,7 +47,7 @@ class TremorConfig:
     """Settings of when an oscillation counts as tremor or clonus."""
 
     least_deg: Positive = 1.0  # degrees, minimum amplitude (half of peak to peak); less is hardly visible
-    # minimum share of the peak in the power above 1 Hz; for errors without rhythm it is 0.1 at 30 frames per second
+    # minimum share of the power above 1 Hz that the peak holds; errors without rhythm have 0.1 at 30 frames per second
     peak_share: Annotated[float, Field(gt=0, lt=1)] = 0.6
 
 
@@ -111,7 +111,7 @@ ROUNDING_S: Final = 0.001
 
 
 def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Iterator[Window]:
-    """Yield successive windows of the frames (n,) that are ``seen``."""
+    """Yield successive windows within runs of frames that are ``seen`` (n,) bool."""
     step_s = usual_step_s(time_s)
     for run in unbroken_runs(seen, time_s, 2.0 * step_s):
         starts = np.arange(time_s[run.start], time_s[run.stop - 1] - WINDOW_S + 1.5 * step_s, WINDOW_S)
@@ -136,7 +136,7 @@ def _window(time_s: np.ndarray, degrees: np.ndarray, rows: slice) -> Window:
     top = int(np.argmax(np.where(band, power, -1.0)))
     peak = np.abs(frequency_hz - frequency_hz[top]) <= PEAK_HZ
     held, total = float(power[peak].sum()), float(power[frequency_hz > MOVEMENT_HZ].sum())
-    # a sine of amplitude A has the mean square A^2 / 2; the Hann window scales it by the sum of its squared weights
+    # a sine of amplitude A has the mean square A^2 / 2, which a Hann window scales by the sum of the window's squares
     amplitude = float(np.sqrt(4.0 * held / (count * (taper**2).sum())))
     share = min(held / total, 1.0) if total > 0 else 0.0
     centre = float((power[peak] * frequency_hz[peak]).sum() / held) if held > 0 else float(frequency_hz[top])

@@ -22,8 +22,8 @@ NEVER_KNOWN: Final = "in no frame was it known whether the patient was upright"
 NONE_SEEN: Final = "none was seen from beginning to end"
 
 LOW_PERCENTILE: Final = 10.0
-"""Percentile of the pelvis' height in sitting that is taken as the seated height. In standing, 100 minus this
-percentile is used. A median would include frames of the rise; an extreme would be the noise of a single frame.
+"""Percentile of the pelvis' height in sitting that is taken as the seated height. For the standing height, 100 minus
+this percentile is used. A median would be affected by frames of the rise, an extreme by the noise of a single frame.
 """
 
 
@@ -56,7 +56,7 @@ UPRIGHT_MEASURES: Final = {
 
 
 def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
-    """Return recorded, found, upright and unknown time, upright share, number of bouts and the longest bout."""
+    """Return recorded, found, upright and unknown time, upright share, number of upright bouts and longest bout."""
     seconds, state, state_code = session.seconds, session.posture.upright, session.stance.state_code
     is_known, standing = state != UNKNOWN, state == UPRIGHT
     total, known_s = recorded_seconds(session.joints.time_s), float(seconds[is_known].sum())
@@ -103,8 +103,8 @@ def _sigma_s(session: Session, config: UprightConfig) -> float:
 
 @settings
 class TransitionConfig:
-    """Settings of transitions. Seated means that both thighs are nearly level, the pelvis rests for a while, and the
-    centre of mass is behind the heels.
+    """Settings of transitions between sitting and standing. A patient sits if both thighs are nearly level, the pelvis
+    rests for a while, and the centre of mass is behind the heels.
 
     So a squat is not sitting: a short squat has no rest, and nobody squats with the centre of mass behind the heels.
     Standing must last, too: a patient who nearly stands and sinks back has not stood up.
@@ -115,9 +115,9 @@ class TransitionConfig:
     behind_feet_m: Positive = 0.07  # m, least distance of a seated centre of mass behind the ankles: a heel plus errors
     rest_s: Positive = 1.0  # s, minimum time of the pelvis within ``rest_height`` of its seated or standing height
     rest_height: Positive = 0.05  # leg lengths, tolerance of the pelvis's height at rest
-    settle_s: Positive = 3.0  # s before and after the transition in which the heights of the two postures are measured
-    edge: Positive = 0.05  # share of the height's change that comes before the transition begins, and after it ends
-    longest_s: Positive = 20.0  # s, maximum duration; a longer change includes a pause in between
+    settle_s: Positive = 3.0  # s, time before and after a transition in which the heights of both postures are measured
+    edge: Positive = 0.05  # share of the height's change before the transition begins, and again after it ends
+    longest_s: Positive = 20.0  # s, maximum duration of a transition; a longer one includes a pause
 
     def __post_init__(self) -> None:
         if not self.seated_leave_deg <= self.seated_enter_deg < 90:
@@ -228,8 +228,8 @@ def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) ->
 
 
 def _needs_a_seat(behind_m: np.ndarray, config: TransitionConfig) -> bool:
-    """Return whether the feet alone cannot carry the patient at some moment of a run (k,); True where this is
-    unknown.
+    """Return whether, at some moment of a run, the centre of mass is too far behind the feet for them to carry the
+    patient alone; True if unknown. behind_m (k,): as in ``Stance``.
     """
     measured_m = behind_m[np.isfinite(behind_m)]
     return not len(measured_m) or bool(measured_m.max() > config.behind_feet_m)
@@ -246,7 +246,7 @@ def _transition(
     way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
     middle = before.stop - before.start
     noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1])))
-    noise /= abs(end_level - start_level)  # as a share of the change of height, like ``edge``
+    noise /= abs(end_level - start_level)  # as a share of the height's change, like ``edge``
     shake = min(noise, 0.5 * config.edge)  # keeps ``edge - shake`` above 0
     lengths = list[float]()
     for edge in (config.edge, config.edge + shake, config.edge - shake):
@@ -254,8 +254,8 @@ def _transition(
         lengths.append(float(time_s[before.start + last] - time_s[before.start + first]))
     first, last = _moving(way, middle, config.edge)
     step = usual_step_s(time_s[before.start : after.stop])
-    off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # if ``edge`` is off by ``noise``
-    sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # sampling: each end lies anywhere between two frames
+    off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # effect of ``noise`` on duration
+    sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # with sampling: ends lie between frames
     return Transition(
         SIT_TO_STAND if rises else STAND_TO_SIT,
         slice(before.start + first, before.start + last + 1),
@@ -270,7 +270,7 @@ def _level(
     """Return the height of a posture in the seconds next to the transition: the run's last seconds, or its first."""
     times = time_s[run]
     near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s
-    return float(np.nanpercentile(height[run][near], percentile))  # nan: an ankle may have been lost while seated
+    return float(np.nanpercentile(height[run][near], percentile))  # nan-: an ankle may be lost while seated
 
 
 def _moving(way: np.ndarray, middle: int, edge: float) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Place furniture: beside and behind the patient, along the walls, and low pieces before the patient's legs."""
+"""Place furniture: beside and behind the patient, along the walls, and low pieces in front of the patient's legs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TRIES: Final = 120  # maximum number of places that are tried for a piece
 CAMERA_CLEAR_M: Final = 0.7  # m, radius around the camera that stays free of furniture
 PATIENT_CLEAR_M: Final = 0.75  # m, radius around the patient that stays free for movements
 SIGHT_CLEAR_M: Final = 0.35  # m that stay free of furniture on both sides of the line of sight from camera to patient
-LEGS_CLEAR_M: Final = 0.5  # m, distance between the patient and furniture in front of the legs
+LEGS_CLEAR_M: Final = 0.5  # m, minimum distance between the patient and furniture in front of the legs
 BELOW_SIGHT_M: Final = 0.04  # m; low furniture stays this far below the line from the camera to the patient's middle
 
 
@@ -44,7 +44,7 @@ def lay_out(rng: np.random.Generator, room: RoomConfig, outline: Outline, taken:
 def stand_before(
     rng: np.random.Generator, room: RoomConfig, camera_m: np.ndarray, head_m: float, taken: list[Lane]
 ) -> list[Piece]:
-    """Place low furniture between the camera and the patient, which may hide the legs but not the patient's middle.
+    """Place low furniture between camera and patient. The furniture may hide the legs but not the patient's middle.
 
     camera_m (3,): the camera; head_m: height of the patient's head; taken: areas that stay free.
     """

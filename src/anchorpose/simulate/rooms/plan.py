@@ -49,7 +49,7 @@ SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)  # probabilities of ``ROOM_S
 FRAMINGS: Final = get_args(Framing)
 POSTURES: Final = get_args(Posture)
 LOW: Final[tuple[Clutter, ...]] = ("table", "chair", "stool", "boxes", "wheelchair")  # furniture in front of the legs
-ROOM_FOR_PASSER_M: Final = 2.2  # m, minimum distance between camera and patient for a person to walk through
+ROOM_FOR_PASSER_M: Final = 2.2  # m, minimum distance from camera to patient for a person to walk between them
 
 
 @settings

@@ -203,7 +203,7 @@ def _add_pusher(rng: np.random.Generator, draft: _Draft, lane: Lane) -> None:
 
 
 def _walking_lane(rng: np.random.Generator, draft: _Draft, before: bool) -> Lane:
-    """Draw a lane across the room, from corridor to corridor, before the patient (``before``) or behind the patient."""
+    """Draw a lane across the room, from corridor to corridor, in front of the patient (``before``) or behind."""
     o, away_m = draft.outline, draft.room.distance_m
     x = -rng.uniform(0.8, away_m - 0.7) if before else rng.uniform(0.85, o.back_m - 0.5)
     way, beyond_m = float(rng.choice([-1.0, 1.0])), CORRIDOR_M - 0.5
@@ -237,7 +237,7 @@ def _free_place(rng: np.random.Generator, draft: _Draft, radius_m: float) -> np.
 
 
 def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
-    """Add low furniture before the patient's legs, then clutter, then a door that opens."""
+    """Add low furniture in front of the patient's legs, then clutter elsewhere, then a door that opens."""
     room = draft.room
     head_m = person.height_m * (SEATED_SHARE if room.posture != "stands" else 1.0)
     free = draft.taken[3:]  # without the three areas of ``first_lanes``, which low furniture may enter

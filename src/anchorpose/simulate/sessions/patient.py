@@ -30,9 +30,9 @@ FAILED_SHARE: Final = (0.42, 0.62)
 FAILED_UP_S, FAILED_DOWN_S = 0.8, 0.6  # s, time of rising, and of sinking back
 SEATED_FROM_S: Final = PAUSE_S - 0.3  # s from the start of sitting down to the onset of a trial with a failed stand
 
-FALL_M: Final = (0.32, 0.42)  # m, range of a fall's path; it takes the extrapolated centre of mass beyond the soles
+FALL_M: Final = (0.32, 0.42)  # m, range of a fall's length; a fall takes the extrapolated centre of mass off the soles
 FALL_S: Final = 0.8  # s, duration of the fall forward
-# s from the start of the fall until a foot leaves the floor, and from then until it strikes
+# s from the start of the fall until a foot leaves the floor, and from then until it strikes the floor
 STEP_AFTER_S, STEP_S = 0.45, 0.35
 STRIDE_M: Final = 0.35  # m, length of the recovery step
 # s from the start of the fall until body and foot begin to go back, and duration of going back
@@ -115,8 +115,8 @@ def _let_go(from_s: float, to_s: float) -> Movement:
 
 
 def _falls(trial: PlannedTrial) -> tuple[float, float]:
-    """Return when the hands leave the rails for a recovery step and when they are back. Both times are around the
-    middle of the time in which the knees stay extended.
+    """Return when the hands leave the rails for a recovery step and when they are back. The fall and the recovery are
+    in the middle of the time in which the knees stay extended.
     """
     middle_s = sum(trial.holds_s) / 2.0
     return middle_s - RECOVERY_S / 2.0 - HANDS_S, middle_s + RECOVERY_S / 2.0

@@ -20,14 +20,14 @@ SHORTEST_TRIAL_S: Final = 10.0  # s, enough for a failed stand, standing up, and
 PAUSE_S: Final = 4.0  # s before every trial and after the last, in which the patient sits down or bends the knees
 BLOCK: Final = 2  # number of trials of each condition in a block; their order within the block is random
 
-# degrees, knee flexion between extensions. The patient still stands. An extension ends at 25 degrees, which is less
+# degrees, knee flexion of the standing patient between extensions; above 25, at which the measures end an extension
 RESTING_DEG: Final = 30.0
 HELD_DEG: Final = (9.0, 15.0)  # degrees, range of the flexion of extended knees without stimulation
-SIDES_DEG: Final = 2.0  # degrees, maximum difference between a patient's left and right knee
+SIDES_DEG: Final = 2.0  # degrees, maximum difference in flexion between a patient's extended knees
 # degrees, standard deviation of held knee flexion from trial to trial; assumed for a patient whose trials are alike
 SCATTER_DEG: Final = 1.5
 LEAST_DEG: Final = 1.0  # degrees, minimum knee flexion: that of a straight knee
-LATENCY_S: Final = (0.8, 1.6)  # s, range of the time from the onset until knees begin to extend
+LATENCY_S: Final = (0.8, 1.6)  # s, range of the time from a trial's onset until the knees begin to extend
 EXTENDING_S: Final = 1.0  # s, time in which the knees extend, and in which they bend again
 # share of the trial that is left when the knees begin to bend again, unless stimulation holds them longer
 LETS_GO: Final = 0.15
@@ -54,7 +54,7 @@ class SessionConfig:
 
     @property
     def seconds(self) -> float:
-        """Return the length of the recording."""
+        """Return the duration of the recording."""
         return PAUSE_S + self.trials * (self.trial_s + PAUSE_S)
 
 
@@ -90,9 +90,9 @@ class PlannedTrial:
         return self.extends_s + EXTENDING_S, self.lets_go_s
 
 
-STANDS_AT_S: Final = 5.0  # s from the onset until the patient stands up in a trial with a failed stand
+STANDS_AT_S: Final = 5.0  # s from the onset of a trial with a failed stand until the patient stands up
 STANDING_UP_S: Final = 1.8  # s, duration of standing up, and of sitting down
-UP_S: Final = STANDS_AT_S + STANDING_UP_S  # s from the onset until the patient is upright after a failed stand
+UP_S: Final = STANDS_AT_S + STANDING_UP_S  # s from the onset of such a trial until the patient is upright
 
 
 def draw_plan(rng: np.random.Generator, config: SessionConfig) -> tuple[PlannedTrial, ...]:

@@ -30,12 +30,12 @@ PAPER_SUBSET: Final = 3  # number of anchors in a subset, N_S: "three anchor nod
 class AnchorSetting:
     """Settings of matching by psi, the set of nodes with similar distances to the anchors (see ``features.psi``)."""
 
-    # largest difference between the anchor distances of a node and of the nodes in its psi; the paper's authors chose
-    # it by hand
+    # largest difference between the distances to the anchors of a node and those of the nodes in its psi; the paper's
+    # authors chose it by hand
     gate: GateConfig = PAPER_GATE
     unclipped: bool = True
     squared: bool = False
-    # whether the anchors with paths to a piece of surface that a hole cuts off from other anchors also form a subset
+    # whether, for surface that a hole cuts off from some anchors, the anchors with paths to it form a subset, too
     pieces: bool = True
 
 

@@ -49,7 +49,7 @@ class ContextSetting:
     """Settings of the 3D shape context, and of how two shape contexts are compared."""
 
     config: ShapeContextConfig
-    # whether square roots of the values are scaled to unit length, so that the amount of seen surface has no effect
+    # whether the square roots of a descriptor are scaled to unit length: the amount of seen surface then has no effect
     unit_length: bool
 
 
@@ -67,7 +67,7 @@ def _rops(seen: Observation, config: RopsConfig) -> np.ndarray:
 
 
 USUAL_RADIUS_M = 0.05
-"""Radius in metres around a node that is usual for objects on a table, and that is also used for people."""
+"""Customary radius in metres within which a descriptor is computed, for objects on a table and also for people."""
 
 
 def _both(
@@ -81,8 +81,8 @@ def _both(
 ) -> tuple[Method, Method]:
     """Return two methods with one descriptor: with the best of all tried settings, and with ``USUAL_RADIUS_M``.
 
-    Their difference shows the effect of tuning. setting: returns the setting for a radius and a variant (0 or 1).
-    first_m: the radius that is tried first, and used without tuning.
+    Their difference shows the effect of tuning. setting: returns the setting for a radius and for one of two variants
+    (0 or 1) of the descriptor or its metric. first_m: the radius that is tried first, and used without tuning.
     """
     radii = sorted(RADII_M, key=lambda radius: radius != first_m)
     chosen = tuple(setting(radius, variant) for radius in radii for variant in (0, 1))

@@ -1,6 +1,6 @@
 """Match nodes by the learnt descriptor, alone and together with SHOT.
 
-The learnt descriptor is the place on the complete body that a network assigns to a node.
+The learnt descriptor is the place on the whole body that a network assigns to a node.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VI (future work)"
 class LearntConfig:
     """Settings of the learnt descriptor."""
 
-    local: float = 0.0  # weight of SHOT's signature relative to the place in body heights; 0 = only the place
+    local: float = 0.0  # factor of SHOT's signature, appended to the place (in body heights); 0 = only the place
 
 
 def _describe(seen: Observation, config: LearntConfig) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Match nodes by distances to anchors together with the local descriptor SHOT, which the paper calls future work.
+"""Match nodes by distances to anchors together with the local descriptor SHOT; the paper calls this its future work.
 
 The two complement each other. A local descriptor distinguishes a node from its neighbours but confuses distant places.
 Distances to anchors distinguish distant places but confuse neighbours.
@@ -25,12 +25,13 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
 SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for the method SHOT
-# sigma^2, maximum squared deviation of a distance or place, since occlusions change distances; greater deviations, and
-# those of unknown distances, count as this
+# sigma^2; a greater squared deviation of a distance or place is set to this, since occlusions change distances; so is
+# the deviation of an unknown distance
 MOST: Final = 9.0
-MOST_SHOT: Final = 18.0  # sigma^2, maximum squared deviation of a signature; it changes if a hole is beside its node
-# m, distance from the predicted place beyond which a match is rejected: a hand at 3 m/s may move as far between two
-# frames, and its descriptor still identifies it
+# sigma^2; a greater squared deviation of a signature is set to this, since a hole beside a node changes its signature
+MOST_SHOT: Final = 18.0
+# m, distance from the predicted place beyond which a match is rejected: a hand at 3 m/s moves as far in 0.1 s, and its
+# descriptor still identifies it
 GIVEN_UP_M: Final = 0.30
 ROWS: Final = 500  # number of nodes matched at once, to save memory; with 2,000 possible matches each, they need 4 MB
 SUBSET: Final = 3  # number of anchors in a subset, N_S in the paper
@@ -83,7 +84,7 @@ def _associate(setting: NextSetting) -> Associate:
         source = now.descriptor - jitter_m(now, following, unlike(now, following))
 
         def find(nodes: np.ndarray) -> np.ndarray:
-            # deviations of signatures, read from the cache again and not kept in this closure: 16 MB for 2,000 nodes
+            # deviations of signatures, from the cache: kept in this closure, they would need 16 MB for 2,000 nodes
             local = unlike(now, following)
             match = np.empty((len(nodes), len(subsets)), np.int32)
             per2 = (setting.anchor_sigma_m**-2, setting.place_sigma_m**-2)
@@ -135,7 +136,7 @@ def most_similar(
     for node in range(len(local) if local.shape[1] else 0):
         likely = local[node].argmin()
         _add_up(_base(local, seen, others, per2, node, likely), seen, others, subsets, per2, node, likely, each, sums)
-        worst = sums.max()  # a node that deviates more than this in signature and place alone is not the best
+        worst = sums.max()  # a node that deviates more than this in signature and place alone is not the most similar
         for other in range(local.shape[1]):
             if local[node, other] > worst:
                 continue
@@ -154,7 +155,7 @@ def most_similar(
 def _base(
     local: np.ndarray, seen: Nodes, others: Nodes, per2: tuple[float, float], node: int, other: int
 ) -> np.float32:
-    """Return the sum of the squared deviations of signature and place between a node and one of the other frame."""
+    """Return the sum of the squared deviations, in signature and place, of a node from a node of the other frame."""
     base = np.float32(0.0)
     for axis in range(3):
         off = seen[1][node, axis] - others[1][other, axis]

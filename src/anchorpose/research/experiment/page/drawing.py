@@ -1,4 +1,4 @@
-"""Provide what all figures share: colours, and lines and marks that distinguish methods without colour.
+"""Provide what all figures share: colours, and line styles and marks that distinguish methods even without colour.
 
 The same tables always give the same bytes of a figure.
 """
@@ -23,7 +23,7 @@ INK: Final = "#15191d"
 FAINT: Final = "#8a9299"
 LINE: Final = "#d5dbe0"
 GROUND: Final = "#ffffff"
-ON_DARK: Final = "#fefefe"  # text on dark cells; not equal to GROUND, which turns dark on the page in dark colours
+ON_DARK: Final = "#fefefe"  # text on dark cells; not GROUND, which the page in dark colours replaces by a dark colour
 
 LOOK: Final = {
     Family.PROPOSED: (as_hex(Ink.VERMILLION), "solid"),
@@ -37,7 +37,7 @@ LOOK: Final = {
 }
 """Colour, mostly from Okabe and Ito's palette, and line style of each family of methods."""
 
-PALE: Final = 0.35  # 0 to 1, opacity of confidence intervals, low so that those of twenty methods hide no means
+PALE: Final = 0.35  # opacity (0 to 1) of confidence intervals, low so that the intervals of 20 methods hide no means
 
 MARKS: Final = "osD^vP*X"
 """Matplotlib's markers for the methods of one family, in the order of the methods."""
@@ -128,7 +128,7 @@ def _settings(salt: str) -> Any:
 
 
 def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
-    """Return matplotlib's style of a method: its mark, with colour and line of its family.
+    """Return matplotlib's style of a method: a mark of its own, and the colour and line style of its family.
 
     The proposed method and this project's tracker have thick lines and filled marks.
     """
@@ -148,7 +148,7 @@ def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
 
 
 def bounds_of(values: Sequence[Estimate]) -> np.ndarray:
-    """Return (2, n) the distances from each mean down and up to the ends of its interval; 0 without an interval."""
+    """Return (2, n): distances from each mean to the lower and the upper end of its interval; 0 without an interval."""
     below = [value.mean - value.low for value in values]
     above = [value.high - value.mean for value in values]
     return np.maximum(np.nan_to_num(np.array([below, above])), 0.0)
@@ -179,7 +179,7 @@ def draw_lines(axes: Any, table: Table, places: Sequence[float], bars: bool = Tr
 
 
 def draw_dots(axes: Any, table: Table, column: str, methods: Sequence[Method], **change: Any) -> None:
-    """Draw one dot with its interval per method, a method per row. change: replaces entries of ``look_of``."""
+    """Draw a row per method: a dot (the mean) with its interval. change: entries that replace those of ``look_of``."""
     for row, method in enumerate(methods):
         value = table.value(method.key, column)
         if np.isnan(value.mean):

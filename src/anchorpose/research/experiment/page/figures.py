@@ -38,7 +38,7 @@ PANELS = (
 
 
 def _draw_by_joint(tables: Sequence[Table], what: str) -> Any:
-    """Draw errors by joint in a panel for each of ``PANELS``; all panels show the proposed method, for comparison."""
+    """Draw each joint's error, in a panel per group of families (``PANELS``); every panel has the proposed method."""
     table = tables[0]
     present = {method.family for method in table.methods}
     panels = [panel for panel in PANELS if present & set(panel)]
@@ -246,7 +246,7 @@ def _draw_times(tables: Sequence[Table]) -> Any:
 
 
 def _limits(table: Table, column: str) -> tuple[float, float]:
-    """Return the limits in s of an axis of times, from half of the shortest time to twice the longest."""
+    """Return the limits in s of an axis of times: half of the shortest time in the column, and twice the longest."""
     means = [row.value.mean for row in table.rows if row.column.key == column and row.value.mean > 0]
     return (min(means) / 2, max(means) * 2) if means else (0.01, 1.0)
 

@@ -1,6 +1,6 @@
 """Make tables by form of the framework and by gap between frames; compare "next generation" with the other methods.
 
-Forms differ in whether registration to the surface corrects the matches, and in whether bad matches are rejected.
+Forms differ in whether body parts are registered to the surface too, and in whether bad matches are rejected.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FORM_NAMES = {
     Form.MATCHES: "matches alone",
     Form.MATCHES_ALL: "matches alone, nothing rejected",
 }
-WITHIN_MM = 50.0  # mm, maximum error of a good match: the paper's bound on an anchor's error
+WITHIN_MM = 50.0  # mm, error below which a match counts as good: the paper's bound on the error of an anchor
 
 Take = Callable[[Matched], np.ndarray]
 
@@ -54,7 +54,7 @@ def form_tables(results: ExperimentResults) -> list[Table]:
 
 
 def _columns(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return form, radius of the hole and column of the table, for each form with no hole and with the largest."""
+    """Return form, radius of the hole and column of the table: for each form, one without and one with the largest."""
     found = []
     for form in results.config.forms:
         holes = Tracking(results, form).holes(Scene.PAPER)
@@ -126,7 +126,7 @@ def _by_gap(results: ExperimentResults, key: str, title: str, unit: Unit, summar
 
 
 def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable[[np.ndarray], np.ndarray]) -> Table:
-    """Return a table: joint error of the next generation minus that of each other method, in the same frames."""
+    """Return a table: joint error of "next generation" minus that of each other method, in the same frames."""
     rows = dict[str, list[Row]]()
     for form, hole, column in [*_columns(results), *_all_sizes(results)]:
         tracking = Tracking(results, form)
@@ -146,8 +146,8 @@ def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable
 
 
 def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return form, radius of the hole and column of the table, for forms that fit parts to the surface, with the holes
-    of other sizes than in ``_columns``.
+    """Return form, radius of the hole and column of the table, for the forms that fit parts to the surface, and for the
+    sizes of hole that ``_columns`` leaves out.
     """
     return [
         (form, hole, Column(f"{form} {hole:g}", f"{FORM_NAMES[form]}, {hole:.2f} m"))

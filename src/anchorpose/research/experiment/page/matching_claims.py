@@ -25,9 +25,9 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_least, at_most, measured
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
-COMPARABLE: Final = 0.8  # minimum number of nodes, relative to the paper's; a smaller mesh proves nothing about time
-CLEARLY_LESS: Final = 0.8  # up to this ratio, the error at head and neck counts as clearly less than elsewhere
-# share of the matches of hands or feet that must be on the opposite side to count as "often"; by chance it is 1 in 40
+COMPARABLE: Final = 0.8  # minimum share of the nodes of the paper's mesh; a smaller mesh proves nothing about time
+CLEARLY_LESS: Final = 0.8  # largest ratio of the error at head and neck to the error elsewhere that is "clearly less"
+# smallest share of the matches of hands or feet on the opposite hand or foot that is "often"; by chance it is 1 in 40
 OFTEN: Final = 0.1
 INACCURATE_MM: Final = 100.0  # mm, minimum median error to be called inaccurate: twice the paper's bound for anchors
 SYMMETRIC: Final = ("hand", "foot")
@@ -58,7 +58,7 @@ class MatchingClaims:
     def local_distinctive(self) -> Claim:
         """Judge the claim of Fig. result2 that local features are accurate only at distinctive places.
 
-        It is judged by matches. Joints depend less on the feature, since registration to the surface corrects them.
+        It is judged by errors of matches: joints depend less on the feature, since the surface corrects their errors.
         """
         inside = [NAMES.index("head")]
         outside = [index for index in range(len(NAMES)) if index not in inside]
@@ -81,7 +81,7 @@ class MatchingClaims:
         )
 
     def best_in_head(self) -> Claim:
-        """Judge the claim of Section V-A that shape features match best at the head."""
+        """Judge the claim of Section V-A that shape features (local and spectral) match best at the head."""
         checks = []
         for method in self._of(*RIVALS):
             parts = [(name, self._region_ratio(method, name)) for name in NAMES if name != "head"]
@@ -108,7 +108,7 @@ class MatchingClaims:
         return ratio_of(above, below, self._resamples)
 
     def swapped(self) -> Claim:
-        """Judge the claim of Section V-A that left and right hands and feet are often confused."""
+        """Judge the claim of Section V-A that shape features often confuse left and right hands and feet."""
         checks = []
         for method in self._of(*RIVALS):
             for name in SYMMETRIC:
@@ -125,7 +125,7 @@ class MatchingClaims:
         )
 
     def inaccurate_elsewhere(self) -> Claim:
-        """Judge the claim of Section V-A that shape features are inaccurate on the rest of the body."""
+        """Judge the claim of Section V-A that shape features are inaccurate outside of head, hands and feet."""
         elsewhere = [index for index, name in enumerate(NAMES) if name not in ("head", *SYMMETRIC)]
         return Claim(
             "inaccurate-elsewhere",
@@ -194,7 +194,7 @@ class MatchingClaims:
         return checks
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
-        """Return texts with each method's share of matched nodes: matching only the easy nodes lowers the error."""
+        """Return texts with each method's share of matched nodes, since matching only easy nodes lowers the error."""
         lines = []
         for key in keys:
             if key in self._methods:
@@ -204,7 +204,7 @@ class MatchingClaims:
         return tuple(lines)
 
     def _joint_ratio(self, one: str, other: str) -> Estimate:
-        """Return the ratio of two methods' mean joint errors, over all sizes of hole together, in the same frames."""
+        """Return the mean joint error of ``one`` divided by that of ``other``, in the same frames of all hole sizes."""
         above: dict[str, list[np.ndarray]] = {}
         below: dict[str, list[np.ndarray]] = {}
         for hole in self._tracking.holes(Scene.PAPER):
@@ -219,7 +219,7 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return all methods of these families, without those with a filter, which only show the filter's effect."""
+        """Return all methods of these families that use no filter; methods with one only show the filter's effect."""
         every = self._methods.values()
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

@@ -1,4 +1,4 @@
-"""Make tables of the matches' errors (overall, by region, by size of hole and as a curve), and tables of times."""
+"""Make tables of errors of matches (overall, by body region, by size of hole, as a curve), and tables of times."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from anchorpose.research.experiment.page.tracking_tables import hole_column
 from anchorpose.research.experiment.results import ExperimentResults, Matched, PaperTimes
 
 CURVE_MM = tuple(range(0, 501, 20))
-CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # limits of the error, as shares of the body's height
+CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # limits of a match's error, as shares of body height
 
 NOTE = (
     "The same nodes for every method, of the paper’s scene. “Direct” is the nearest descriptor; a method with several "
@@ -157,7 +157,7 @@ def _curve(matching: Matching, resamples: int, key: str, title: str, places: Seq
 
 
 def _counts(matching: Matching, places: np.ndarray, by_height: bool, match: Matched) -> np.ndarray:
-    """Return (1, places): how many nodes of a pair of frames have a match within each distance along the skin."""
+    """Return (1, places): number of nodes whose match is at most each of ``places`` from the truth, along the skin."""
     distance = match.direct_skin_mm if matching.has_direct(match.method) else match.tree_skin_mm
     known = np.sort(distance[np.isfinite(distance)])
     reach = places * 1000 * match.body_m if by_height else places
@@ -172,7 +172,7 @@ PAPER_EDGES: Final = 36185
 
 
 def time_tables(results: ExperimentResults) -> list[Table]:
-    """Return the table of the seconds that each method needs; an empty list if no times were measured."""
+    """Return the table of each method's seconds for matching two frames; an empty list if no times were measured."""
     rows = _matching_rows(results)
     note = (
         "On one core, for the descriptors of one pair of frames and their matches, with the nodes of that mesh. The "
@@ -182,7 +182,7 @@ def time_tables(results: ExperimentResults) -> list[Table]:
 
 
 def paper_time_lines(times: PaperTimes) -> list[tuple[str, str, str]]:
-    """Return rows that compare the times of the paper's steps: the step, its value here, its value in the paper."""
+    """Return rows that compare these times with the paper's: the step, its value here, its value in the paper."""
     return [
         ("image", times.image, "512 x 424"),
         ("nodes of the mesh", f"{times.nodes}", f"{PAPER_NODES}"),

@@ -31,7 +31,7 @@ SECTIONS: Final = {
     "regions": "Bright and shadow regions",
     "other": "More pictures",
 }
-"""Titles of the sections of pictures, in the page's order. Pictures without a caption are in the section "other"."""
+"""Title of each section of pictures, in the page's order. Pictures without a caption are in the section "other"."""
 
 FILES_ONLY: Final = "match"
 """Section whose pictures are not on the page, since one picture per method would triple the page's size."""
@@ -91,11 +91,11 @@ SIGNS: Final = {
 
 
 MOST_NAMED: Final = 3
-"""Maximum number of failed comparisons that the table of claims itself lists."""
+"""Comparisons answered by no are listed in a claim's short text if there are at most this many."""
 
 
 def table_html(table: Table, unfolded: bool = False) -> str:
-    """Return a table as HTML, with a row per method; intervals are in brackets. unfolded: whether it starts open."""
+    """Return a table as HTML, a row per method, intervals in brackets. unfolded: whether rows are shown at first."""
     head = "".join(f"<th scope='col'>{escape(column.label)}</th>" for column in table.columns)
     values = {(row.method.key, row.column): row.value for row in table.rows}
     rows = []
@@ -154,7 +154,7 @@ def _claim_row(claim: Claim) -> str:
 
 
 def _figures(claim: Claim) -> str:
-    """Return a claim's comparisons in short: how many have each answer, and the range of their values.
+    """Return a short text on a claim's comparisons: how many have each answer, and the range of their values.
 
     If at most ``MOST_NAMED`` comparisons answer no, they are listed.
     """

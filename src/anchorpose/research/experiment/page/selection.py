@@ -15,7 +15,7 @@ from anchorpose.research.experiment.method import OWN, Family, Method
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults, Matched, Tracked
 
 Kept = Mapping[tuple[str, float], np.ndarray]
-"""The frames on which methods are compared, in ascending order, by recording and size of hole (m)."""
+"""For each recording and size of hole (m): the frames on which methods are compared, in ascending order."""
 
 
 def compared(methods: Iterable[Method]) -> list[Method]:
@@ -47,7 +47,7 @@ def without_hands(error_mm: np.ndarray) -> np.ndarray:
 
 
 class Tracking:
-    """All frames tracked in one form of the framework, by scene, method and size of hole.
+    """The results of tracking in one form of the framework, by scene, method and size of hole.
 
     Recordings are sorted by name. This project's tracker has no forms, so its frames are in every form.
     """
@@ -77,7 +77,7 @@ class Tracking:
         return self._runs.get((scene, method, hole_m), {})
 
     def shared(self, scene: Scene, methods: Iterable[Method]) -> Kept:
-        """Return the frames on which all these methods ran. Methods that tracked nothing in the scene do not count."""
+        """Return the frames on which all these methods ran; methods that tracked no frame of the scene are ignored."""
         keys = [method.key for method in self.ran(scene, methods)]
         kept: dict[tuple[str, float], np.ndarray] = {}
         for hole in self.holes(scene):
@@ -90,9 +90,9 @@ class Tracking:
     def errors(
         self, scene: Scene, method: str, hole_m: float, kept: Kept | None = None, occluded: bool = False
     ) -> dict[str, np.ndarray]:
-        """Return a method's joint errors (f, 21) in millimetres by recording. kept: only these frames; None = all.
+        """Return a method's joint errors (f, 21) in millimetres by recording.
 
-        occluded: only frames with a hole.
+        kept: only the errors in these frames; None = in all frames. occluded: only those in frames with a hole.
         """
         found = {}
         for recording, run in self.runs(scene, method, hole_m).items():
@@ -129,7 +129,7 @@ class Tracking:
 
 
 def left_out(results: ExperimentResults) -> tuple[int, int]:
-    """Return how many segments of the simulated recordings have no pose to start from, and how many segments exist."""
+    """Return how many planned segments of the simulated recordings no method ran on, and how many were planned."""
     config, ran = results.config, dict[tuple[Scene, str], int]()
     for run in results.tracked:
         if run.scene is not Scene.REAL:
@@ -198,7 +198,7 @@ def tree_mm(match: Matched) -> np.ndarray:
 
 
 def every_mm(match: Matched) -> np.ndarray:
-    """Return the straight distances (mm) from the truth to the track tree's matches if it rejects none."""
+    """Return the straight distances (mm) from the truth to the matches of a track tree that rejects no match."""
     return match.every_mm
 
 
@@ -211,22 +211,22 @@ MOVED_MM: Final = 30.0  # mm, movement between the two frames above which a node
 
 
 def penalised_mm(match: Matched) -> np.ndarray:
-    """Return the distances of ``tree_mm``, with ``MISSED_MM`` for a node without a match, so that a method gains
-    nothing by matching fewer nodes.
+    """Return the distances of ``tree_mm``, but ``MISSED_MM`` for a node without a match, so that a method does not look
+    better because it matches fewer nodes.
     """
     return np.where(np.isfinite(match.tree_mm), match.tree_mm, MISSED_MM)
 
 
 def error_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
-    """Return the function that takes the error of a method's direct matches, as the paper does.
+    """Return the function that returns the errors of a method's direct matches, as they are compared in the paper.
 
-    For a method without direct matches, it takes the error of the matches that the track tree chose.
+    For a method without direct matches, it returns the errors of the matches that the track tree chose.
     """
     return direct_mm if matching.has_direct(method) else tree_mm
 
 
 def mirrored_of(match: Matched) -> np.ndarray:
-    """Return, for each node, 1 if its match is on the opposite limb, 0 if it is not, NaN without a match."""
+    """Return for each node: 1 if its match is on the same part of the opposite limb, 0 if not, NaN without a match."""
     matched = np.isfinite(match.direct_mm) | np.isfinite(match.tree_mm)
     return np.where(matched, match.mirrored.astype(np.float64), np.nan)
 

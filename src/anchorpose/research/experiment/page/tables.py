@@ -1,4 +1,4 @@
-"""Define tables of values, and compute the values: means, medians and ratios with confidence intervals.
+"""Define tables, and compute their values: means, medians and ratios of errors, with confidence intervals.
 
 A row of a table is one value: that of one method in one column. In CSV files it is a line; on the page, all rows of a
 method are one line. Confidence intervals are by the bootstrap over recordings, not over frames.
@@ -18,9 +18,9 @@ from scipy.stats import t as student
 from anchorpose.recording.document import cell_text
 from anchorpose.research.experiment.method import Method
 
-NORMAL_TAIL = 1.959964  # standard deviations, half the width of the normal distribution's 95 % interval
+NORMAL_TAIL = 1.959964  # in standard deviations: half of the width of the normal distribution's 95 % interval
 BOOTSTRAP_KEY = 13  # seed of the bootstrap's random draws
-MEDIAN_STEPS = 1024  # number of quantiles, 0.1 % of the values apart, to which a median's interval is rounded
+MEDIAN_STEPS = 1024  # number of quantiles, 0.1 % of the values apart, to which ends of a median's interval are rounded
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def _with_interval(value: float, drawn: np.ndarray, count: int) -> Estimate:
-    """Return a value with the percentiles of its bootstrap draws as interval, widened for ``count`` recordings.
+    """Return a value with its interval: percentiles of its bootstrap draws, moved apart for ``count`` recordings.
 
     The bootstrap's interval of n values is too narrow by sqrt((n - 1) / n), and has the tails of the normal
     distribution instead of Student's (Hesterberg 2015, doi:10.1080/00031305.2015.1089789). With four recordings, a 95 %
@@ -178,7 +178,7 @@ class Table:
     title: str
     across: str  # name of the quantity by which columns differ
     note: str  # sentences that a reader of the table must know
-    rows: tuple[Row, ...]  # by method, with columns in the same order; a method may lack some columns
+    rows: tuple[Row, ...]  # sorted by method; each method has its columns in the same order, but may lack some
 
     @property
     def columns(self) -> list[Column]:

@@ -18,9 +18,9 @@ from anchorpose.research.experiment.page.tracking_tables import errors_of_all_si
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_most, between
 from anchorpose.research.experiment.results import ExperimentResults
 
-CONSTANT: Final = 1.1  # up to this ratio of the errors with and without a hole, the error counts as "almost constant"
-SIMILAR: Final = 2.0  # up to this ratio of the worst joint's error to the best joint's, errors count as "similar"
-ADEQUATE_MM: Final = 100.0  # mm, about the width of a forearm; a joint with a smaller error is on the correct limb
+CONSTANT: Final = 1.1  # largest ratio of the error with a hole to the error without one that is "almost constant"
+SIMILAR: Final = 2.0  # largest ratio of the worst joint's error to the best joint's error that is "similar"
+ADEQUATE_MM: Final = 100.0  # mm, largest "adequate" joint error: a forearm's width, so the joint is on the correct limb
 
 
 FILTERS: Final = {PROPOSED: ("anchors-filter",), LITERAL: ("paper-kalman", "paper-particles")}
@@ -114,7 +114,10 @@ class TrackingClaims:
         return checks
 
     def proposed_below(self, name: str, families: Sequence[Family]) -> Claim:
-        """Judge the claim of Fig. result1 and Section V-B that the proposed feature is the most accurate."""
+        """Judge the claim of Fig. result1 and Section V-B that the proposed feature is more accurate than ``families``.
+
+        name: name of these families in texts.
+        """
         others = self._of(*families)
         return Claim(
             f"proposed-below-{name}",
@@ -135,7 +138,7 @@ class TrackingClaims:
         )
 
     def filter_instead(self) -> Claim:
-        """Judge whether a filter can replace the tree (Section III: "an EKF, UKF, or particle tracking filter")."""
+        """Judge whether a filter can replace the track tree (Section III: "EKF, UKF, or particle tracking filter")."""
         others = [method for method in self._methods if method.key in FILTERS[self._proposed]]
         return Claim(
             "tree-below-filter",
@@ -146,7 +149,7 @@ class TrackingClaims:
         )
 
     def next_below_all(self) -> Claim:
-        """Judge the claim about the paper's future work that anchors with a local descriptor are the most accurate."""
+        """Judge the claim about future work (Section VI) that anchors with a local descriptor are the most accurate."""
         checks = []
         for form in self._results.config.forms:
             tracking = Tracking(self._results, form)
@@ -162,7 +165,7 @@ class TrackingClaims:
         )
 
     def next_constant(self) -> Claim:
-        """Judge the claim of "greater invariance": the future method has almost the same error at all sizes of hole."""
+        """Judge the claim of "greater invariance": "next generation" has almost the same error at all sizes of hole."""
         return Claim(
             "next-constant",
             "Section VI (future work)",
@@ -183,7 +186,7 @@ class TrackingClaims:
         )
 
     def tree_helps(self) -> Claim:
-        """Judge the claim of Section IV that the tree of hypotheses improves tracking under occlusion."""
+        """Judge the claim of Section IV that the track tree improves tracking in frames with a hole."""
         others = [method for method in self._methods if method.key == "anchors-no-tree"]
         return Claim(
             "tree-helps",
@@ -224,7 +227,7 @@ class TrackingClaims:
         return tuple(Check(*self._spread(method), Unit.RATIO, Answer.OPEN).text() for method in methods)
 
     def proposed_adequate(self) -> Claim:
-        """Judge the claim of Fig. mhtjoints that joints are found well enough despite wrong matches."""
+        """Judge the claim of Fig. mhtjoints that joints are accurate enough although some matches are wrong."""
         checks = []
         for hole in self._holes:
             value = mean_over(list(self._tracking.errors(Scene.PAPER, self._proposed, hole).values()), self._resamples)
@@ -261,7 +264,7 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return all methods of these families, without those with a filter, which only show the filter's effect."""
+        """Return all methods of these families that use no filter; methods with one only show the filter's effect."""
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

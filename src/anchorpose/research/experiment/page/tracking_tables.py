@@ -155,7 +155,7 @@ def by_size_rows(
     unit: Unit = Unit.MM,
     scene: Scene = Scene.PAPER,
 ) -> tuple[Row, ...]:
-    """Return a row (value) for every method and size of hole of a scene. occluded: only frames with a hole."""
+    """Return a row (value) for every method and size of hole of a scene. occluded: use only frames with a hole."""
     return tuple(
         Row(
             method,
@@ -178,7 +178,7 @@ def _by_joint(tracking: Tracking, methods: Sequence[Method], kept: Kept, summari
 
 
 def errors_of_all_sizes(tracking: Tracking, method: str, kept: Kept | None = None) -> dict[str, np.ndarray]:
-    """Return the errors (f, 21) in millimetres by recording of the paper's scene, over all sizes of hole.
+    """Return the errors (f, 21) in millimetres by recording of the paper's scene, one size of hole after the other.
 
     Every size has the same number of frames.
     """

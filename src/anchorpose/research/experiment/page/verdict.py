@@ -1,4 +1,4 @@
-"""Judge claims by comparisons of errors. A comparison is answered by yes, no or open; the answers give the verdict."""
+"""Judge claims by comparing values. Each comparison has the answer yes, no or open; the answers give the verdict."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from anchorpose.research.experiment.page.tables import Estimate, Unit, format_es
 
 
 class Answer(StrEnum):
-    """The answer of a comparison. It is open if the value's interval contains the threshold, or is unknown."""
+    """The answer of a comparison: open if the interval of the compared value contains the threshold or is unknown."""
 
     YES = "yes"
     NO = "no"
@@ -53,7 +53,7 @@ class Claim:
     key: str  # key of the claim in claims.json
     place: str  # place in the paper, or a note that the claim is this project's
     text: str  # the claim in our words
-    rule: str  # condition under which a comparison is answered by yes
+    rule: str  # condition under which the answer of a comparison is yes
     checks: tuple[Check, ...]  # every comparison
     context: tuple[str, ...] = ()  # related values for the reader, which do not affect the verdict
 

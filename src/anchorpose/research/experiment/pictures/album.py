@@ -129,7 +129,7 @@ def _proposed(
                 yield from hypothesis_pictures(sources.view, moment, method, setting)
 
 
-ROUNDS: Final = 5  # number of times that each step is timed; the median is reported
+ROUNDS: Final = 5  # number of runs in which each step is timed; the median of their times is reported
 
 
 def measure_times(frame: int, given: GivenFrames, run: Run) -> PaperTimes | None:
@@ -185,10 +185,10 @@ Shown = tuple[PaperTimes | None, tuple[str, ...]]
 def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
     """Write the folder ``out / pictures``; return the times, and a sentence for each recording that failed.
 
-    The folder is empty if nothing can be drawn. Pictures are made from the last training recording, which has the
-    fastest movements; if this fails, from the recording before it. Times are measured on a larger image
-    (``_paper_size_times``). If settings are not tuned, the run is only a check, and no times are measured. Pictures
-    that an earlier run made from the same inputs are kept.
+    The folder has no pictures if nothing can be drawn. Pictures are made from the last training recording, which has
+    fast movements; if this fails, from the recording before it. Times are measured on a larger image
+    (``_paper_size_times``), but not if settings are not tuned, since such a run only shows that the program runs.
+    Pictures that an earlier run made from the same inputs are kept.
     """
     plan = spec.plan()
     known = shown_before(out, plan, trainers)
@@ -248,7 +248,7 @@ PAPER_SIZE: Final = "azure-kinect"  # camera in whose image a person has as many
 
 
 def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
-    """Return the times on a depth image in which a person has as many pixels as the paper's mesh has nodes.
+    """Return the times of the paper's steps on an image in which a person has as many pixels as the paper's mesh nodes.
 
     The image is from a simulated camera with a finer resolution (``PAPER_SIZE``). None if the image cannot be made.
     """
@@ -264,7 +264,7 @@ def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
 
 
 def _moving_frame(prepared: PreparedClip, cut: np.ndarray) -> int | None:
-    """Return the frame with the fastest motion among the frames with a hole whose previous frame has no hole.
+    """Return the frame in which the patient moves fastest, of the frames with a hole whose previous frame has none.
 
     cut (t,) bool: frames with a hole. Return None if there is no such frame.
     """

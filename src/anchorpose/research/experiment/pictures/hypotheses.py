@@ -30,7 +30,7 @@ COLOURS: Final = (
     "#117733",
     "#aa4499",
 )
-"""Colours of subsets of anchors: ten of three anchors, and two of fewer, for surface cut off from the other anchors.
+"""Colours of subsets of anchors: ten for subsets of three, two for smaller ones (on surface that a hole cuts off).
 
 The first eight are Okabe and Ito's colours, the last four are of Paul Tol's muted colours.
 """
@@ -125,7 +125,7 @@ def draw_possible(axes: Axes, view: View, moment: Moment, found: Matches) -> Non
 
 
 def draw_rows(found: Matches, seen: np.ndarray) -> np.ndarray:
-    """Return up to ``NODES`` rows (k,) of ``found.tree``, random nodes with a hypothesis and a seen true place.
+    """Return the rows (k,) of ``found.tree`` of up to ``NODES`` random nodes with a hypothesis and a seen true place.
 
     seen (n,) bool: nodes of the first frame whose true place is seen in the second.
     """

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 SECTION: Final = "matches"
-ALONE = "match"  # section of pictures of one method each; the page has only the picture of all methods
+ALONE = "match"  # section of pictures that show one method each; the page shows only the picture of all methods
 DRAWN_SHARE: Final = 0.01  # share of the matches that are drawn, as in the paper; more lines would hide each other
 RIGHT_M: Final = 0.05  # m, maximum error of a right match: the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17

@@ -31,12 +31,12 @@ SHOWN_M: Final = 0.10  # m, distortion at the upper end of the colour scale
 ANCHOR: Final = VERMILLION  # colour of the anchor, which is red in the paper
 # colours of a hole's border: its bright part, its shadowed part (both as in the paper), and the rest
 BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"
-LEAST_BLUE: Final = 0.25  # 0 to 1, where the scale starts in the colour map, so that a small distortion is visible
+LEAST_BLUE: Final = 0.25  # place in the colour map (0 to 1) where the scale starts: small distortions must be visible
 CUT_OFF: Final = (0.80, 0.47, 0.65)  # colour of nodes that the hole disconnects from the anchor
 
 
 def draw_light(axes: Axes, view: View, light: Light, node: int, title: str) -> None:
-    """Draw distortion as colour, the hole's border in the colour of its region, and the anchor ``node`` as a star."""
+    """Draw distortion as colour, the hole's border with its bright and shadowed parts, and the anchor as a star."""
     occlusion = light.occlusion
     _draw_distortion(axes, view, occlusion, light.distortion_m)
     for edges, colour, width in (
@@ -111,7 +111,7 @@ def explain(figure: Figure, *axes: Axes) -> None:
 
 
 SECTION: Final = "regions"
-TOLERANCE_M: Final = 0.004  # m, largest distortion that counts as none: fast marching differs by as much between meshes
+TOLERANCE_M: Final = 0.004  # m, largest distortion that counts as none: fast marching's error between two meshes
 TITLES: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left foot", "right foot"), strict=True))
 COLUMNS: Final = 3
 COLOURS: Final = (
@@ -142,7 +142,7 @@ class HoledFrame:
         return hidden
 
     def within(self, radius_m: float) -> np.ndarray:
-        """Return (n,) bool: nodes that a hole with another radius would remove."""
+        """Return (n,) bool: nodes that a hole with this radius and the same centre would remove."""
         return np.asarray(np.linalg.norm(self.surface.points_m - self.centre_m, axis=1) < radius_m)
 
     def node(self, anchor: str) -> int:
@@ -151,7 +151,7 @@ class HoledFrame:
 
 
 def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
-    """Return, by anchor, how hiding some nodes (n,) bool distorts distances from this anchor.
+    """Return, by anchor, how distances from this anchor change if the nodes ``hidden`` (n,) bool are removed.
 
     Anchors that were not found or are hidden are left out. The result is empty if no node or every node is hidden.
     """
@@ -163,7 +163,7 @@ def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
 
 
 def region_pictures(view: View, holed: HoledFrame) -> list[Picture]:
-    """Return three pictures of distorted distances: to the most affected anchor, to all anchors, by size of hole."""
+    """Return three pictures of distorted distances: from the most affected anchor, from all anchors, by hole size."""
     lights = lights_of(holed, holed.hidden)
     if not lights:
         return []

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 SECTION: Final = "tracked"
 MOMENTS: Final = 4
-# number of frames from one drawn frame to the next; at ten frames per second, the body has moved visibly
+# number of frames from one drawn frame to the next; at ten per second, the body moves visibly in these 0.3 s
 APART: Final = 3
 KINDS: Final = (("tracked", GREEN, "^", 5.0), ("predicted", VERMILLION, "x", 5.0), ("truth", BLUE, "o", 7.0))
 """Kinds of joints, with colour, marker and size of their marks. Marks of the truth are hollow, and drawn on top."""
@@ -46,14 +46,14 @@ class TrackedFrame:
     joints_m: dict[str, np.ndarray]  # (21, 3), world, by kind: truth, predicted, tracked
 
     def error_m(self, kind: str) -> float:
-        """Return the mean distance in metres of a kind of joints from the true joints."""
+        """Return the mean distance in metres of the joints of this kind from the true joints."""
         return float(np.linalg.norm(self.joints_m[kind] - self.joints_m["truth"], axis=1).mean())
 
 
 def follow(
     start: int, given: GivenFrames, run: Run, method: Method, setting: object, truth_m: np.ndarray
 ) -> list[TrackedFrame]:
-    """Return a method's joints in ``MOMENTS`` frames: the frame after the start, and every ``APART``-th from there.
+    """Return a method's joints in up to ``MOMENTS`` frames: frame start + 1, and every ``APART``-th frame after it.
 
     truth_m (t, 21, 3): true joints, world.
     """
