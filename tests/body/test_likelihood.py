@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_builder import FRONT, adult_body, asset, hide_bones, seen_body, standing, stepped
+from body_builder import FRONT, Change, adult_body, asset, hide_bones, seen_body, standing, stepped
+from scipy.ndimage import distance_transform_edt
 
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.likelihood import LEAST_SEEN, likelihood, render_skin, skin_faces
@@ -35,6 +36,34 @@ def labelled(evidence: Evidence, old: PixelLabel, new: PixelLabel) -> Evidence:
 def test_the_farther_a_body_has_strayed_the_less_likely_are_the_images(axis):
     logs = [likelihood(BODY, stepped(TRUTH, *(off * np.eye(3)[axis])), SEEN).total for off in (0.0, 0.03, 0.06, 0.12)]
     assert (np.diff(logs) < 0.0).all(), logs
+
+
+def loose_clothes(wider_m: float) -> Change:
+    """A change for ``seen_body``: the patient's outline is wider by this much on every side."""
+
+    def change(view: View, _: TrueImage) -> View:
+        own = view.labels == PixelLabel.PATIENT
+        away, nearest = distance_transform_edt(~own, return_indices=True)
+        pixel_m = float(np.median(view.depth_m[own])) / FRONT.intrinsics.fx
+        clothes = ~own & (away * pixel_m <= wider_m)
+        labels = np.where(clothes, np.uint8(PixelLabel.PATIENT), view.labels)
+        return View(np.where(clothes, view.depth_m[tuple(nearest)], view.depth_m), labels)
+
+    return change
+
+
+@pytest.mark.parametrize("wider_m", [0.0, 0.01, 0.02])
+def test_loose_clothes_do_not_make_a_taller_person_likelier(wider_m):
+    """Otherwise, a body that fills the clothes counts as better than the right body, by its area."""
+    clothed = seen_body(standing(), adult_body(1.65), change=loose_clothes(wider_m))
+    shifts_m = np.linspace(-0.04, 0.08, 7)
+
+    def best(height_m: float) -> float:
+        body = adult_body(height_m)
+        return max(likelihood(body, stepped(standing(), 0.0, up_m, 0.0), clothed).total for up_m in shifts_m)
+
+    right, *others = (best(height_m) for height_m in (1.65, 1.60, 1.70, 1.75, 1.80))
+    assert right > max(others) + 20.0, (right, others)
 
 
 def test_a_wrong_limb_costs_by_itself():

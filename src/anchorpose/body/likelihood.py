@@ -2,7 +2,9 @@
 
 The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or
 something behind it. The score is the log likelihood ratio of the readings with and without the body. Skin that explains
-a reading raises the score, skin that a camera sees past lowers it, and hidden skin does not change it.
+a reading raises the score, skin that a camera sees past lowers it, and hidden skin does not change it. A person's pixel
+beside the rendered skin shows clothes. It raises the score as well; otherwise a taller body, which fills the outline of
+loose clothes, would be more probable than the correct body.
 """
 
 from __future__ import annotations
@@ -195,23 +197,48 @@ def _scored(
     past = np.log(PAST)
     for r in range(skin_m.shape[0]):
         for k in range(skin_m.shape[1]):
+            label, z = labels[r * step, k * step], np.float64(depth_m[r * step, k * step])
             if point[r, k] < 0:
+                row, column = _beside(skin_m, r, k, z)
+                if label == own and np.isfinite(skin_m[row, column]):
+                    limb = segment[point[row, column]]
+                    sums[0, limb] += _gain(z - skin_m[row, column], CLUTTER / RANGE_M)
                 continue
             limb = segment[point[r, k]]
-            label, z = labels[r * step, k * step], np.float64(depth_m[r * step, k * step])
             beyond = z - skin_m[r, k]
             if label == PixelLabel.NO_READING:
                 sums[3, limb] += 1.0
             elif label == own:
-                off = beyond / SKIN_SIGMA_M
-                skin = 1.0 / (np.pi * SKIN_SIGMA_M * (1.0 + off * off))
-                other = (CLUTTER if beyond < 0.0 else PAST) / RANGE_M
-                gain = np.log(((1.0 - CLUTTER) * skin + other) * RANGE_M / CLUTTER)
-                sums[0, limb] += gain
-                sums[1 if abs(off) < 3.0 else (3 if beyond < 0.0 else 2), limb] += 1.0
+                sums[0, limb] += _gain(beyond, (CLUTTER if beyond < 0.0 else PAST) / RANGE_M)
+                near = abs(beyond) < 3.0 * SKIN_SIGMA_M
+                sums[1 if near else (3 if beyond < 0.0 else 2), limb] += 1.0
             elif (label == PixelLabel.BACKGROUND and z <= 0.0) or beyond > 3.0 * SKIN_SIGMA_M:
                 sums[0, limb] += past
                 sums[2, limb] += 1.0
             else:
                 sums[3, limb] += 1.0
     return sums
+
+
+@njit(cache=True, nogil=True)
+def _gain(beyond_m: float, other: float) -> float:
+    """Return the log likelihood ratio, in nats, of a reading of the person ``beyond_m`` metres behind the skin.
+
+    other: probability density (1/m) of a reading here that is not of the skin.
+    """
+    off = beyond_m / SKIN_SIGMA_M
+    skin = 1.0 / (np.pi * SKIN_SIGMA_M * (1.0 + off * off))
+    return float(np.log(((1.0 - CLUTTER) * skin + other) * RANGE_M / CLUTTER))
+
+
+@njit(cache=True, nogil=True)
+def _beside(skin_m: np.ndarray, r: int, k: int, z: float) -> tuple[int, int]:
+    """Return the row and column of that neighbour of a pixel whose skin is nearest in depth to the reading ``z``. If no
+    neighbour shows skin, return the pixel itself.
+    """
+    row, column = r, k
+    for i, j in ((r - 1, k), (r + 1, k), (r, k - 1), (r, k + 1)):
+        inside = 0 <= i < skin_m.shape[0] and 0 <= j < skin_m.shape[1]
+        if inside and abs(z - skin_m[i, j]) < abs(z - skin_m[row, column]):
+            row, column = i, j
+    return row, column
