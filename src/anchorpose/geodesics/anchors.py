@@ -130,10 +130,10 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
     off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance from the anchor's prediction, divided by the
     gate; NaN without prediction. excluded (k, 5) bool: extrema that cannot be the anchor. An anchor costs the root of
-    its value in ``off2`` (for hands and feet, that of the distance from the head is added), plus at most ``PREDICTION``
-    for the distance from the prediction; a missed anchor costs ``MISSED``. An extremum beyond the gate gets a name only
-    if it is clear: at most ``CLEAR`` from the usual place of this anchor, and not nearer to that of another. All this
-    is computed with each extremum as the head, and without a head; the result with the least cost is returned.
+    its value in ``off2`` (for hands and feet, plus that of ``_off_head2``), plus at most ``PREDICTION`` for the
+    distance from the prediction; a missed anchor costs ``MISSED``. An extremum beyond the gate gets a name only if it
+    is clear: at most ``CLEAR`` from the usual place of this anchor, and not nearer to that of another. All this is
+    computed with each extremum as the head, and without a head; the result with the least cost is returned.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -202,7 +202,8 @@ class AnchorConfig:
 
     radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
     cap: Positive = 0.06 / 1.75  # depth of the extremal cap below its tip (6 cm, about a fist)
-    # distance from the predicted place within which an extremum can be the anchor in any pose; half of forearm and hand
+    # distance from the predicted place within which an extremum is accepted in any pose; half the length of forearm and
+    # hand
     gate: Positive = 0.25 / 1.75
 
 
@@ -210,7 +211,7 @@ class AnchorConfig:
 # not be taken for the head, is 20 cm away
 HEAD_GATE: Final = 0.18 / 1.75
 # divided by the body height; an extremum within this distance of its prediction is the limb's end even if it lies at a
-# cut or hidden skin continues there
+# cut, or if hidden skin continues there
 END_GATE: Final = 0.09 / 1.75
 
 
@@ -294,7 +295,7 @@ def no_anchors() -> Anchors:
 
 
 def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap]) -> np.ndarray:
-    """Return (k, 5) bool: whether each cap cannot be each anchor.
+    """Return (k, 5) bool: True where a cap cannot be an anchor.
 
     If the cap's piece contains hidden skin, this skin shows whether a limb continues beyond its cap, better than an
     edge in the depth frame does. In such a piece every cap may be the head, since hidden skin continues beyond every

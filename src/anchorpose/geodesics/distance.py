@@ -1,15 +1,16 @@
 """Compute geodesic distances on a surface by fast marching with unfolding (paper, gd of Section III).
 
 The mean error is 3 to 9 mm. A front leaves the source and reaches the nodes in the order of distance. A node gets its
-distance from a triangle with two reached neighbours. The triangle is laid into a plane, with the source at the
-neighbours' distances from them; this is exact where the surface is flat. Across a link, the link's length is added.
+distance from a triangle with two reached neighbours. The triangle is laid into a plane, in which the source lies at the
+known distances from both neighbours; this is exact where the surface is flat. Across a link, the link's length is
+added.
 
 The usual algorithm takes one node after the other from a heap, which allows no parallel computation. Here the front
-advances in rounds. All waiting nodes below a round's distance threshold are active: each computes candidate distances
-(``fans``) of its ring (its eight neighbours), in parallel in the processor's vector registers. A node whose distance is
-reduced waits for a later round, even if it was active before. The active nodes form a band along the front; it is
-narrower than an edge, so fewer than 2 nodes in 100 are active twice. Within a round no node uses another node's new
-distance, so the result does not depend on the order of the nodes. Source of the rounds: Kim 2001
+advances in rounds. Nodes with a new distance wait. All waiting nodes below a round's distance threshold are active:
+each computes candidate distances (``fans``) of its ring (its eight neighbours), in parallel in the processor's vector
+registers. A node whose distance is reduced waits again, even if it was active before. The active nodes form a band
+along the front; it is narrower than an edge, so fewer than 2 nodes in 100 are active twice. Within a round no node uses
+another node's new distance, so the result does not depend on the order of the nodes. Source of the rounds: Kim 2001
 (doi:10.1137/S1064827500367130).
 """
 
@@ -231,7 +232,7 @@ def band_of(mesh: MeshArrays) -> float:
 
 
 def mean_edge_m(mesh: MeshArrays) -> float:
-    """Return the mean distance (m) of neighbours on the grid, from a sample; without any 1 / ``BAND``: a 1 m band."""
+    """Return the mean distance (m) of grid neighbours, from a sample; without neighbours 1 / ``BAND`` (a 1 m band)."""
     points, some = mesh.points_m, np.arange(0, len(mesh.points_m), max(1, len(mesh.points_m) // SAMPLED_EDGES))
     other = mesh.ring[some][:, [0, 2]]
     length = np.linalg.norm(points[other] - points[some][:, None], axis=2)[other >= 0]

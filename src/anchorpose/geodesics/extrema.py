@@ -110,7 +110,7 @@ class Cap:
     tip: int  # the extremum
     nodes: np.ndarray  # (m,) int, seen nodes
     center_m: np.ndarray  # (3,) mean of the nodes, weighted towards the outermost nodes
-    reach_m: float  # distance of the extremum from the centre of the surface
+    reach_m: float  # geodesic distance of the extremum from the centre of the surface
     sigma_m: float  # standard deviation of ``center_m`` per axis
     stump: bool  # whether the surface ends because an object is in front
     continues: bool  # whether hidden skin extends much farther than the extremum

@@ -3,10 +3,10 @@ distances that the node can pass on to these neighbours.
 
 The ring is numbered counter-clockwise: places 0 to 7 are E NE N NW W SW S SE. Its eight edges and sixteen triangles are
 computed in parallel, one neighbour per lane of the processor's vector registers, in the order E N W S NE NW SW SE. The
-four sides (E N W S) come first, because every triangle consists of the node, the neighbour that gets a distance, and a
-side. If NE gets the distance, the side is E or N; if E gets it, the side is N or S. So each lane has one triangle to
-its left (counter-clockwise) and one to its right. Sources: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431), with
-the point source of Novotni and Klein 2002.
+four sides (the neighbours E N W S) come first, because every triangle consists of the node, the neighbour that gets a
+distance, and a side. If NE gets the distance, the side is E or N; if E gets it, the side is N or S. So each lane has
+one triangle to its left (counter-clockwise) and one to its right. Sources: Kimmel and Sethian 1998
+(doi:10.1073/pnas.95.15.8431), with the point source of Novotni and Klein 2002.
 """
 
 from __future__ import annotations

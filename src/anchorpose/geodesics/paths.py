@@ -100,7 +100,7 @@ def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
     """Return whether the edge to a neighbour belongs to no triangle."""
     for k in range(8):
         if ring[node, k] == other:
-            for way in (1, 2, 6, 7):  # a neighbour of both is one or two places away in the ring
+            for way in (1, 2, 6, 7):  # a neighbour of both nodes is one or two places from ``other`` in the ring
                 third = np.int64(ring[node, (k + way) % 8])
                 if third >= 0 and adjoin(ring, third, other):
                     return False

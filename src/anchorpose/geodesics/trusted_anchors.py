@@ -113,7 +113,8 @@ def _behind(
 ) -> None:
     """Enter in ``bend`` a node's place in the plane of its path, and in ``chain`` the last corner where the path bends.
 
-    at_x, at_y: a place on the path in its plane; first: the corner at which the path bends first.
+    at_x, at_y: a place on the path in its plane; last, first: the corners at which the path may bend last, and bends
+    first.
     """
     while last >= 0:
         x, y = at_x - bend[last, PLACE], at_y - bend[last, PLACE + 1]
@@ -164,8 +165,8 @@ def _third_corner(
 
 @njit(cache=True, error_model="numpy")
 def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: int) -> float:
-    """Return the angle between the path's pieces before and after a rim node, seen along the normal; 0 unless the path
-    bends towards the hole.
+    """Return the angle between the path's pieces before and after a rim node, seen along the node's normal; 0 unless
+    the path bends towards the hole.
     """
     cosine, sine, side, up_in, up_out = 0.0, 0.0, 0.0, 0.0, 0.0
     for axis in range(3):
@@ -216,9 +217,9 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
     filled flat.
 
     The arguments are those of ``trusted_anchors``. The detour is NaN if the distance is not finite. Detours only grow
-    along a path, so nodes behind a detour of more than ``enough_m`` get a lower bound, which saves half of the
-    computing time. The detour is inf if the path passes a strip without triangles beside the occlusion, where bends are
-    unknown. The direction of each path at a rim is computed from the field, so distances of any solver can be used.
+    along a path, so nodes behind a detour of more than ``enough_m`` get a lower bound, which halves the computing time
+    of this function. The detour is inf if the path passes a strip without triangles beside the occlusion, where bends
+    are unknown. The direction of each path at a rim is computed from the field, so distances of any solver can be used.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:
         raise ValueError(

@@ -1,11 +1,11 @@
 """Provide other solvers of geodesic distance, with which fast marching is compared.
 
-| solver | what it is | distances above the maximum | paths follow links and other edges without triangles |
+| solver | what it is | distances above ``max_distance_m`` | paths follow links and other edges without triangles |
 |---|---|---|---|
-| ``FAST_MARCHING`` | used by tracking: error 3 mm from the centre, 9 mm from a limb's end | are not computed | yes |
-| ``DIJKSTRA`` | along edges, as in the paper: 5 to 14 % too long | are not computed | yes |
-| ``HEAT`` | from the gradient of diffused heat | are removed afterwards | no |
-| ``EXACT`` | exact on the triangles: the reference | are removed afterwards | no |
+| ``FAST_MARCHING`` | used by tracking; mean error from the centre 3 mm, from a limb's end 9 mm | not computed | yes |
+| ``DIJKSTRA`` | along edges, as in the paper: 5 to 14 % too long | not computed | yes |
+| ``HEAT`` | from the gradient of diffused heat | removed afterwards | no |
+| ``EXACT`` | exact on the triangles: the reference | removed afterwards | no |
 """
 
 from __future__ import annotations

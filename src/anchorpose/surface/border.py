@@ -20,14 +20,14 @@ from anchorpose.threads import each
 
 # pixels, maximum distance of a node from the depth edge that bounds it: two grid steps plus pixels lost at the edge
 REACH_PX = 5
-SEARCH_PX = 3  # pixels, distance up to which another surface is searched across an edge's lost or mixed pixels
+SEARCH_PX = 3  # pixels, distance up to which another surface is searched across an edge's lost or flying pixels
 SUPPORT = 3  # minimum number of edge pixels within 5x5 pixels; a single noisy reading beside the skin is not an edge
-# m, minimum distance of an object in front of the patient: the thinnest bar's, and above sensor noise
+# m, minimum distance by which an object is in front of the patient: that of the thinnest bar, more than sensor noise
 IN_FRONT_M = 0.04
 # m, maximum depth difference between the patient's skin and a hand that touches it: a hand's thickness
 TOUCHING_M = 0.10
 HOLE_RADIUS_PX = 3  # pixels, minimum radius of a hole in the readings; the lost rim around every silhouette is thinner
-MARGIN_PX = 24  # width, in pixels, of the examined strip around the patient: that of a hole of 0.15 m at 2.4 m
+MARGIN_PX = 24  # pixels, width of the examined strip around the patient: as wide as a hole of 0.15 m at 2.4 m
 HOLE_ENCLOSED = 0.4  # minimum share of a hole's rim that shows the patient; below 0.5, to include holes at a limb's end
 
 
@@ -98,8 +98,8 @@ def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.ndarray:
-    """Return the highest kind within a disc (odd, odd) around each pixel. Edge pixels are few, so each pixel's kind is
-    spread over its disc separately.
+    """Return the highest kind within a disc (odd, odd) around each pixel. Edge pixels are few, so each edge pixel's
+    kind is spread over its disc separately.
     """
     height, width = kind.shape
     reach = len(disc) // 2
@@ -160,7 +160,7 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _surrounded(depth: np.ndarray, labels: np.ndarray, row: int, col: int, nearest: float) -> bool:
-    """Return whether all pixels around a pixel show the patient and none is nearer than ``nearest``, as is usual."""
+    """Return whether all pixels around a pixel show the patient and none is nearer than ``nearest``."""
     surrounded = True
     for i in range(row - 1, row + 2):
         for j in range(col - 1, col + 2):
@@ -174,7 +174,7 @@ def _disc(radius: int) -> np.ndarray:
 
 def _holes(labels: np.ndarray) -> np.ndarray | None:
     """Return (height, width) uint8: holes; None without holes. A hole is a region of lost readings that is thick enough
-    to hide something and is mostly surrounded by the patient.
+    to hide something and has the patient along a share of ``HOLE_ENCLOSED`` or more of its rim.
 
     Recordings with a removed background have no readings around the patient. That region is not a hole, since it
     reaches the edge of the examined area.
@@ -198,8 +198,8 @@ def _holes(labels: np.ndarray) -> np.ndarray | None:
 
 @njit(cache=True, nogil=True)
 def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.ndarray, count: int) -> tuple:
-    """Return (count,) how many of the pixels rim (r,), flat indices, lie within a disc (5, 5) of each component of lost
-    readings, and how many of these show the patient.
+    """Return, for each component (count,) of lost readings, how many of the pixels ``rim`` (r,: flat indices) lie
+    within a disc (5, 5) of it, and how many of these show the patient.
     """
     height, width = component.shape
     length, enclosed = np.zeros(count, np.int64), np.zeros(count, np.int64)

@@ -28,8 +28,8 @@ LEAST_CREASE: Any = np.float32(0.10)
 # a hand on the trunk
 LEAST_STEP: Final = 0.6
 # m; an edge without fold or step also gives evidence of a contact if its ends show skin points more than SHOWN_APART_M
-# apart on the body, and each end is within SHOWN_NEAR_M of its skin point and within SHOWN_OFF_M of the tangent plane
-# there; along the skin, the prediction may be off by half a limb
+# apart on the body, and each end is within SHOWN_NEAR_M of its skin point (along the skin, the prediction may be off by
+# half a limb) and within SHOWN_OFF_M of the tangent plane there
 SHOWN_APART_M: Any = np.float32(0.25)
 SHOWN_NEAR_M: Any = np.float32(0.06)
 SHOWN_OFF_M: Any = np.float32(0.02)
@@ -37,7 +37,7 @@ SHOWN_OFF_M: Any = np.float32(0.02)
 
 @njit(cache=True, nogil=True)
 def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """Return (n,) int32: which of its two candidates (n, 2) int32, skin points, each node shows; -1 = no candidate.
+    """Return (n,) int32: the skin point that each node shows, out of its two candidates (n, 2) int32; -1 = none.
 
     The decision spreads along the mesh from nodes with one candidate to nodes with two, on shortest paths; paths over
     creases count as longer. A node with two takes the candidate that is nearer, along the body, to the skin that the

@@ -13,8 +13,8 @@ from numba import njit
 
 MAD_TO_SIGMA: Final = 1.4826  # factor from median absolute deviation to standard deviation of a normal distribution
 SECOND_DIFFERENCE_GAIN: Final = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1], divided by that of z
-MAX_STEP: Final = 0.02  # maximum depth step between grey values, as a share of the depth; larger steps are body edges
-# maximum share of equal readings among neighbours; with more, readings differ by steps of grey values, not by noise
+MAX_STEP: Final = 0.02  # largest step between grey values of a depth image, divided by depth; larger are body edges
+# maximum share of readings that equal a neighbour's; with more, readings differ by whole grey values, not by noise
 QUANTISED_SHARE: Final = 0.3
 # depth difference, in sigmas of the noise, from which a neighbour has no weight; twice the usual 3, since the centre
 # pixel is noisy, too
@@ -30,8 +30,8 @@ def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
     """Return the noise coefficient a: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
 
     depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the pixels to use. The coefficient comes
-    from the robust spread of second differences along rows, or from the step between grey values if this exceeds the
-    noise. It is 0 for a frame without noise or without three neighbouring readings in a row.
+    from the robust spread of second differences along rows, or, if this is larger, from half the step between the grey
+    values of the depth image. It is 0 for a frame without noise or without three neighbouring readings in a row.
     """
     bend, step, step_per_z2 = _differences(depth_m, mask)
     if len(bend) == 0:

@@ -1,8 +1,8 @@
 """Assign seen nodes to the patient's expected (predicted) skin, and add the expected skin that no camera sees.
 
 Parts near each other in space may be far apart on the body: a hand may lie on the trunk, one thigh against the other.
-If two such parts are both near a node, each gives the node a candidate, and the crease between them decides
-(``contacts.py``).
+If two such parts are both near a node, each gives the node a candidate skin point, and the crease between the parts
+decides (``contacts.py``).
 
 Expected skin is added where nothing was seen and nothing contradicts it, and is linked to the rim of the seen surface.
 It is inferred, not measured. With it, geodesics run as on the complete body, and it shows whether a limb continues
@@ -67,7 +67,7 @@ FAR_ON_BODY_M: Any = np.float32(0.12)  # m along the body; only candidates farth
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
 # cosine of 120 degrees, the maximum angle between the reversed optical axis and the normal of skin that may be seen
 LEAST_FACING: Any = np.float32(-0.5)
-# minimum width of a pixel on nodes, divided by its width on the nearest skin: rays slant, and nodes may be nearer
+# minimum width that a pixel covers at a node, divided by that at the skin nearest to the camera; nodes may be nearer
 NARROWEST: Any = np.float32(0.75)
 MOST_CANDIDATES: Final = 128  # maximum number of skin points kept for one node; about fifty are within reach
 
@@ -76,8 +76,8 @@ def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
     """Return (k,) bool: skin points that are near other skin in space but far from it along the body. A node near such
     a point may show either skin.
 
-    Near means within twice ``AMBIGUOUS_M``. If the error of the prediction exceeds ``AMBIGUOUS_M``, some points are
-    missed.
+    Near means within twice ``AMBIGUOUS_M``. If the error of the prediction exceeds ``AMBIGUOUS_M``, some such points
+    are not found.
     """
     skin = expected.arrays
     order = np.argsort(skin.points_m[:, 1])
@@ -232,7 +232,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
         while end < len(x) and y[end] - y[a] <= radius:
             end += 1
         count = 0
-        for b in range(a + 1, end):  # no ``if``: the processor would mispredict every tenth
+        for b in range(a + 1, end):  # no ``if``: the processor would mispredict one in ten
             squared = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
             near[count] = b
             count += int(squared < radius * radius)

@@ -18,7 +18,7 @@ from anchorpose.surface.surface import Surface, SurfaceConfig
 # maximum distance of a node on one side of a gap from the tangent plane of the node on the other side, as a share of
 # the gap's width; on one shin it is less, between two legs far more
 MAX_DEPARTURE: Final = 0.35
-SLACK_M: Final = 0.015  # m, added to this maximum distance, for soft tissue and noise beside a narrow bar
+SLACK_M: Final = 0.015  # m, added to the distance by ``MAX_DEPARTURE``, for soft tissue and noise beside a narrow bar
 MARGIN_PX: Final = 4  # pixels, width of the strip beside a bar in which readings are lost or removed
 
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
@@ -60,7 +60,7 @@ def _facing_pairs(
     margin: int,
     max_width: float,
 ) -> np.ndarray:
-    """Compute ``bridge_pairs`` across ``longest`` + 2 ``margin`` cells; up to 2 ``margin`` may be without a reading."""
+    """Compute ``bridge_pairs`` across at most ``longest`` + 2 ``margin`` cells; 2 ``margin`` may lack a reading."""
     rows, cols = index.shape
     pairs = np.empty((4 * len(points), 2), np.int32)
     count = 0
@@ -110,7 +110,8 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
     """Return one camera's surface, on the grid of every ``step``-th pixel, with its pieces linked where they are
     nearest to each other.
 
-    Pieces that show expected skin count as one piece and are not linked here, since hidden skin connects them better.
+    Pieces that show expected skin count as one piece and are not linked to each other: hidden skin connects them
+    better.
     """
     piece = pieces(surface)
     known = np.unique(piece[surface.skin >= 0])

@@ -24,7 +24,7 @@ def estimate_normals(
     determine a plane.
 
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
-    pixel (n, 2) int16: row and column, each with a reading, fastest in raster order. slope, spread: the jump limit per
+    pixel (n, 2) int16: row and column, each with a reading; raster order is fastest. slope, spread: the jump limit per
     pixel, from ``jump_coefficients``. Raises ValueError for a pixel without a reading. The fit is to the inverse depth,
     which is linear in the rays on a plane. So it is exact for planes at any slant, and all pixels have the same
     variance if noise grows as z**2.
@@ -138,7 +138,7 @@ def _add_taps(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> None:
-    """Solve for the plane a u + b v + c = 1 / z in the camera's rays; NaN if the pixels lie on a point or a line."""
+    """Solve for the plane a u + b v + c = 1 / z, where (u, v) is a ray; NaN if the pixels lie on a point or a line."""
     _, inverse, u, v = window
     for k in range(count):
         s, su, sv = np.float64(sums[S + k]), np.float64(sums[SU + k]), np.float64(sums[SV + k])

@@ -245,7 +245,7 @@ def patient_surface(
 
     views: one per camera, in the order of the cameras; a camera without a depth frame has a blank view. expected: the
     patient's predicted skin. Without it, the surface is bridged behind bars if both sides lie in one plane, and pieces
-    are joined where they are nearest, but touching parts are not cut and no hidden skin is added.
+    are joined where they are nearest to each other, but touching parts are not cut and no hidden skin is added.
     """
     config = config or SurfaceConfig()
     if expected is None or not config.by_body:

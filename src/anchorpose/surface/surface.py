@@ -142,7 +142,7 @@ class BodyMap:
     # (k, l) float32, geodesic distance of each point to l landmarks: the paper's descriptor (Definition 3) on the
     # complete body
     landmarks_m: np.ndarray
-    pairs: np.ndarray  # (e, 2) int32, neighbours and second neighbours
+    pairs: np.ndarray  # (e, 2) int32, skin points that are neighbours or second neighbours
     via: np.ndarray  # (e,) int32, the common neighbour on a pair's path; for direct neighbours the first of the two
     straight: np.ndarray  # (e,) float32, straight-line distance of the pair divided by the length of its path
 

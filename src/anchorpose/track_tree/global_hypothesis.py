@@ -1,5 +1,5 @@
 """Match surface nodes of one frame with those of the next by the best branches of a track tree over two to four frames,
-and make constraints on the pose from these pairs (paper, Section IV).
+and make constraints on the pose from the matches (paper, Section IV).
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ def joints_by_parts(
     """Return the joints (21, 3) in the second frame, by the rule J (``joints_of_parts``), after every part was
     registered by the paper's ICP.
 
-    Skin points are moved to their ``skin_places``. Parts without evidence keep their predicted motion.
+    Skin points are moved to their ``skin_places``. Parts with too few matches and nodes keep their predicted motion.
     """
     now, point, part = pose_points(body, pose), hypothesis.point, hypothesis.part
     T_predicted = part_motion(now.transforms, body.transforms(predicted))

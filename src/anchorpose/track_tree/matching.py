@@ -23,8 +23,8 @@ class Balls(NamedTuple):
     centres: np.ndarray  # (m, 3) float32
     radius: float
     low: np.ndarray  # (m, 3) int64, the first voxel along each axis that the ball touches
-    high: np.ndarray  # (m, 3) int64, the last voxel along each axis; first number -1 if the ball touches no voxel
-    order: np.ndarray  # (m,) int64, the source nodes, grouped by voxels
+    high: np.ndarray  # (m, 3) int64, the last voxel along each axis; -1 in column 0 if the ball touches no voxel
+    order: np.ndarray  # (m,) int64, the source nodes, those with equal ``low`` and ``high`` one after another
 
 
 class Scratch(NamedTuple):

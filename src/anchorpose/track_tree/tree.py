@@ -38,7 +38,7 @@ class Support(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackResult:
-    """The global hypothesis: the first link of the best branch of each source node."""
+    """The global hypothesis: the first match on the best branch of each source node."""
 
     match: np.ndarray  # (m,) int32, node of the next surface, -1 = missed
     # (m,) float32 m, the best branch's sum of distances to the prediction, smaller is better; NaN without a prediction
@@ -129,7 +129,7 @@ def _children(
     """List the different children of a node by increasing distance from ``target`` plus extra cost (insertion sort,
     stable); return the number of children.
 
-    If several subsets lead to the same child, the cheapest counts; if they cost the same, the lower subset.
+    If several subsets lead to the same child, the cheapest counts; if they cost the same, the first of these subsets.
     """
     count = 0
     for s in range(len(row)):

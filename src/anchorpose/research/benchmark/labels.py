@@ -14,7 +14,7 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # pixels from a label to the sides of a square, whose median depth is that of the labelled skin
+PATCH_PX: Final = 3  # pixels from a label to the sides of a square, whose median depth is used as the skin's
 # m, maximum distances of a tracked joint in front of and behind the skin at its label; a farther joint counts as lost
 IN_FRONT_M, BEHIND_M = 0.10, 0.35
 TRUNK: Final = ("SpineShoulder", "SpineBase")
@@ -29,7 +29,7 @@ class LabelledPerson:
 
     person: str
     plain: bool  # in plain view: head and more than half of the trunk are seen
-    box: tuple[float, float, float, float]  # pixels around the person: first column, first row, last column, last row
+    box: tuple[float, float, float, float]  # box around the person: first column, first row, last column, last row
     joints: dict[str, tuple[float, float]]  # (column, row) by name of the joint, only for seen joints
     unclear: frozenset[str] = frozenset()  # joints whose labels are uncertain
 
@@ -84,8 +84,8 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
 
 
 def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return, for each labelled joint, the distance between label and tracked joint, perpendicular to the line of
-    sight, in m.
+    """Return, for each labelled joint, the distance (m) from label to tracked joint without its part along the line of
+    sight.
 
     joints_m (21, 3): tracked joints, world. The distance is inf if the tracked joint is lost, or too far in front of or
     behind the labelled skin (``IN_FRONT_M``, ``BEHIND_M``). Joints without a reading at the label are left out.
@@ -116,7 +116,7 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return by joint how far apart (m) two labellers set their labels; joints of ``BY_PROPORTION`` are left out."""
+    """Return, for each joint, how far apart (m) two labellers set their labels; not for ``BY_PROPORTION``."""
     lens = camera.intrinsics
     return {
         name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)

@@ -49,7 +49,7 @@ class Fingerprint:
     depth: str  # hash of all decoded depth images
     truth: str  # hash of the true joints, rounded to 0.1 mm
     readings: int  # number of depth readings
-    mean_mm: float  # mean of the readings
+    mean_mm: float  # mean depth of the readings
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Benchmark:
 def make_benchmark(
     out: Path, groups: Sequence[Group], processes: int | None, progress: Callable[[int, int], None]
 ) -> Benchmark:
-    """Simulate groups of recordings into a folder, and take the fingerprints of all recordings in it.
+    """Simulate groups of recordings into a folder, and compute the fingerprints of all recordings in it.
 
     Recordings that an earlier run has finished are kept, so a call with a finished benchmark only checks it.
 
@@ -136,7 +136,7 @@ def make_group(group: Group, out: Path) -> None:
 
 
 def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -> None:
-    """Cut holes of each size into copies of the recording, in the same frames; write nodes and their true matches."""
+    """Write a copy of the recording per size of hole, with holes in the same frames; write nodes and true matches."""
     camera, frames = recording.cameras[0].name, range(len(recording.streams[0].files))
     seen = [patient_pixels(recording, labels / camera, frame) for frame in frames]
     centre_m = np.array([points.mean(axis=0) for _, points in seen])

@@ -1,4 +1,4 @@
-"""Score answers about joints in the user's real recordings against labels set by eye: the benchmark's second part."""
+"""Score answers about joints in the user's real recordings by labels set by eye: a second part of the benchmark."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Joints = dict[tuple[str, str, int], np.ndarray]
 def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskScore]:
     """Return the score by name of the recording, for each labelled recording in the folder ``recordings``.
 
-    The error of a joint is its distance from a label, measured perpendicular to the line of sight. The labels of both
+    The error of a joint is its distance from a label without the part along the line of sight. The labels of both
     labellers count. A joint that is not at the labelled person's depth counts as missing. Raises InputError if no
     recording has labels.
     """

@@ -42,7 +42,7 @@ class Asked(NamedTuple):
 class TaskScore:
     """The figures of one task over all recordings; None = no data for this figure.
 
-    ``within_50mm`` and ``within_100mm`` are shares of all questions; errors in millimetres are of the answered ones.
+    ``within_50mm`` and ``within_100mm`` are shares of all questions; errors in mm are of the answered questions.
     """
 
     recordings: int
@@ -182,9 +182,9 @@ def as_document(score: Score) -> dict[str, Any]:
 def leader_board_row(score: Score) -> str:
     """Return a row of the leader board, the table in docs/benchmark.md.
 
-    For each gap, a cell has the percentages of all nodes and of moved nodes that are matched within 50 mm. For each
-    size of hole and for clinics, a cell has the mean joint error (mm) and the percentage of missing joints. The last
-    cell has, for clinics, the percentage of axes on which the truth lies within 1.96 sigma.
+    For each gap between the frames of a pair, a cell has the percentages of all nodes and of moved nodes that are
+    matched within 50 mm. For each size of hole and for clinics, a cell has the mean joint error (mm) and the percentage
+    of missing joints. The last cell has, for clinics, the percentage of axes on which the truth lies within 1.96 sigma.
     """
     cells = [score.answers.method]
     for task in (*GAPS, *TRACKING, CLINIC):

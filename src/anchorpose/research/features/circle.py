@@ -9,7 +9,7 @@ from numba import njit
 
 FULL_TURN = 2.0 * np.pi
 
-SMALLEST = 5e-324  # smallest divisor, so that the direction of a zero vector is 0, not NaN
+SMALLEST = 5e-324  # minimum divisor in ``turn_fraction``, so that the direction of a zero vector is 0, not NaN
 
 ARC = (
     0.159154940193,
@@ -51,18 +51,18 @@ def turn_fraction(x: float, y: float, begin: float) -> float:
 
 @njit(cache=True)
 def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
-    """Divide a weight between the two bins whose middles are nearest to a fraction of a turn."""
+    """Divide a weight between the two bins whose middles are nearest to the direction ``fraction``, in turns."""
     at = fraction * len(bins) - 0.5
     low = int(np.floor(at))
     part = at - low
-    low = low if low >= 0 else len(bins) - 1  # wrapped without %, which takes longer than all other steps together
+    low = low if low >= 0 else len(bins) - 1  # not wrapped by %, which would take longer than all other steps
     bins[low] += weight * (1.0 - part)
     bins[low + 1 if low + 1 < len(bins) else 0] += weight * part
 
 
 @njit(cache=True)
 def peak_fraction(bins: np.ndarray) -> float:
-    """Return the direction of the peak, as a share of a turn.
+    """Return the direction of the highest peak of a histogram, as a share of a turn.
 
     The peak is the top of the parabola through the fullest bin (the first, if several are equally full) and its two
     neighbours.
@@ -81,7 +81,7 @@ def peak_fraction(bins: np.ndarray) -> float:
 def smooth(bins: np.ndarray, rounds: int) -> None:
     """Replace every bin, ``rounds`` times, by the mean of itself and its neighbours, weighted 1 : 2 : 1.
 
-    Each round increases the variance of a peak by 0.5 squared widths of a bin.
+    Each round increases the variance of a peak by 0.5, in squared widths of a bin.
     """
     for _ in range(rounds):
         first, before = bins[0], bins[-1]

@@ -1,6 +1,6 @@
-"""Draw the depth of the surface around a node as a small upright image, and compute its SIFT descriptor.
+"""Draw the depth of the surface around a node as a small image, and compute the image's SIFT descriptor.
 
-The surface is seen along the node's normal; heights are metres above its tangent plane. Unknown pixels are NaN.
+The surface is seen along the node's normal; pixels are metres above the node's tangent plane, NaN where unknown.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from numba import njit
 from anchorpose.research.features.circle import FULL_TURN, turn_fraction
 
 SMALLEST_M2 = 1e-12  # m², twice the minimum area of a triangle whose slope is computed
-HALF_SPREAD = 0.5  # sigma of the Gaussian in ``triangle_slopes``, as a share of half the width of all cells
+HALF_SPREAD = 0.5  # sigma of the Gaussian in ``triangle_slopes``, divided by half the width of the four cells in a row
 CELLS: Final = 4  # number of cells on each side of the image
-ORIENTATIONS: Final = 8  # number of directions of the gradient in a cell's histogram
+ORIENTATIONS: Final = 8  # number of bins, one per direction of the gradient, in a cell's histogram
 WIDTH: Final = CELLS * CELLS * ORIENTATIONS
 CLIP: Final = 0.2  # maximum value in a descriptor of unit length, so that a single edge does not outweigh all others
 
@@ -24,9 +24,9 @@ CLIP: Final = 0.2  # maximum value in a descriptor of unit length, so that a sin
 def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: float, slopes: np.ndarray) -> None:
     """Fill slopes (>= count, 5) with each triangle's weight, centre (x, y) and gradient of the height.
 
-    local (m, 3): tangential x, y and height of the vertices. triangles (>= count, 3): their vertices. half: metres,
-    half the width of all cells. The weight is the projected area times a Gaussian of the distance from the node; it is
-    0 for a triangle seen from below or edge on.
+    local (m, 3): tangential x, y and height of the vertices. triangles (>= count, 3): rows of ``local``. half: metres,
+    half the width of the image's four cells in a row. A triangle's weight is twice its area as seen in the image, times
+    a Gaussian of its centre's distance from the node; it is 0 for a triangle seen from below or edge on.
     """
     narrow = -0.5 / (HALF_SPREAD * half) ** 2
     for t in range(count):
@@ -45,7 +45,7 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 def outline_angle(slopes: np.ndarray, count: int) -> float:
     """Return the direction, as a share of a turn, of the longer principal axis of the triangles' centres.
 
-    Of the axis's two ends, it points to the end towards which the surface rises. It is NaN without a surface.
+    Of the axis's two directions, it is the one in which the surface rises. It is NaN without a surface.
     """
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(count):
@@ -63,12 +63,12 @@ def outline_angle(slopes: np.ndarray, count: int) -> float:
 def draw_depth_map(
     local: np.ndarray, triangles: np.ndarray, count: int, angle: float, pixel: float, floor: float, image: np.ndarray
 ) -> None:
-    """Fill image (side, side) with the heights of the surface, and with the floor at pixels without surface.
+    """Fill image (side, side) with the heights of the surface, and with the height ``floor`` at pixels without surface.
 
-    Heights are linear on each triangle; where several triangles overlap, the highest counts. Columns run in the
-    direction ``angle`` (radians), pixels are ``pixel`` metres apart, and the node is in the middle. Surface below the
-    floor is not drawn; if the floor is NaN, all surface is drawn. Overwrites local (m, 3) with columns, rows and
-    heights.
+    Heights are linear on each triangle; where several triangles overlap, the highest counts. The column number
+    increases in the direction ``angle`` (radians), pixels are ``pixel`` metres apart, and the node is in the middle.
+    Surface below the floor is not drawn; if the floor is NaN, all surface is drawn. Overwrites local (m, 3) with
+    columns, rows and heights.
     """
     image[:] = floor
     middle, cosine, sine = 0.5 * (len(image) - 1), np.cos(angle) / pixel, np.sin(angle) / pixel
@@ -81,9 +81,9 @@ def draw_depth_map(
 
 @njit(cache=True, error_model="numpy")
 def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, image: np.ndarray) -> None:
-    """Draw one triangle, whose corners are given as column, row and height.
+    """Draw one triangle, whose corners are the rows a, b and c of ``corner``: column, row and height.
 
-    A pixel on a side shared by two triangles belongs to both.
+    A pixel on a side that two triangles share is drawn with both.
     """
     last, slack = len(image) - 1, 1e-9
     ax, ay, az = corner[a, 0], corner[a, 1], corner[a, 2]
@@ -106,7 +106,7 @@ def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, image: np.ndarray
             beta, gamma = dx * cy - dy * cx, bx * dy - by * dx
             if (beta >= -slack) & (gamma >= -slack) & (beta + gamma <= 1.0 + slack):
                 height = az + beta * bz + gamma * cz
-                if not image[i, j] >= height:  # false for NaN, so unknown pixels are drawn
+                if not image[i, j] >= height:  # ``>=`` is false for NaN, so unknown pixels are drawn
                     image[i, j] = height
 
 
@@ -126,9 +126,9 @@ def image_side(samples: int) -> int:
 
 
 def cell_shares(samples: int) -> np.ndarray:
-    """Return (side, 3) float64: the Gaussian weight of each column (or row), and how the two nearest cells share it.
+    """Return (side, 3) float64 for each column (or row) of pixels: its Gaussian weight, and the cells that share it.
 
-    The second value is the number of the first cell (cell 0 is the margin); the third is the share of the next cell.
+    The second value is the number of the first of two cells (0 is the margin); the third is the share of the other.
     """
     # distance of each pixel from the image's middle, in widths of a cell
     away = (np.arange(image_side(samples)) - 0.5 * (image_side(samples) - 1)) / samples
@@ -141,10 +141,10 @@ def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray
     """Fill descriptor (WIDTH,) float32, cells row after row; return False if the image has no known gradient.
 
     image (side, side): side of ``image_side``, rows downwards, NaN = unknown. shares: the result of ``cell_shares``.
-    Gradients are central differences, and one-sided differences beside unknown pixels. Their orientation is counted
-    from the direction of the columns towards the direction of the rows. They are weighted by a Gaussian with a sigma of
-    two cells, and distributed linearly between cells and orientations. The result is scaled to unit length, clipped,
-    and scaled again. Source: Lowe 2004 (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
+    Gradients are central differences, but one-sided beside unknown pixels. Their orientation is counted from the
+    direction of the columns towards the direction of the rows. Gradients are weighted by a Gaussian with a sigma of two
+    cells, and distributed linearly between cells and orientations. The result is scaled to unit length, clipped, and
+    scaled again. Source: Lowe 2004 (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
     """
     side = len(image)
     bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # with a margin, one cell wide, which is discarded
@@ -189,10 +189,10 @@ def _row_gradients(above: np.ndarray, row: np.ndarray, below: np.ndarray, length
 
 @njit(cache=True)
 def _difference(before: float, here: float, after: float) -> float:
-    """Return the height of the pixel after minus that of the pixel before.
+    """Return ``after`` minus ``before``: the heights of the two neighbours of a pixel with the height ``here``.
 
-    If one of these heights is unknown, return twice the difference between the other one and the height ``here``.
-    Return NaN if ``here`` is unknown, or both others are.
+    If one of the two is unknown, return twice the difference between the other one and ``here``. Return NaN if ``here``
+    is unknown, or both others are.
     """
     first = here if np.isnan(before) else before
     last = here if np.isnan(after) else after

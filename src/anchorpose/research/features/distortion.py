@@ -1,4 +1,4 @@
-"""Measure how far two surfaces are from isometric by the paper's d_PE: half the smallest distortion of a map.
+"""Measure how far two surfaces are from isometric by the paper's d_PE: half the smallest distortion of any map.
 
 See the paper, equation eq:gmds (its LaTeX label). The distortion of a map is the greatest change of a distance
 (equation eq:distortion; Bronstein, Bronstein and Kimmel 2006, doi:10.1073/pnas.0508601103). Branch and bound finds the
@@ -22,7 +22,7 @@ from anchorpose.surface.surface import Surface
 class LeastDistortion:
     """A map of smallest distortion between two sets of points."""
 
-    match: np.ndarray  # (n_a,) int32, for each point of the first set, its point in the second, which several may share
+    match: np.ndarray  # (n_a,) int32, for each point of the first set, its point in the second (several may share one)
     distortion_m: float  # m, distortion of this map
     proven: bool  # whether it is proven that no other map has a smaller distortion
 
@@ -35,7 +35,7 @@ class LeastDistortion:
 def distortion_m(distances_a: np.ndarray, distances_b: np.ndarray, match: np.ndarray) -> float:
     """Return the distortion of a map in metres.
 
-    distances_a (n_a, n_a), distances_b (n_b, n_b): metres. match (n_a,) int.
+    distances_a (n_a, n_a), distances_b (n_b, n_b): metres, within each set. match (n_a,) int.
     """
     return float(np.abs(distances_a.astype(np.float64) - distances_b[np.ix_(match, match)]).max(initial=0.0))
 
@@ -86,7 +86,7 @@ def _search(a: np.ndarray, b: np.ndarray, max_branches: int) -> tuple[np.ndarray
     """Search depth first, trying the best place first; return the best map and the number of branches visited.
 
     worst[level, i, v] is the greatest change of a distance to the points placed so far if point i is mapped to v. A
-    branch is cut as soon as some point has no place with less distortion than the best map.
+    branch is cut as soon as some point has no place with less distortion than the best map so far.
     """
     depth, count = len(a), len(b)
     best, least = np.zeros(depth, np.int32), np.inf

@@ -15,7 +15,7 @@ from anchorpose.settings import Positive, settings
 
 BINS = 11
 SIZE = 3 * BINS
-_PADDED = 40  # number of columns; more than the 33 needed, so that a row fills whole vector registers
+_PADDED = 40  # number of columns of a row; more than the 33 needed, to fill whole vector registers
 _TWO_PI, _HALF, _BINS = np.float32(2 * np.pi), np.float32(0.5), np.float32(BINS)
 _FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
 

@@ -2,11 +2,12 @@
 
 Depth meshes have slivers (very thin triangles) along their outline. The cotangents of their obtuse angles are hugely
 negative, so that heat would flow from cold to warm. Therefore edges are flipped within the surface: the edge between
-two triangles becomes the other diagonal. This uses lengths alone, changes no distance and leaves no negative weight. An
-outline has triangles on one side only. Therefore each triangle exists twice, as front and as back. Front and back are
-glued along the outline, where this mirror image satisfies Neumann's condition. If an edge has three or more triangles,
-each is glued to the next in the same way. Sources: Bobenko and Springborn 2007 (doi:10.1007/s00454-007-9006-1), the
-flips; Sharp and Crane 2020 (doi:10.1111/cgf.14069), both sides of each triangle and the slight lengthening of edges.
+two triangles becomes the other diagonal. This uses lengths alone, changes no distance and leaves no negative weight.
+Outline edges have a triangle on one side only. Therefore each triangle exists twice, as front and as back. Front and
+back are glued along the outline, where this mirror image satisfies Neumann's condition. If an edge has three or more
+triangles, each is glued to the next in the same way. Sources: Bobenko and Springborn 2007
+(doi:10.1007/s00454-007-9006-1), the flips; Sharp and Crane 2020 (doi:10.1111/cgf.14069), both sides of each triangle
+and the slight lengthening of edges.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from anchorpose.surface.surface import Surface
 
 MIN_SLACK: Final = 1e-5  # minimum excess of two sides of a triangle over the third, as a share of the mean edge length
 FLIPS_PER_EDGE: Final = 50  # maximum flips per half-edge, more than any mesh needs; rounding might cause endless flips
-TOLERANCE: Final = 1e-9  # rounding error of a cotangent; an edge is not flipped for less
+TOLERANCE: Final = 1e-9  # rounding error of the sum of two cotangents; an edge is flipped if its sum is more negative
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +100,7 @@ def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
     head, face = tail[after], np.tile(np.repeat(np.arange(len(triangles)), 3), 2)
     low, high = np.minimum(tail, head), np.maximum(tail, head)
     order = np.lexsort([face, high, low, tail > head])
-    up, down = order[: len(order) // 2], order[len(order) // 2 :]  # up[i], down[i]: a triangle side's front and back
+    up, down = order[: len(order) // 2], order[len(order) // 2 :]  # up[i], down[i]: front and back of a triangle's side
     first = np.ones(len(up), bool)
     first[1:] = (low[up[1:]] != low[up[:-1]]) | (high[up[1:]] != high[up[:-1]])
     start = np.flatnonzero(first)

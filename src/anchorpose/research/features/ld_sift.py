@@ -28,7 +28,7 @@ from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
 REACH: Final = np.sqrt(2.0) * (CELLS + 1) / CELLS
-"""Distance from the middle of the depth map to its corners, relative to half the width of all cells."""
+"""Distance from the middle of the depth map to its corners, divided by half the width of the four cells in a row."""
 
 
 class Beyond(StrEnum):
@@ -42,7 +42,8 @@ class Beyond(StrEnum):
 class LdSiftConfig:
     """Settings of LD-SIFT."""
 
-    radius_m: Positive = 0.15  # m, half the width of all 4 x 4 cells; a larger radius distinguishes more, but is slow
+    # m, half the width of the 4 x 4 cells; a larger one distinguishes more places, but is slow
+    radius_m: Positive = 0.15
     beyond: Beyond = Beyond.UNKNOWN
     floor_m: Positive = 0.05  # m, how far below the node the plane of ``Beyond.FLOOR`` lies
     samples: Count = 6  # number of pixels on a cell's side; fewer would miss an arm seen from the side
@@ -71,7 +72,7 @@ def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
 
 
 def _fans(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """List each triangle once, at its first node; return start (n + 1,) int64 and the other nodes (f, 2) int32."""
+    """List each triangle at its first node; return each node's start (n + 1,) int64, other nodes (f, 2) int32."""
     order = np.argsort(triangles[:, 0], kind="stable")
     start = np.searchsorted(triangles[order, 0], np.arange(count + 1))
     return start.astype(np.int64), np.ascontiguousarray(triangles[order, 1:])
@@ -89,7 +90,7 @@ class _Mesh(NamedTuple):
 class _View(NamedTuple):
     """The settings of the depth map in the form that compiled functions take."""
 
-    half: float  # m, half the width of all cells
+    half: float  # m, half the width of the four cells in a row
     floor: float  # m, height of the floor; NaN without a floor
     samples: int  # pixels on a cell's side
     shares: np.ndarray  # result of ``cell_shares``

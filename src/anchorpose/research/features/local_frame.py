@@ -21,7 +21,7 @@ def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarr
     neighbours. If both sides have the same number, only five neighbours count: those in the middle when sorted by
     distance. normals (n, 3): if given, z points to the side of the node's normal instead; on a nearly flat surface,
     noise decides which side has more neighbours. A frame is undefined if the node has fewer than five neighbours at
-    other positions, or no normal.
+    other positions, or no normal although normals are given.
     """
     points = as_points(points_m, "points_m")
     unit = as_points(normals, "normals") if normals is not None else np.empty((0, 3), np.float32)
@@ -69,7 +69,7 @@ def _frames(points: np.ndarray, neighbours: Neighbours, by_normal: bool, normals
 def _spread(
     points: np.ndarray, own: int, near: np.ndarray, distance2: np.ndarray, radius: float, spread: np.ndarray
 ) -> int:
-    """Fill ``spread`` with the covariance about the node; return the number of neighbours used.
+    """Fill ``spread`` with the neighbours' covariance about the node; return how many are not at the node's position.
 
     A neighbour's weight is ``radius`` minus its distance from the node. Since only the axes are used, the covariance is
     not divided by the sum of the weights.
@@ -142,7 +142,7 @@ def principal_axes(matrix: np.ndarray, axes: np.ndarray) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _rotate(matrix: np.ndarray, axes: np.ndarray, p: int, q: int) -> None:
-    """Rotate matrix and axes once in the plane of p and q so that matrix[p, q] becomes zero."""
+    """Rotate matrix and axes once in the plane of the axes p and q so that matrix[p, q] becomes zero."""
     lean = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
     tangent = (1.0 if lean >= 0.0 else -1.0) / (abs(lean) + np.sqrt(lean * lean + 1.0))
     cosine = 1.0 / np.sqrt(tangent * tangent + 1.0)

@@ -16,9 +16,9 @@ def branch_and_bound(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Return the exactly best map of k samples onto n candidates, and the best maps that differ from it.
 
-    a (k, k), b (n, n): float32 distances. The cost of a map is the sum of the squared, capped changes over all pairs of
-    samples. limit: maps with at least this cost are ignored. same: of two maps that put each sample at places no
-    farther apart than this, metres, only the better is kept. Returns maps (kept, k) int32 and costs (kept,) float64,
+    a (k, k), b (n, n): float32 distances in each set. The cost of a map is the sum of the squared, capped changes over
+    all pairs of samples. limit: maps with at least this cost are ignored. same: of two maps that put each sample at
+    places at most this far apart (m), only the better is kept. Returns maps (kept, k) int32 and costs (kept,) float64,
     best first, inf = no map, and the number of branches visited, which is ``steps`` if the search gave up.
     """
     depth, count = len(a), len(b)
@@ -135,7 +135,7 @@ def best_places(rows: np.ndarray, fields: np.ndarray, cap: float, own: np.ndarra
 
 @njit(cache=True, error_model="numpy")
 def settle(a: np.ndarray, b: np.ndarray, places: np.ndarray, known: int, cap: float, sweeps: int) -> None:
-    """Place the samples after the first ``known``, then move one sample after another while this reduces the cost.
+    """Place the samples after the first ``known``, then move one sample after another while this reduces the stress.
 
     a (k, k) float32: distances between the samples. b (n, n) float32: distances between all candidates. places (k,)
     int32 is changed in place.

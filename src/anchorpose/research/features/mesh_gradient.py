@@ -42,16 +42,16 @@ def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
 
 
 FLAT_RATIO = 1e-3
-"""Minimum ratio of width to length of the neighbours' spread. Below it, they nearly form a line: no derivative."""
+"""Minimum width of the neighbours' spread, divided by its length. Below it, the derivative is NaN, as on a line."""
 
 
 def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:
     """Return (n, 2) float32, 1/m: the larger and the smaller curvature of each node.
 
     Curvature is positive where the skin bulges towards the camera. radius_m: distance along the edges up to which
-    neighbours are used; their weights fall to zero there. NaN if neighbours do not determine the curvature: isolated
-    nodes, nodes on a line, normals or positions that are NaN.
-    The shape operator S is the symmetric map with dn = S dx in the tangent plane, by least squares over neighbours. The
+    neighbours are used; their weights fall to zero at this distance. NaN if neighbours do not determine the curvature:
+    isolated nodes, nodes on a line, normals or positions that are NaN. The shape operator S is the symmetric map from
+    steps dx in the tangent plane to changes of the normal, dn = S dx, fitted to the neighbours by least squares. The
     estimate from differences of normals goes back to Taubin 1995 (doi:10.1109/ICCV.1995.466840).
     """
     rings = rings_within(surface, radius_m)

@@ -31,14 +31,14 @@ class MeshHogConfig:
     """Settings of MeshHOG. The default values are the authors', except both radii and the smoothing."""
 
     radius_m: Positive = 0.20  # m; of the radii 0.1 to 0.3 m, it tells most places of a body apart in 0.1 s per frame
-    curvature_radius_m: Positive = 0.07  # m; it averages a depth camera's noise, and still resolves a forearm
+    curvature_radius_m: Positive = 0.07  # m; it averages out a depth camera's noise, and still resolves a forearm
     function: ScalarFunction = ScalarFunction.MEAN_CURVATURE
-    directions: Annotated[int, Field(ge=4)] = 36  # number of bins of the histogram that determines the first axis
-    # number of times that the first axis's histogram is smoothed 1 : 2 : 1, since grid neighbours have only eight
-    # directions
+    directions: Annotated[int, Field(ge=4)] = 36  # number of bins of the histogram for the local frame's first axis
+    # number of times that the histogram for the first axis is smoothed with the weights 1 : 2 : 1, since grid
+    # neighbours have only eight directions
     smoothing: Annotated[int, Field(ge=0)] = 16
     slices: TwoOrMore = 4  # number of sectors of each of the three planes, between which nodes are divided by position
-    orientations: TwoOrMore = 8  # number of bins in each slice, for the direction of the gradient
+    orientations: TwoOrMore = 8  # number of bins for the direction of the gradient in each of these sectors
     spread: Positive = 0.3  # sigma of the Gaussian weight, as a share of radius_m
 
     @property
@@ -50,7 +50,7 @@ class MeshHogConfig:
 def mesh_hog(surface: Surface, config: MeshHogConfig | None = None) -> np.ndarray:
     """Return the descriptors (n, 3 * slices * orientations) float32, of unit length.
 
-    A row is NaN if the node has no position or normal, or if the function has no gradient anywhere around it.
+    A row is NaN if the node has no position or normal, or if the function has no gradient at any node around it.
 
     The local frame is the normal and the direction in the tangent plane in which gradients are largest. Positions and
     gradients of the nodes within radius_m along the surface are projected onto the three planes of this frame. In each
@@ -77,7 +77,7 @@ def scalar_function(surface: Surface, config: MeshHogConfig) -> np.ndarray:
 
 
 PLANES = ((0, 1, 1.0), (0, 2, -1.0), (2, 1, -1.0))
-"""For each plane: the axis from which angles are counted, the axis at a quarter turn, and the sign of the latter."""
+"""For each plane: the axis from which angles are counted, the axis at a quarter turn from it, and the latter's sign."""
 
 
 class _Layout(NamedTuple):

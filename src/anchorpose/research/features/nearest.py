@@ -75,7 +75,7 @@ class _RoughDifferences:
 class _RoughSquares:
     """Rough squared distances to the rows of a table (n, d), without |s|^2, which is constant for a source row s.
 
-    The mean is subtracted from all rows, so that squares are not much larger than their differences.
+    The table's mean row is subtracted from all rows, so that squares are not much larger than their differences.
     """
 
     def __init__(self, target: np.ndarray) -> None:

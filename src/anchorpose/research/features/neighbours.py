@@ -1,4 +1,4 @@
-"""Find nodes within a radius of other nodes, as the local descriptors need them."""
+"""Find the nodes within a radius of each node, for descriptors of the surface around a node."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-BLOCK: Final = 32  # number of successive nodes that are skipped together, about the length of a mesh row on a limb
+BLOCK: Final = 32  # number of successive nodes that are skipped together if far: about a mesh row on a limb
 
 
 class Neighbours(NamedTuple):
@@ -25,7 +25,7 @@ class Neighbours(NamedTuple):
 
 
 def find_neighbours(points_m: np.ndarray, radius_m: float) -> Neighbours:
-    """Return all nodes within a radius of each node, including nodes exactly on the sphere.
+    """Return all nodes within a radius of each node, including nodes exactly at this distance.
 
     points_m (n, 3), any frame; NaN where unknown. Raises ValueError on a radius that is not positive and finite.
     """

@@ -1,4 +1,4 @@
-"""Find the paper's anchors (Sections IV-B and V): nodes farther from one centre than all nodes within r = 0.5 m.
+"""Find the paper's anchors (Sections IV-B and V): nodes farther from the centre than all others within 0.5 m.
 
 Each such node, an extremum, is itself the anchor. A piece of surface that is not connected to the centre has no anchor.
 The paper orders extrema "based on the corresponding body parts" and gives no rule. Here an extremum has the name of
@@ -22,7 +22,7 @@ RADIUS_M: Final = 0.5  # m, the paper's r, which its authors chose "empirically"
 # m; an extremum and an anchor nearer than this are at the same end of a limb: twice the depth of the surface that
 # counts as the end (the cap, see ``geodesics.extrema``)
 SAME_END_M: Final = 0.12
-by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)  # along edges, as in the paper's source for extrema
+by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)  # along edges, as in the paper's reference for extrema
 
 
 def paper_anchors(surface: Surface, named: Anchors) -> Anchors:

@@ -1,11 +1,11 @@
 """Compute the paper's match of a node (Section IV): the middle of psi.
 
-Psi is the set of nodes of the other frame with similar distances to some anchors. On a limb, psi is a band that ends at
-the outline, where the sensor stops seeing the skin. The average position of this clipped band lies too far from the
-outline, so no node at the outline would ever be a match. The unclipped middle is the place at which psi's distances
-equal those of the node; it follows by regressing position on distance over psi (least squares). If nothing clips psi,
-both middles are the same. The regression needs three anchors: two feet determine only how far along a leg a node is,
-and a regression on them would lead off the leg.
+Psi is the set of nodes of the other frame whose distances to some anchors are similar to the node's. On a limb, psi is
+a band that ends at the outline, where the sensor stops seeing the skin. The average position of this clipped band lies
+too far from the outline, so no node at the outline would ever be a match. The unclipped middle is the place at which
+psi's distances equal those of the node; it follows by regressing position on distance over psi (least squares). If
+nothing clips psi, this place is the average position. The regression needs three anchors: two feet determine only how
+far along a leg a node is, and a regression on them would lead off the leg.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from anchorpose.track_tree.hypotheses import GateConfig, anchor_subsets
 NONE: Final = -1  # placeholder in a subset that has fewer anchors than others
 # m2, ridge of the regression; it prevents a shift of psi's middle in directions in which distances hardly vary
 RIDGE_M2: Final = 0.002**2
-FEWEST: Final = 8  # minimum number of nodes of psi for a regression over three distances
+FEWEST: Final = 8  # minimum number of nodes of psi for a regression on three distances
 
 
 def subsets_with_pieces(source: np.ndarray, target: np.ndarray, found: np.ndarray, size: int) -> np.ndarray:

@@ -16,7 +16,7 @@ from anchorpose.research.features.local_frame import principal_axes
 from anchorpose.research.features.neighbours import Neighbours, as_points, find_neighbours
 from anchorpose.settings import Count, Positive, settings
 
-STATISTICS = 5  # central moments 11, 21, 12 and 22, and the entropy
+STATISTICS = 5  # of one projection: central moments 11, 21, 12 and 22, and the entropy
 
 
 @settings
@@ -122,7 +122,7 @@ def _project(cell: np.ndarray, count: int, bins: int, share: np.ndarray) -> None
 
 @njit(cache=True, error_model="numpy")
 def _plane_statistics(share: np.ndarray, bins: int, statistics: np.ndarray) -> None:
-    """Fill the central moments 11, 21, 12 and 22 and the entropy of one plane."""
+    """Fill in the central moments 11, 21, 12 and 22 and the entropy of the shares in one plane's cells."""
     mean_i, mean_j = 0.0, 0.0
     for i in range(bins):
         for j in range(bins):

@@ -1,8 +1,8 @@
 """Compute 3D shape contexts: the density of points in the cells of a sphere. Shells are thinner towards its centre.
 
 Sources: Frome, Huber, Kolluri, Buelow, Malik 2004 (doi:10.1007/978-3-540-24672-5_18), cells and weights as in PCL 1.13.
-The paper does not define where azimuth begins, and compares descriptors at every rotation. One repeatable frame per
-node makes the descriptor unique: Tombari, Salti, Di Stefano 2010b (doi:10.1145/1877808.1877821).
+The paper does not define where azimuth begins, and compares descriptors at every rotation about the normal. One
+repeatable frame per node makes the descriptor unique: Tombari, Salti, Di Stefano 2010b (doi:10.1145/1877808.1877821).
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ def shape_context(
     """Return the shape contexts (n, 1980) float32: the weighted number of points in each cell, 1 / m.
 
     points_m, normals (n, 3) are in one frame, and normals have unit length; NaN = unknown. The weight of a point is 1
-    divided by the number of points around it and by the cube root of its cell's volume. frames (n, 3, 3): rows x, y, z;
-    None = the result of ``tangent_frames``. Columns are ordered by azimuth from x, then elevation from z down, then
-    shell outwards, which changes fastest. The row of a node without frame is NaN.
+    divided by the number of points around it (within ``density``) and by the cube root of its cell's volume. frames (n,
+    3, 3): rows x, y, z; None = the result of ``tangent_frames``. Columns are ordered by azimuth from x, then elevation
+    from z down, then shell outwards, which changes fastest. The row of a node without frame is NaN.
     """
     config = config or ShapeContextConfig()
     points, unit = as_oriented(points_m, normals)

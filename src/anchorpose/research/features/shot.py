@@ -14,7 +14,7 @@ from anchorpose.research.features.local_frame import FEWEST, as_frames, local_fr
 from anchorpose.research.features.neighbours import Neighbours, as_oriented, find_neighbours
 from anchorpose.settings import Positive, settings
 
-SECTORS, LEANS = 32, 10  # sectors (8 around, 2 outwards, 2 upwards), intervals of a normal's cosine with z
+SECTORS, LEANS = 32, 10  # sectors (8 around z, 2 outwards, 2 along z); intervals of the cosine of normal and z
 COLUMNS = LEANS + 1  # columns of each sector, one for each end of an interval
 SIZE = SECTORS * COLUMNS
 _HALF = np.float32(0.5)
@@ -30,7 +30,7 @@ class ShotConfig:
     # m, radius of the sphere, also for the local frame. It contains a limb with its edges; with 15 cm, errors of
     # matches are 1.5 times as large
     radius_m: Positive = 0.20
-    z_by_normal: bool = False  # True: z points to the normal's side; False: to the side of most points (authors)
+    z_by_normal: bool = False  # True: z points to the normal's side; False: to that of most points, as by the authors
 
 
 def shot(
@@ -117,13 +117,13 @@ def _vote(turn: np.float32, out: np.float32, inclination: np.float32, lean: np.f
     step = np.int32(lean + _HALF)
     column = sector * COLUMNS + step
     off = lean - np.float32(step)
-    # the ends wrap around as in the authors' program, in which column 0, not 10, follows column 9
+    # the columns of a sector wrap around as in the authors' program, in which column 0, not 10, follows column 9
     beside = (0 if step == LEANS - 1 else step + 1) if off > ZERO else (LEANS - 1 if step == 0 else step - 1)
     row[sector * COLUMNS + beside] += abs(off)
     weight = ONE - abs(off)
 
     off = _TWO * out - _HALF - np.float32(outer)  # neighbour's distance from its shell's middle, in widths of a shell
-    inwards = off > ZERO if outer == 0 else off < ZERO  # whether it lies between the middles of both shells
+    inwards = off > ZERO if outer == 0 else off < ZERO  # whether the neighbour lies between the middles of both shells
     row[column + (2 * COLUMNS if outer == 0 else -2 * COLUMNS)] += abs(off) if inwards else ZERO
     weight += ONE - abs(off)
 

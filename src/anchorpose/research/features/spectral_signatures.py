@@ -18,9 +18,9 @@ from anchorpose.surface.surface import Surface
 # number of eigenpairs; on the 0.45 m² of a body's seen surface, the shortest wave is 10 cm long; Sun et al. and Aubry
 # et al. used 300 on closed meshes
 PAIRS: Final = 150
-LANCZOS_VECTORS: Final = 1.6  # vectors per eigenpair; on body meshes of 2,300 nodes, this is faster than 1.3 or 2.5
+LANCZOS_VECTORS: Final = 1.6  # Lanczos vectors per eigenpair; on body meshes of 2,300 nodes, faster than 1.3 or 2.5
 START: Final = 20110413  # seed of Lanczos's first vector; with ARPACK's own vector, two runs differ in the last digits
-DECAY: Final = 4.0 * np.log(10.0)  # exponent of a decay to 1e-4; it sets the first and last time, as in Sun et al.
+DECAY: Final = 4.0 * np.log(10.0)  # exponent of a decay to 1e-4; sets the first and last time of the HKS (Sun et al.)
 
 
 def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
@@ -55,7 +55,7 @@ class Spectrum:
 
     @property
     def positive(self) -> np.ndarray:
-        """Return (k,) bool: all eigenvalues but the zero that each piece of surface has."""
+        """Return (k,) bool: True except for the one eigenvalue of each piece of surface that is 0."""
         return self.eigenvalues > 0.0
 
 
@@ -63,7 +63,7 @@ def spectrum(surface: Surface, pairs: int = PAIRS) -> Spectrum:
     """Return the lowest ``pairs`` eigenpairs of all pieces together, with Neumann's condition at the outline.
 
     There are fewer pairs if there are fewer nodes with triangles. One list is made for all pieces of surface, so their
-    waves end at the same wavelength.
+    shortest waves are about equally long.
     """
     return spectrum_of(surface_laplacian(surface), len(surface), pairs)
 
@@ -141,8 +141,8 @@ def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
     """Return (d,) float64: the integral of ``weighted_squares`` over the piece of surface with the largest area.
 
     With the integral over all pieces, small pieces would count as much as the body at low eigenvalues. With the
-    integral over each node's own piece, the values on a severed arm would change at high eigenvalues. NaN without
-    triangles.
+    integral over each node's own piece, the values on an arm that an object separates from the body would change at
+    high eigenvalues. NaN without triangles.
     """
     if spectrum.piece_count == 0:
         return np.full(weights.shape[1], np.nan)
@@ -202,7 +202,7 @@ class SiHksConfig:
 
     # first time, in octaves relative to 1 m²; before it, no wave has decayed much
     first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0
-    octaves: Positive = 24.0  # as in Bronstein and Kokkinos; at the end, 4 m², a body's longest wave has decayed
+    octaves: Positive = 24.0  # as in Bronstein and Kokkinos; at the last time, 4 m², a body's longest wave has decayed
     steps_per_octave: Count = 16  # as in Bronstein and Kokkinos
     frequencies: Count = 6  # number of frequencies from the lowest on, as in Bronstein and Kokkinos
 
@@ -238,7 +238,7 @@ class WksConfig:
     # standard deviation of the Gaussian of an energy's logarithm, in distances between adjacent energies, as in Aubry
     # et al.
     width_steps: Positive = 7.0
-    range_per_m2: Range | None = None  # eigenvalues between which energies lie; None = those of the spectrum
+    range_per_m2: Range | None = None  # eigenvalues between which energies lie; None = lowest above 0 to highest
 
     def __post_init__(self) -> None:
         if not self.energies > 4 * self.width_steps:
