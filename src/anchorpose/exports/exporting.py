@@ -107,8 +107,8 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 def _write_by_trial(path: Path, source: Source, trials: Trials) -> list[tuple[str, ...]]:
     """Write a table for mixed (statistical) models, and return the rows that describe it in the data dictionary. The
-    table has a row per trial and measure, and rows for the raters' scores of each trial. Every row repeats condition,
-    times and user's columns of its trial.
+    table has a row per trial and measure, and rows for the raters' scores of each trial. Every row repeats the trial's
+    condition and times, and the values of the columns that the user added to ``events.tsv``.
     """
     names = [*TRIAL_HEAD, *(column.name for column in trials.columns), *TRIAL_MEASURE]
     by_number = {trial.number: trial for trial in trials.rows}

@@ -65,7 +65,8 @@ AMBIGUOUS_M: Any = np.float32(0.04)  # m; if two skin points' distances from a n
 FAR_ON_BODY_M: Any = np.float32(0.12)  # m along the body; only candidates farther apart than this must be told apart
 
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
-# cosine of 120 degrees, the maximum angle between the reversed optical axis and the normal of skin that may be seen
+# cosine of 120 degrees: skin that is turned farther away from the camera's optical axis is not seen; the limit is over
+# 90 degrees, since rays at the image's border slant
 LEAST_FACING: Any = np.float32(-0.5)
 # minimum width that a pixel covers at a node, divided by that at the skin nearest to the camera; nodes may be nearer
 NARROWEST: Any = np.float32(0.75)

@@ -127,7 +127,7 @@ class Truth:
 
     skin: Skin
     node: np.ndarray  # (m,), node of the first frame
-    moved_mm: np.ndarray  # (m,), distance by which this node moves from the first to the second frame
+    moved_mm: np.ndarray  # (m,), distance by which each of these nodes moves from the first to the second frame
     places: TruePlaces  # true place of this node in the second frame
 
 
