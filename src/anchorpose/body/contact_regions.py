@@ -193,10 +193,10 @@ class StandingFeet:
         time_s: float,
         floor_m: float | None = None,
     ) -> None:
-        """Use one more registered frame to update where feet stand: posed skin points (p, 3), joints (21, 3), their
-        states. A visible foot stands if its ankle was at rest.
+        """Update where feet stand by one more registered frame. A visible foot stands if its ankle was at rest.
 
-        floor_m: height of the floor, None if unknown. A hidden foot stays where it stood, unless cameras see past this
+        skin_m (p, 3), joints_m (21, 3): posed skin points and joints of this frame; floor_m: height of the floor, None
+        if unknown. A hidden foot stays where it stood, unless cameras see past this
         place. A hidden foot that was never seen standing, but is on the floor in the registered pose, is held there
         until the next frame, so that it does not swing if the visible hip and knee bend.
         """

@@ -235,7 +235,7 @@ def _look_closely(frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[S
 
 
 def _hidden(views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
-    """Return (cameras,): ``SeenPatient.hidden``, by a body that is fitted roughly to the patient's pixels."""
+    """Return (cameras,): share of the skin facing each camera that something hides, by a body fitted to the patient."""
     hidden = np.full(len(cameras), np.nan)
     person = rough_person(views, cameras, PixelLabel.PATIENT)
     if person is None:

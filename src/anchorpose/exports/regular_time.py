@@ -211,7 +211,7 @@ class Stretches:
 
 def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretches:
     """Find the stretches of frames to write. known (n, c) bool: whether each column has a value in each frame; joined:
-    as in ``runs_where``. ``runs`` is empty if no column is known in half of the frames.
+    as in ``runs_where``. ``runs`` is empty if every column is known in less than half of the frames.
     """
     kept = known.mean(axis=0) >= KEPT_SHARE
     return Stretches(kept, runs_where(np.asarray(known[:, kept].all(axis=1)), joined) if kept.any() else ())

@@ -32,7 +32,8 @@ def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> lis
 
     A stray piece is no larger than a head, is not connected to other pixels of the patient in this camera, and
     continues another person's surface without a crease between them: for example, half a therapist's head where the
-    patient's hand was expected. A forearm beyond a bar has no such border and remains the patient's.
+    patient's hand was expected. The patient's forearm beyond a bar continues no other person's
+    surface, so it stays.
     """
     return [_without_strays(pixels, owner) for pixels, owner in zip(shown, owners, strict=True)]
 
