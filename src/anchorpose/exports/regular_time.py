@@ -126,7 +126,7 @@ def without_gaps(time_s: np.ndarray) -> bool:
 
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
     """Return the frame rate (Hz) with the fewest decimals on whose grid all samples lie, each sample's index on this
-    grid, and True; if there is no such rate, a rounded rate, indices counted by the usual step, and False.
+    grid, and True; if no rate has such a grid, a rounded rate, indices counted by the usual step, and False.
     """
     if len(time_s) < 2:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")

@@ -152,7 +152,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = inferred_touch_share(helped)
-    of_help = (shared, None, None, shared, shared)  # None: in hands-free time there is no contact, seen or inferred
+    of_help = (shared, None, None, shared, shared)  # None: hands-free time has no contact, seen or inferred
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)

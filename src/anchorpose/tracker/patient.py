@@ -130,7 +130,7 @@ class PatientTracker:
 
     @property
     def has_left(self) -> bool:
-        """Return whether the patient leaves or has left the images; if so, a newcomer may be somebody else."""
+        """Return whether the patient leaves or has left the images; if so, a newcomer may be another person."""
         views = self.window[0].evidence.views
         gone = not self._in_view and not any(view.patient.any() for view in views if view is not None)
         return gone or seen_as_strip(views, self.run.room.cameras)

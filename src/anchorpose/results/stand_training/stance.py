@@ -159,7 +159,7 @@ class UprightConfig:
 
 class Limits(NamedTuple):
     """Three arrays (n,) bool: whether all limits for becoming upright are met; whether one of the wider limits is
-    passed, so that the patient is no longer upright; whether all joints needed for these limits are known.
+    passed, which ends being upright; whether all joints needed for these limits are known.
     """
 
     begins: np.ndarray
