@@ -199,10 +199,11 @@ def _scored(
         for k in range(skin_m.shape[1]):
             label, z = labels[r * step, k * step], np.float64(depth_m[r * step, k * step])
             if point[r, k] < 0:
-                row, column = _beside(skin_m, r, k, z)
-                if label == own and np.isfinite(skin_m[row, column]):
-                    limb = segment[point[row, column]]
-                    sums[0, limb] += _gain(z - skin_m[row, column], CLUTTER / RANGE_M)
+                if label == own:
+                    row, column = _beside(skin_m, r, k, z)
+                    if point[row, column] >= 0:
+                        limb = segment[point[row, column]]
+                        sums[0, limb] += _gain(z - skin_m[row, column], CLUTTER / RANGE_M)
                 continue
             limb = segment[point[r, k]]
             beyond = z - skin_m[r, k]
