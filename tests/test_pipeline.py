@@ -16,6 +16,7 @@ from recording_builder import DATA
 
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.segments import load_body_asset
+from anchorpose.body.shape_prior import adult_belief, standing_height
 from anchorpose.body.skin_points import FittedShape, even_clothes
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
@@ -27,9 +28,10 @@ from anchorpose.results.records import decode_labels, read_people
 from anchorpose.results.tables import JointTable, pose_of, read_anchors, read_joints, read_poses
 from anchorpose.simulate.config import SimulationConfig, clinic, single
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker import room as running
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning_pass import OtherFacing
-from anchorpose.writing import _notes
+from anchorpose.writing import _doubts, _notes
 
 FRAMES, FPS, DAMAGED = 9, 8.0, 5
 NAMES = "axes anchors angles contacts episodes explained joints measures people poses posture"
@@ -285,3 +287,17 @@ def test_an_undecided_facing_is_noted():
     learnt.turned = OtherFacing(pose=None, shape=shape, behind=2.0)
     (more,) = set(_notes(room, learnt)) - set(decided)
     assert "which way the patient faces" in more
+
+
+def test_a_height_that_the_images_do_not_show_is_noted():
+    prior, run = adult_belief(load_body_asset()), running.Run(SimpleNamespace(), TrackConfig())
+    sure = 1e6 * prior.prior
+    known = prior.having_seen(prior.shape, sure, sure @ prior.mean)
+    for belief, notes in ((known, 0), (prior, 1)):
+        learnt = SimpleNamespace(belief=belief)
+        assert len(_doubts(run.knowing(belief), learnt)) == notes
+    (note,) = _doubts(run.knowing(prior), SimpleNamespace(belief=prior))
+    height_m, row = standing_height(load_body_asset(), prior.shape)
+    assert f"({height_m:.2f} m, sigma {100 * np.sqrt(prior.variance(row[None])[0]):.0f} cm)" in note
+    assert not _doubts(run, SimpleNamespace(belief=prior))
+    assert not _doubts(run.knowing(prior), None)

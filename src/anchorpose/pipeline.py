@@ -97,7 +97,9 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     learnt = journal.once("learnt", LearntPatient | None, lambda: learn_on(route, run))
     if learnt is not None and not (recording.subject.height_m or is_human(learnt.shape)):
         learnt, run = None, run.without_patient(NoStart.NOT_HUMAN)
-        journal = replace(journal, shared={**journal.shared, "run": run, "room": run.room})
+    if learnt is not None:
+        run = run.knowing(learnt.belief)
+    journal = replace(journal, shared={**journal.shared, "run": run, "room": run.room})
 
     # stages for every frame: descriptor, isolation, surface, geodesics, motion, body; then results and report
     frames = track_on(route, run, learnt, journal)

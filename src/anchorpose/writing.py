@@ -202,6 +202,7 @@ def account_of(
             *_about_depth(room),
             *room.notes,
             *_notes(room, learnt),
+            *_doubts(run, learnt),
             *written.association.sentences,
             *(() if corrections is None else corrections.not_honoured),
         ),
@@ -323,15 +324,33 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
     return notes
 
 
+def _doubts(run: Run, learnt: LearntPatient | None) -> list[str]:
+    """Return a note if the images hardly show how tall the patient is."""
+    if learnt is None or run.doubtful is None:
+        return []
+    height_m, sigma_m = _height(body_points().asset, learnt.belief)
+    return [
+        f"the images do not show the patient's height well ({height_m:.2f} m, sigma {100 * sigma_m:.0f} cm), so sigma "
+        "of the joints includes taller and shorter bodies: measure the height (--height), and place the camera so that "
+        "it sees head, feet and floor"
+    ]
+
+
+def _height(asset: BodyAsset, belief: ShapeBelief) -> tuple[float, float]:
+    """Return the standing height and its standard deviation, metres."""
+    height_m, row = standing_height(asset, belief.shape)
+    return height_m, float(np.sqrt(belief.variance(row[None])[0]))
+
+
 def _record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, seconds: float) -> BodyRecord:
     """Return the record of the learnt body. belief: the shape at the end of learning; first: the shape after the first
     of the windows of frames from which it was learnt.
     """
-    height_m, row = standing_height(asset, belief.shape)
+    height_m, sigma_m = _height(asset, belief)
     return BodyRecord(
         learnt_from_s=seconds,
         height_m=height_m,
-        height_sigma_m=float(np.sqrt(belief.variance(row[None])[0])),
+        height_sigma_m=sigma_m,
         clothes_m=dict(zip(CLOTHES, belief.shape.offset_m.tolist(), strict=False)),
         bones=tuple(
             BoneRecord(now.bone, now.length_m, now.sigma_m, now.length_m - before.length_m)

@@ -262,3 +262,41 @@ def test_bone_lengths_and_their_sigma_are_those_of_many_drawn_bodies():
     spread = np.std([lengths_m(shape_at(vector)) for vector in drawn], axis=0)
     of_shape = [np.sqrt(bone.sigma_m**2 - SYSTEMATIC_M[bone.bone.rsplit("_", 1)[0]] ** 2) for bone in found]
     np.testing.assert_allclose(of_shape, spread, rtol=0.1)  # 600 draws: 2.9 % each
+
+
+def two_others(seen: ShapeBelief) -> tuple[list[FittedShape], np.ndarray]:
+    """Shapes about one standard deviation of the prior away, and their directions."""
+    away = np.random.default_rng(5).normal(size=(2, SIZE)) * np.sqrt(np.diag(COVARIANCE))
+    return [shape_at(seen.vector(seen.shape) + one) for one in away], away
+
+
+def test_a_belief_that_includes_other_shapes_has_the_spread_of_the_mixture_and_the_same_shape():
+    at = shape_at(ADULT.mean + 0.3 * np.sqrt(np.diag(COVARIANCE)))
+    seen = ADULT.having_seen(at, some_information(6, SIZE), np.zeros(SIZE))
+    others, away = two_others(seen)
+    wide = seen.including(others, np.array([0.2, 0.1]))
+    assert wide.shape is seen.shape
+    added = 0.2 * np.outer(away[0], away[0]) + 0.1 * np.outer(away[1], away[1])
+    mixture = np.linalg.inv(seen.information) + added
+    np.testing.assert_allclose(np.linalg.inv(wide.information), mixture, atol=1e-7 * np.abs(mixture).max())
+    gradient = wide.equations(wide.shape)[1]
+    np.testing.assert_allclose(gradient, 0.0, atol=1e-7 * np.abs(wide.seen @ wide.vector(wide.shape)).max())
+    impossible = seen.including(others, np.zeros(2))
+    np.testing.assert_allclose(impossible.information, seen.information, rtol=1e-6, atol=1e-6 * seen.information.max())
+
+
+def test_the_shape_off_by_one_sigma_displaces_the_joints_most():
+    """The oracle is the spread of the joints of drawn shapes."""
+    other, away_m = ADULT.off_by_one_sigma(asset())
+
+    def joints_m(shape: FittedShape) -> np.ndarray:
+        joints = shape.mesh(asset()).rest_joints()
+        return joints - shape.mesh(asset()).bone_heads[0]
+
+    # the head is no end of a bone: its joint lies inside the skull
+    np.testing.assert_allclose(joints_m(other) - joints_m(ADULT.shape), away_m, atol=0.005)
+    draw = np.random.default_rng(8).multivariate_normal(ADULT.mean, COVARIANCE, 1500)
+    drawn = np.array([joints_m(shape_at(one)).ravel() for one in draw])
+    variance = np.linalg.eigvalsh(np.cov(drawn.T))[-1]
+    assert float((away_m**2).sum()) == pytest.approx(variance, rel=0.15)
+    assert abs(standing_height(asset(), other)[0] - standing_height(asset(), ADULT.shape)[0]) > 0.05

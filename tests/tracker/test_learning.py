@@ -1,6 +1,6 @@
 """For how long the first pass follows the patient, and what it learns from."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
@@ -18,6 +18,7 @@ from anchorpose.recording.recording import UNKNOWN
 from anchorpose.tracker import learning_pass
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning_pass import LearntPatient, Stretch, learn_patient, likelier
+from anchorpose.tracker.other_statures import PosedFrame
 from anchorpose.tracker.room import NO_REVIEW, Review, Run
 
 ROOM = SimpleNamespace(recording=SimpleNamespace(subject=UNKNOWN), initial_frame=None, review=NO_REVIEW)
@@ -41,6 +42,7 @@ class Pass:
     windows: list[list[float]] = field(default_factory=list)  # times of the frames that were learnt from
     known: list[ShapeBelief] = field(default_factory=list)  # before each of them
     reaches_m: list[float] = field(default_factory=list)  # the first of each
+    doubted: list[list[float]] = field(default_factory=list)  # times of the frames on which other statures were tried
     worn: list[FittedShape] = field(default_factory=list)
     begun: list[FittedShape | None] = field(default_factory=list)  # with which body each stretch began
     found: tuple[bool, ...] = (True,) * 3  # whether the patient is found in each stretch
@@ -75,6 +77,10 @@ class Pass:
         shape = replace(known.shape, coefficients=known.shape.coefficients + 0.01)
         return LearnedBody(known.having_seen(shape, self.gain * np.eye(len(known.mean)), known.pull), ())
 
+    def doubt(self, learnt: ShapeBelief, known: ShapeBelief, frames: Sequence[PosedFrame], config: Any) -> ShapeBelief:
+        self.doubted.append([frame.evidence for frame in frames])
+        return learnt
+
     def number(self, time_s: float) -> int:
         return round((time_s - 50.0) / self.step_s)
 
@@ -87,6 +93,7 @@ class Pass:
     ) -> LearntPatient | None:
         monkeypatch.setattr(learning_pass, "follow_openly", self.follow)
         monkeypatch.setattr(learning_pass, "learn_body", self.learn)
+        monkeypatch.setattr(learning_pass, "with_other_statures", self.doubt)
         run = Run(room, replace(TrackConfig(), learning=config or LearningConfig()))
         return learn_patient(run, [Stretch(None, None, list)] * stretches)
 
@@ -229,7 +236,7 @@ def facing(
     shape = FittedShape(START.coefficients + (name == "theirs"), START.offset_m)
     learnt = LearntPatient(replace(ADULT, shape=shape), ADULT, 0.0, standing(), 7)
     for number, nats in enumerate(known):
-        yield replace(learnt, seconds=float(number)), SimpleNamespace(known=nats, moved=moved, nats=seen)
+        yield replace(learnt, seconds=float(number)), SimpleNamespace(known=nats, moved=moved, nats=seen, kept=[])
 
 
 @pytest.mark.parametrize(
@@ -246,8 +253,8 @@ def facing(
 )
 def test_all_windows_together_decide_on_the_facing(monkeypatch, mine, theirs, moved, wins, behind):
     monkeypatch.setattr(learning_pass, "known_nats", lambda learnt, window, run: window.known)
-    monkeypatch.setattr(learning_pass, "frames_nats", lambda learnt, window, run: window.nats)
-    learnt = likelier(facing("mine", mine, moved), facing("theirs", theirs), None)
+    monkeypatch.setattr(learning_pass, "window_nats", lambda learnt, window, run: window.nats)
+    learnt = likelier(facing("mine", mine, moved), facing("theirs", theirs), None)[0]
     own, other = START.coefficients[0], START.coefficients[0] + 1.0
     assert learnt.shape.coefficients[0] == (own if wins == "mine" else other)
     assert learnt.seconds == len(mine) - 1.0 if wins == "mine" else len(theirs) - 1.0
@@ -259,16 +266,16 @@ def test_all_windows_together_decide_on_the_facing(monkeypatch, mine, theirs, mo
 def test_images_count_by_their_mean_since_errors_of_shape_are_the_same_in_all_windows(monkeypatch):
     """A lead of 30 nats has a standard error of 30: three such windows decide no more than one."""
     monkeypatch.setattr(learning_pass, "known_nats", lambda learnt, window, run: 0.0)
-    monkeypatch.setattr(learning_pass, "frames_nats", lambda learnt, window, run: window.nats)
+    monkeypatch.setattr(learning_pass, "window_nats", lambda learnt, window, run: window.nats)
     for count in (1, 3):
-        learnt = likelier(facing("mine", [0.0] * count), facing("theirs", [0.0] * count, seen=-30.0), None)
+        learnt = likelier(facing("mine", [0.0] * count), facing("theirs", [0.0] * count, seen=-30.0), None)[0]
         assert learnt.turned.behind == pytest.approx(1.67, abs=0.01)
-    assert likelier(facing("mine", [0.0]), facing("theirs", [0.0], seen=-200.0), None).turned is None
+    assert likelier(facing("mine", [0.0]), facing("theirs", [0.0], seen=-200.0), None)[0].turned is None
 
 
 def test_what_is_decided_is_not_followed_on(monkeypatch):
     monkeypatch.setattr(learning_pass, "known_nats", lambda learnt, window, run: window.known)
-    monkeypatch.setattr(learning_pass, "frames_nats", lambda learnt, window, run: window.nats)
+    monkeypatch.setattr(learning_pass, "window_nats", lambda learnt, window, run: window.nats)
     other = facing("theirs", [-100.0] * 3)
-    assert likelier(facing("mine", [0.0] * 3), other, None).seconds == 2.0
+    assert likelier(facing("mine", [0.0] * 3), other, None)[0].seconds == 2.0
     assert len(list(other)) == 2

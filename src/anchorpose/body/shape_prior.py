@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.linalg import block_diag
 
-from anchorpose.body.asset import BodyAsset
+from anchorpose.body.asset import BodyAsset, joint_bones
 from anchorpose.body.segments import END_SIGMA, GIRTH_SIGMA, LENGTH_SIGMA, SIDES
 from anchorpose.body.shape_rows import FreeShape
 from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, even_clothes, skin_points
@@ -94,6 +94,27 @@ class ShapeBelief:
     def having_seen(self, shape: FittedShape, information: np.ndarray, pull: np.ndarray) -> ShapeBelief:
         """Return the belief after more observations. information (s, s) and pull (s,): as ``seen`` and ``pull``."""
         return replace(self, shape=shape, seen=self.seen + information, pull=self.pull + pull)
+
+    def including(self, others: Sequence[FittedShape], shares: np.ndarray) -> ShapeBelief:
+        """Return the belief with the same shape and a covariance that also covers other shapes. shares (n,): the
+        probability of each. The covariance may exceed the prior's, since errors of clothes affect the prior, too.
+        """
+        at, prior = self.vector(self.shape), self._prior_at(self.shape)
+        away = np.array([self.vector(other) for other in others]) - at
+        seen = np.linalg.inv(np.linalg.inv(self.information) + (away.T * shares) @ away) - prior
+        return replace(self, seen=seen, pull=seen @ at + prior @ (at - self.mean))
+
+    def off_by_one_sigma(self, asset: BodyAsset) -> tuple[FittedShape, np.ndarray]:
+        """Return the shape one standard deviation away in the direction that displaces the joints of the resting body
+        most, and these displacements (21, 3), metres, relative to the pelvis.
+        """
+        count, bones = self.free.coefficients, joint_bones(asset)
+        rows = asset.bone_head_basis[:count, bones] - asset.bone_head_basis[:count, :1]  # (k, 21, 3)
+        rows = rows.reshape(count, -1).T
+        covariance = np.linalg.inv(self.information)[:, :count]
+        variance, axes = np.linalg.eigh(rows @ covariance[:count] @ rows.T)
+        change = covariance @ rows.T @ axes[:, -1] / np.sqrt(variance[-1])
+        return self.moved(self.shape, change), (np.sqrt(variance[-1]) * axes[:, -1]).reshape(-1, 3)
 
     def cost(self, shape: FittedShape) -> float:
         """Return the sum of a shape's squared deviations from the prior's mean, in standard deviations."""

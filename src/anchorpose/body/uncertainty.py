@@ -29,7 +29,18 @@ from anchorpose.body.likelihood import likelihood, most_nats
 from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
 from anchorpose.body.pose import LIMB_OF_JOINTS, SEGMENT_OF_JOINTS, TRUNK, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
-from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, place_variance, pose_jacobian, pose_points
+from anchorpose.body.registration import descend
+from anchorpose.body.shape_prior import ShapeBelief
+from anchorpose.body.skin_points import (
+    Body,
+    FittedShape,
+    PosedPoints,
+    body_points,
+    joint_jacobian,
+    place_variance,
+    pose_jacobian,
+    pose_points,
+)
 from anchorpose.body.standing_off import standing_off_sigma_m
 from anchorpose.body.visibility import SkinReason, distance_of, skin_reasons
 from anchorpose.isolation.depth_noise import DepthNoise
@@ -185,6 +196,24 @@ def joint_sigma(
     variance = _variance(body, posed, every, joint_bones(body.points.asset), places)
     unlike_m = standing_off_sigma_m(body.points, body.shape)
     return np.sqrt(config.floor_m**2 + systematic_m() ** 2 + unlike_m**2 + patch_m**2 / 24.0 + variance)
+
+
+def doubtful_shape(belief: ShapeBelief) -> FittedShape | None:
+    """Return the shape one standard deviation away that displaces the joints most (``ShapeBelief.off_by_one_sigma``);
+    None if its joints differ by no more than the joints' systematic errors, which sigma includes for every body.
+    """
+    other, away_m = belief.off_by_one_sigma(body_points().asset)
+    return other if float((away_m**2).sum()) > 3.0 * float((systematic_m() ** 2).sum()) else None
+
+
+def shape_sigma(body: Body, other: Body, pose: Pose, evidence: Evidence, config: RegistrationConfig) -> np.ndarray:
+    """Return the sigma (21,) of the joints, per axis, because the body may have another shape.
+
+    The other body is registered to the same frame. So joints at visible skin, such as a foot, move less than the bones
+    change. other: the body one standard deviation away, from ``doubtful_shape``.
+    """
+    moved = descend(other, pose, vague_belief(pose), evidence, config)
+    return np.asarray(np.linalg.norm(other.joints(moved) - body.joints(pose), axis=1) / np.sqrt(3.0))
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:

@@ -59,9 +59,9 @@ class BoneRecord:
 class BodyRecord:
     """The tracked body, and the number of seconds of the recording from which it was learnt.
 
-    height_sigma_m follows from the equations by which the body is fitted. It includes the effects of noise, poses and
-    hidden parts, but not of clothes or of bodies outside the shape space. A bone's sigma includes a systematic error
-    for both.
+    height_sigma_m follows from the equations by which the body is fitted, and from how well taller and shorter bodies
+    fit the images. It includes the effects of noise, poses, hidden parts and clothes, but not of bodies outside the
+    shape space. A bone's sigma includes a systematic error for these.
     """
 
     learnt_from_s: float

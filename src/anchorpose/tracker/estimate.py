@@ -24,6 +24,7 @@ from anchorpose.body.uncertainty import (
     joint_sigma,
     lost_ends,
     noise_covariance,
+    shape_sigma,
     smeared_sigma,
     unexplained_sigma,
 )
@@ -63,11 +64,12 @@ class Estimate:
 
 
 class Earlier(NamedTuple):
-    """The values from earlier frames that an estimate needs."""
+    """The values that an estimate needs from earlier frames and from learning."""
 
     rivals: Sequence[Rival] = ()  # other poses that fit the images almost as well as the registered pose
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
     unseen_s: np.ndarray | None = None  # (PARTS, 2) s, time since a limb's halves (cut at elbow or knee) were last seen
+    doubtful: Body | None = None  # from learning, as ``Run.doubtful``
 
 
 _NOTHING_OPEN: Final = Earlier()
@@ -155,6 +157,8 @@ def _sigma(
     sigma = frame_alone_sigma(
         body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
     )
+    if earlier.doubtful is not None:
+        sigma = np.hypot(sigma, shape_sigma(body, earlier.doubtful, belief.pose, evidence, config.registration))
     if earlier.rivals:
         sigma = with_rivals(body, body.joints(belief.pose), sigma, earlier.rivals)
     sigma = unexplained_sigma(body, belief.pose, evidence, explanation, sigma)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, dropwhile
@@ -15,8 +14,7 @@ from anchorpose.body.evidence import Evidence
 from anchorpose.body.learning import REACHES_M, REFINING_M, learn_body, most_different
 from anchorpose.body.limb_search import expected_joints
 from anchorpose.body.pose import PARTS, Pose
-from anchorpose.body.pose_probability import facing_nats, log_probability
-from anchorpose.body.registration import descend
+from anchorpose.body.pose_probability import facing_nats
 from anchorpose.body.rivals import DECIDED, OWN_BODY_ERROR, Rival, believed
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
@@ -26,6 +24,7 @@ from anchorpose.recording.recording import FrameSet, Subject
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.observation import Start
+from anchorpose.tracker.other_statures import PosedFrame, frames_nats, with_other_statures
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likeliest, shape_cost
 from anchorpose.tracker.room import Run
@@ -108,12 +107,24 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
 
     Each stretch is followed for an equal share of ``learning.longest_s``; in the first stretch, this time begins when
     the patient is found. Meanwhile, tracking uses the shape learnt so far, and each window of frames refines it. To
-    save memory, only the frames of the first and the latest window are kept for each of two opposite facings.
+    save memory, only the frames of the first and the latest window are kept for each of two opposite facings. At the
+    end, other statures are tried, unless the user measured the height.
     """
-    learnt: LearntPatient | None = None
+    step: _Step | None = None
     for stretch in stretches:
-        learnt = _learn_on(stretch, learnt, run.config.learning.longest_s / len(stretches), run)
-    return learnt
+        before = None if step is None else step[0]
+        step = _learn_on(stretch, before, run.config.learning.longest_s / len(stretches), run) or step
+    return None if step is None else _in_doubt(*step, run)
+
+
+def _in_doubt(learnt: LearntPatient, window: _Window, run: Run) -> LearntPatient:
+    """Return the learnt patient with other statures in the belief."""
+    subject = run.room.recording.subject.unmeasured if learnt.contradiction else run.room.recording.subject
+    if subject.height_m is not None or not run.config.learning.own_shape:
+        return learnt
+    with run.stage("body shape"):
+        known = likeliest(known_beliefs(subject, run.config), learnt.shape)
+        return replace(learnt, belief=with_other_statures(learnt.belief, known, _posed(window.kept), run.config))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,14 +139,16 @@ class _Window:
     frame: int  # number of the first frame with the patient; 0 in stretches after the first
 
 
-def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, run: Run) -> LearntPatient | None:
-    """Learn from one more stretch. before: the result of earlier stretches; None for the first stretch."""
+def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, run: Run) -> _Step | None:
+    """Learn from one more stretch; return the learnt patient and a window, None if the patient is not found in it.
+    before: the result of earlier stretches; None for the first stretch.
+    """
     windows = _windows(run, stretch, before, longest_s)
     first = next(windows, None)
     if first is None:
-        return before
+        return None
     if not run.config.learning.own_shape:
-        return before or _fixed(first, run)
+        return before or _fixed(first, run), first
     learning = _window_by_window(chain([first], windows), before, run)
     if before is None and first.turned is not None:
         others = _windows(run, _from_frame(stretch, first.frame, first.turned), None, longest_s, one_facing=True)
@@ -166,14 +179,17 @@ def _window_by_window(windows: Iterator[_Window], before: LearntPatient | None, 
             window.tracker.use_shape(learnt.shape)
 
 
-def _last(learning: _Learning) -> LearntPatient:
-    """Return the learnt patient after the last window."""
-    return deque(learning, maxlen=1)[0][0]
+def _last(learning: _Learning) -> _Step:
+    """Return the learnt patient after the last window, and the window with most frames."""
+    learnt, window = next(learning)
+    for step in learning:
+        learnt, window = step[0], max(window, step[1], key=lambda one: len(one.kept))
+    return learnt, window
 
 
-def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
+def likelier(one: _Learning, other: _Learning, run: Run) -> _Step:
     """Learn with both facings of the patient until one is clearly more probable; return the patient learnt with this
-    facing. If the whole stretch does not decide, the result also contains the other facing.
+    facing, and a window. If the whole stretch does not decide, the patient also has the other facing.
 
     A single frame may show too little to decide which way the patient faces. Over several windows, a wrong facing
     becomes evident: no body of human shape fits all of them, or the person seems to turn round at some time.
@@ -182,10 +198,10 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> LearntPatient:
     if theirs is None:
         return _last(chain([mine], one))
     won, lost, rest = (mine, theirs, one) if lead >= 0.0 else (theirs, mine, other)
-    learnt, turned = _last(chain([won], rest)), lost[0]
+    (learnt, window), turned = _last(chain([won], rest)), lost[0]
     if abs(lead) >= DECIDED:
-        return learnt
-    return replace(learnt, turned=OtherFacing(turned.pose, turned.shape, abs(lead)))
+        return learnt, window
+    return replace(learnt, turned=OtherFacing(turned.pose, turned.shape, abs(lead))), window
 
 
 def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step, _Step | None]:
@@ -197,7 +213,7 @@ def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step,
     """
     nats, moved, mine, theirs = list[float](), 0.0, next(one), next(other, None)
     while theirs is not None:
-        nats.append(frames_nats(*mine, run) - frames_nats(*theirs, run))
+        nats.append(window_nats(*mine, run) - window_nats(*theirs, run))
         moved += theirs[1].moved - mine[1].moved
         known = known_nats(*mine, run) - known_nats(*theirs, run)
         lead = believed(float(np.mean(nats)), PARTS, OWN_BODY_ERROR) + moved + known
@@ -208,18 +224,14 @@ def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step,
     return 0.0, mine, None
 
 
-def frames_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the mean log probability, in nats, of the frames of a window, given the body learnt from them.
+def window_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
+    """Return the mean log probability, in nats, of the frames of a window, given the body learnt from them."""
+    chosen = most_different(body_points(), [seen.pose for seen in window.kept], run.config.learning.frame_count)
+    return frames_nats(learnt.shape, _posed([window.kept[place] for place in chosen]), run.config)
 
-    It is the mean, not the sum, since errors of the shape affect all frames alike.
-    """
-    body, config = build_body(body_points(), learnt.shape), run.config.registration
-    frames = most_different(body_points(), [seen.pose for seen in window.kept], run.config.learning.frame_count)
-    nats = list[float]()
-    for seen in (window.kept[place] for place in frames):
-        pose = descend(body, seen.pose, vague_belief(seen.pose), seen.evidence, config)
-        nats.append(log_probability(body, pose, seen.evidence))
-    return float(np.mean(nats))
+
+def _posed(kept: Sequence[_Seen]) -> list[PosedFrame]:
+    return [PosedFrame(seen.pose, seen.evidence) for seen in kept]
 
 
 def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:

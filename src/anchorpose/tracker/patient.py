@@ -173,7 +173,8 @@ class PatientTracker:
             honoured = corrected
             if corrected is not None and contradicted(self.body, registration.belief, corrected):
                 honoured = None
-            earlier = Earlier(self.rivals, self.ends, self._unseen_s(registration, seen))
+            unseen_s = self._unseen_s(registration, seen)
+            earlier = Earlier(self.rivals, self.ends, unseen_s, self.run.doubtful)
             estimate = estimate_of(self.body, registration, seen, share, self.config, honoured, earlier)
             self.ends = estimate.ends
             estimate = displaced(estimate, self.run.room.calibration.displaced_m)
