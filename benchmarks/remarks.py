@@ -56,6 +56,13 @@ def _labels(measured: Measured) -> str:
     return "{:.0f}, {:.0f} % of {:.0f} labels".format(*within, weights.sum())
 
 
+def _sure_wrong(measured: Measured) -> str:
+    weights, shares = values_of("labels", measured), values_of("label_confident", measured)
+    if not (known := np.isfinite(shares)).any():
+        return ""
+    return f"{100 * np.average(shares[known], weights=weights[known]):.1f}"
+
+
 def _contacts(measured: Measured) -> str:
     reported, touched = known_values("reported", measured), known_values("touched", measured)
     if reported.sum() + touched.sum() == 0:
@@ -113,10 +120,12 @@ REMARKS: Final = (
     Remark("wrong_accepted_of", "wrong accepted", _sum("accepted_wrong")),
     Remark("limb_wrong", "limb wrong in view, at most s", _median("{1:.1f}", "wrong_s")),
     Remark("within", "within 60, 100 mm", _labels),
+    Remark("sure_wrong", "confident errors %", _sure_wrong),
     Remark("median_label", "median mm", _median("{:.0f}", "median_mm")),
     Remark("tracked_plain", "tracked, % of frames in plain view", _mean_percent("tracked")),
     Remark("another_person", "another person", _sum("another")),
     Remark("thigh", "thigh against sensor, degrees", _median("{:.1f}, worst {:.1f}", "tilt_deg")),
+    Remark("thigh_band", "within 1.96 sigma, %", _mean_percent("tilt_cover")),
     Remark("kinect", "Kinect's skeleton", _median("{:.1f}, worst {:.1f}", "kinect_deg")),
     Remark("contacts_of", "contacts: precision / recall", _contacts),
     Remark("bones", "bones mm", _with_share("{:.0f}, {:.0f} % in band", "bone_mm", "bone_cover")),

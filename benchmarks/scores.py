@@ -33,6 +33,7 @@ from anchorpose.results.evaluate import Evaluation, evaluate
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.uncertainty import NORMAL_95
+from anchorpose.rotations import unit
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import settle
 
@@ -52,6 +53,7 @@ TRUNK: Final = [JOINT_INDEX[name] for name in ("SpineMid", "SpineShoulder", "Hea
 TRACKED: Final = 0.5  # least share of the joints that are not lost, for a person to be tracked
 NEAR_M: Final = 3.5  # farther away a person need not be followed
 REACHES_M: Final = {"within_60": 0.06, "within_100": 0.10}
+AT_REST: Final = 4  # frames at the start or end, in which the thigh rests, as in ``INSTRUMENT``
 INSTRUMENT: Final = Path(__file__).resolve().parents[2] / "shared" / "tools" / "utd_mhad.py"
 
 
@@ -205,11 +207,11 @@ def against_msr_labels(ready: Ready, results: Path) -> Scores:
     first, second = (read_label_set(LABELS, "msr_action3d", labeller)[sequence] for labeller in LABELLERS)
     recording, table = open_recording(ready.recording), read_joints(results / JOINTS_FILE)
     camera, joints_m = replace(recording.cameras[0], T_world_camera=np.eye(4)), _in_camera(table, results)
-    away = list[float]()
+    away = list[LabelError]()
     for frame, (one, *_) in first.items():
         clear = _between(one, second[frame][0])
         row = int(np.flatnonzero(table.frame == frame)[0])
-        away += off_m(clear, joints_m[row], _depth(recording, frame), camera).values()
+        away += _label_errors(clear, joints_m[row], table.sigma_m[row], _depth(recording, frame), camera)
     return _label_scores(away)
 
 
@@ -225,13 +227,31 @@ def _between(one: LabelledPerson, other: LabelledPerson) -> LabelledPerson:
     return replace(one, joints=middle)
 
 
-def _label_scores(away_m: Sequence[float]) -> Scores:
-    """Distances from labels, inf where a joint is lost."""
-    away = np.array(away_m)
-    if not away.size:
+LabelError = tuple[float, float]
+"""A joint's distance from its label, inf for a lost joint, and its stated sigma, in metres."""
+
+
+def _label_errors(
+    labelled: LabelledPerson, joints_m: np.ndarray, sigma_m: np.ndarray, depth_m: np.ndarray, camera: Camera
+) -> Iterator[LabelError]:
+    for name, away_m in off_m(labelled, joints_m, depth_m, camera).items():
+        yield away_m, float(sigma_m[JOINT_INDEX[name]])
+
+
+def _label_scores(errors: Sequence[LabelError]) -> Scores:
+    """Return the shares of labels near their joint, and the share of confident errors: farther off than ``FAR_M``, and
+    than ``FAR_SIGMAS`` sigma of each of the two axes perpendicular to the line of sight.
+    """
+    if not errors:
         return {}
+    away, sigma = np.array(errors).T
     shares = {name: float(np.mean(away < reach)) for name, reach in REACHES_M.items()}
-    return shares | {"median_mm": 1e3 * float(np.median(away)), "labels": float(len(away))}
+    sure_wrong = (away > FAR_M) & (away > FAR_SIGMAS * np.sqrt(2.0) * np.nan_to_num(sigma, nan=np.inf))
+    return shares | {
+        "label_confident": float(np.mean(sure_wrong)),
+        "median_mm": 1e3 * float(np.median(away)),
+        "labels": float(len(away)),
+    }
 
 
 def people_in(folder: str) -> tuple[str, ...]:
@@ -261,7 +281,7 @@ def against_people_labels(ready: Ready, results: Path, person: str) -> Scores:
     recording, table = open_recording(ready.recording), read_joints(results / JOINTS_FILE)
     pose = np.array(read_run(results / RUN_FILE)["cameras"][0]["camera_to_world"])
     camera = replace(recording.cameras[0], T_world_camera=pose)
-    away, tracked, another = list[float](), list[bool](), 0
+    away, tracked, another = list[LabelError](), list[bool](), 0
     for labeller in LABELLERS:
         for frame, people in read_labels(LABELS, ready.recording.name, labeller).items():
             row = int(np.flatnonzero(table.frame == frame)[0])
@@ -271,7 +291,8 @@ def against_people_labels(ready: Ready, results: Path, person: str) -> Scores:
                 lost = table.lost[row].mean()
                 tracked.append(bool(lost < TRACKED))
                 if lost < 1.0:
-                    away += off_m(own, table.position_m[row], _depth(recording, frame), camera).values()
+                    depth_m = _depth(recording, frame)
+                    away += _label_errors(own, table.position_m[row], table.sigma_m[row], depth_m, camera)
     share = float(np.mean(tracked)) if tracked else NAN
     return _label_scores(away) | {"tracked": share, "another": float(another)}
 
@@ -293,8 +314,30 @@ def _depth(recording: Recording, frame: int) -> np.ndarray:
 
 
 def against_inertial_sensor(ready: Ready, results: Path) -> Scores:
-    """Compare the tilt of the right thigh with the sensor strapped to it (``../shared/tools/utd_mhad.py``)."""
+    """Compare the tilt of the right thigh with the sensor strapped to it (``../shared/tools/utd_mhad.py``); also give
+    the share of frames whose difference lies within 1.96 of its sigma.
+    """
     command = [sys.executable, str(INSTRUMENT), str(ready.recording), str(results)]
     found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     scores = {"tilt_deg": _number(found["imu"].get("rms_deg")), "kinect_deg": found["kinect_vs_imu"]["rms_deg"]}
+    if "lag_s" in found["imu"]:
+        scores["tilt_cover"] = _tilt_cover(ready.recording, results, found["imu"]["lag_s"])
     return scores | {"lost": 1.0 - found["imu"]["known_share"]}
+
+
+def _tilt_cover(recording: Path, results: Path, lag_s: float) -> float:
+    """Return the share of frames in which the tilt of the thigh lies within 1.96 sigma of the sensor's. Sigma follows
+    from those of hip and knee, and the error of the rest direction is left out. lag_s: of the sensor's clock.
+    """
+    table = read_joints(results / JOINTS_FILE)
+    hip, knee = JOINT_INDEX["HipRight"], JOINT_INDEX["KneeRight"]
+    thigh_m = table.position_m[:, knee] - table.position_m[:, hip]
+    length_m = np.linalg.norm(thigh_m, axis=1)
+    sigma_deg = np.degrees(np.hypot(table.sigma_m[:, hip], table.sigma_m[:, knee]) / length_m)
+    with np.load(recording / "imu.npz") as sensor:
+        rest = slice(-AT_REST, None) if str(sensor["rest_at"]) == "end" else slice(AT_REST)
+        measured_deg = np.interp(table.time_s + lag_s, sensor["time_s"], sensor["angle_deg"])
+    down = thigh_m / length_m[:, None]
+    tilt_deg = np.degrees(np.arccos(np.clip(down @ unit(np.nanmean(down[rest], axis=0)), -1.0, 1.0)))
+    known = np.isfinite(tilt_deg)
+    return float(np.mean(np.abs(tilt_deg - measured_deg)[known] < NORMAL_95 * sigma_deg[known]))
