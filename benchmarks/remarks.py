@@ -56,11 +56,10 @@ def _labels(measured: Measured) -> str:
     return "{:.0f}, {:.0f} % of {:.0f} labels".format(*within, weights.sum())
 
 
-def _sure_wrong(measured: Measured) -> str:
-    weights, shares = values_of("labels", measured), values_of("label_confident", measured)
-    if not (known := np.isfinite(shares)).any():
+def _confident_labels(measured: Measured) -> str:
+    if not (weights := known_values("labels", measured)).size:
         return ""
-    return f"{100 * np.average(shares[known], weights=weights[known]):.1f}"
+    return f"{100 * np.average(known_values('label_confident', measured), weights=weights):.1f}"
 
 
 def _contacts(measured: Measured) -> str:
@@ -120,7 +119,7 @@ REMARKS: Final = (
     Remark("wrong_accepted_of", "wrong accepted", _sum("accepted_wrong")),
     Remark("limb_wrong", "limb wrong in view, at most s", _median("{1:.1f}", "wrong_s")),
     Remark("within", "within 60, 100 mm", _labels),
-    Remark("sure_wrong", "confident errors %", _sure_wrong),
+    Remark("confident_labels", "confident errors %", _confident_labels),
     Remark("median_label", "median mm", _median("{:.0f}", "median_mm")),
     Remark("tracked_plain", "tracked, % of frames in plain view", _mean_percent("tracked")),
     Remark("another_person", "another person", _sum("another")),

@@ -54,6 +54,7 @@ TRACKED: Final = 0.5  # least share of the joints that are not lost, for a perso
 NEAR_M: Final = 3.5  # farther away a person need not be followed
 REACHES_M: Final = {"within_60": 0.06, "within_100": 0.10}
 AT_REST: Final = 4  # frames at the start or end, in which the thigh rests, as in ``INSTRUMENT``
+TILTED_DEG: Final = 10.0  # an angle between directions is never negative; near rest its error has no sign
 INSTRUMENT: Final = Path(__file__).resolve().parents[2] / "shared" / "tools" / "utd_mhad.py"
 
 
@@ -228,7 +229,8 @@ def _between(one: LabelledPerson, other: LabelledPerson) -> LabelledPerson:
 
 
 LabelError = tuple[float, float]
-"""A joint's distance from its label, inf for a lost joint, and its stated sigma, in metres."""
+"""A joint's distance from its label and its stated sigma, in metres. The distance is inf for a lost joint, which has no
+sigma (NaN), and for a joint far in front of or behind the labelled skin."""
 
 
 def _label_errors(
@@ -240,15 +242,17 @@ def _label_errors(
 
 def _label_scores(errors: Sequence[LabelError]) -> Scores:
     """Return the shares of labels near their joint, and the share of confident errors: farther off than ``FAR_M``, and
-    than ``FAR_SIGMAS`` sigma of each of the two axes perpendicular to the line of sight.
+    than ``FAR_SIGMAS`` sigma of each of the two axes perpendicular to the line of sight. A joint far in front of or
+    behind the labelled skin counts as ``FAR_M`` off.
     """
     if not errors:
         return {}
     away, sigma = np.array(errors).T
     shares = {name: float(np.mean(away < reach)) for name, reach in REACHES_M.items()}
-    sure_wrong = (away > FAR_M) & (away > FAR_SIGMAS * np.sqrt(2.0) * np.nan_to_num(sigma, nan=np.inf))
+    at_least = np.where(np.isfinite(away), away, FAR_M)
+    confident = (at_least >= FAR_M) & (at_least > FAR_SIGMAS * np.sqrt(2.0) * np.nan_to_num(sigma, nan=np.inf))
     return shares | {
-        "label_confident": float(np.mean(sure_wrong)),
+        "label_confident": float(np.mean(confident)),
         "median_mm": 1e3 * float(np.median(away)),
         "labels": float(len(away)),
     }
@@ -326,8 +330,9 @@ def against_inertial_sensor(ready: Ready, results: Path) -> Scores:
 
 
 def _tilt_cover(recording: Path, results: Path, lag_s: float) -> float:
-    """Return the share of frames in which the tilt of the thigh lies within 1.96 sigma of the sensor's. Sigma follows
-    from those of hip and knee, and the error of the rest direction is left out. lag_s: of the sensor's clock.
+    """Return the share of frames with a measured tilt over ``TILTED_DEG`` in which the tracked tilt lies within 1.96
+    sigma of it. Sigma follows from those of hip and knee; the error of the direction at rest is left out. lag_s:
+    seconds to add to the images' times to get the sensor's.
     """
     table = read_joints(results / JOINTS_FILE)
     hip, knee = JOINT_INDEX["HipRight"], JOINT_INDEX["KneeRight"]
@@ -339,5 +344,5 @@ def _tilt_cover(recording: Path, results: Path, lag_s: float) -> float:
         measured_deg = np.interp(table.time_s + lag_s, sensor["time_s"], sensor["angle_deg"])
     down = thigh_m / length_m[:, None]
     tilt_deg = np.degrees(np.arccos(np.clip(down @ unit(np.nanmean(down[rest], axis=0)), -1.0, 1.0)))
-    known = np.isfinite(tilt_deg)
-    return float(np.mean(np.abs(tilt_deg - measured_deg)[known] < NORMAL_95 * sigma_deg[known]))
+    known = np.isfinite(tilt_deg) & (measured_deg > TILTED_DEG)
+    return float(np.mean(np.abs(tilt_deg - measured_deg)[known] < NORMAL_95 * sigma_deg[known])) if known.any() else NAN

@@ -5,7 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from recording_builder import DATA
 
+from anchorpose.body.config import LearningConfig
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.segments import load_body_asset
 from anchorpose.body.shape_prior import adult_belief, standing_height
@@ -31,7 +32,7 @@ from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker import room as running
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning_pass import OtherFacing
-from anchorpose.writing import _doubts, _notes
+from anchorpose.writing import _notes, _unknown_height
 
 FRAMES, FPS, DAMAGED = 9, 8.0, 5
 NAMES = "axes anchors angles contacts episodes explained joints measures people poses posture"
@@ -290,14 +291,22 @@ def test_an_undecided_facing_is_noted():
 
 
 def test_a_height_that_the_images_do_not_show_is_noted():
-    prior, run = adult_belief(load_body_asset()), running.Run(SimpleNamespace(), TrackConfig())
-    sure = 1e6 * prior.prior
-    known = prior.having_seen(prior.shape, sure, sure @ prior.mean)
-    for belief, notes in ((known, 0), (prior, 1)):
-        learnt = SimpleNamespace(belief=belief)
-        assert len(_doubts(run.knowing(belief), learnt)) == notes
-    (note,) = _doubts(run.knowing(prior), SimpleNamespace(belief=prior))
+    def run(**subject: float) -> running.Run:
+        recording = SimpleNamespace(subject=replace(UNKNOWN, **subject))
+        return running.Run(SimpleNamespace(recording=recording), TrackConfig())
+
+    prior = adult_belief(load_body_asset())
+    much = 1e6 * prior.prior
+    known = prior.having_seen(prior.shape, much, much @ prior.mean)
+    learnt = [SimpleNamespace(belief=belief, contradiction="") for belief in (known, prior)]
+    assert [len(_unknown_height(run().with_learnt(one.belief), one)) for one in learnt] == [0, 1]
+    (note,) = _unknown_height(run().with_learnt(prior), learnt[1])
     height_m, row = standing_height(load_body_asset(), prior.shape)
     assert f"({height_m:.2f} m, sigma {100 * np.sqrt(prior.variance(row[None])[0]):.0f} cm)" in note
-    assert not _doubts(run, SimpleNamespace(belief=prior))
-    assert not _doubts(run.knowing(prior), None)
+    stated = run(height_m=1.7).with_learnt(prior)
+    assert not _unknown_height(stated, learnt[1])
+    assert _unknown_height(stated, SimpleNamespace(belief=prior, contradiction="the images show another height"))
+    assert not _unknown_height(run(), learnt[1])
+    assert not _unknown_height(run().with_learnt(prior), None)
+    fixed = replace(run(), config=TrackConfig(learning=LearningConfig(own_shape=False)))
+    assert fixed.with_learnt(prior).other_body is None

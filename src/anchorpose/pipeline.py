@@ -98,7 +98,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     if learnt is not None and not (recording.subject.height_m or is_human(learnt.shape)):
         learnt, run = None, run.without_patient(NoStart.NOT_HUMAN)
     if learnt is not None:
-        run = run.knowing(learnt.belief)
+        run = run.with_learnt(learnt.belief)
     journal = replace(journal, shared={**journal.shared, "run": run, "room": run.room})
 
     # stages for every frame: descriptor, isolation, surface, geodesics, motion, body; then results and report

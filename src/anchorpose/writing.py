@@ -202,7 +202,7 @@ def account_of(
             *_about_depth(room),
             *room.notes,
             *_notes(room, learnt),
-            *_doubts(run, learnt),
+            *_unknown_height(run, learnt),
             *written.association.sentences,
             *(() if corrections is None else corrections.not_honoured),
         ),
@@ -324,15 +324,17 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
     return notes
 
 
-def _doubts(run: Run, learnt: LearntPatient | None) -> list[str]:
-    """Return a note if the images hardly show how tall the patient is."""
-    if learnt is None or run.doubtful is None:
+def _unknown_height(run: Run, learnt: LearntPatient | None) -> list[str]:
+    """Return a note if the images hardly show how tall the patient is, and no height that agrees with them is given."""
+    if learnt is None or run.other_body is None:
+        return []
+    if run.room.recording.subject.height_m is not None and not learnt.contradiction:
         return []
     height_m, sigma_m = _height(body_points().asset, learnt.belief)
     return [
         f"the images do not show the patient's height well ({height_m:.2f} m, sigma {100 * sigma_m:.0f} cm), so sigma "
-        "of the joints includes taller and shorter bodies: measure the height (--height), and place the camera so that "
-        "it sees head, feet and floor"
+        "of the joints includes the error of a taller or shorter body: measure the height (--height), and place the "
+        "camera so that it sees head, feet and floor"
     ]
 
 

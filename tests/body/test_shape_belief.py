@@ -285,9 +285,9 @@ def test_a_belief_that_includes_other_shapes_has_the_spread_of_the_mixture_and_t
     np.testing.assert_allclose(impossible.information, seen.information, rtol=1e-6, atol=1e-6 * seen.information.max())
 
 
-def test_the_shape_off_by_one_sigma_displaces_the_joints_most():
+def test_the_shape_one_sigma_away_displaces_the_joints_most():
     """The oracle is the spread of the joints of drawn shapes."""
-    other, away_m = ADULT.off_by_one_sigma(asset())
+    other, away_m = ADULT.one_sigma_away(asset())
 
     def joints_m(shape: FittedShape) -> np.ndarray:
         joints = shape.mesh(asset()).rest_joints()

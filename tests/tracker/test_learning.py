@@ -77,7 +77,7 @@ class Pass:
         shape = replace(known.shape, coefficients=known.shape.coefficients + 0.01)
         return LearnedBody(known.having_seen(shape, self.gain * np.eye(len(known.mean)), known.pull), ())
 
-    def doubt(self, learnt: ShapeBelief, known: ShapeBelief, frames: Sequence[PosedFrame], config: Any) -> ShapeBelief:
+    def doubt(self, learnt: ShapeBelief, known: ShapeBelief, frames: Sequence[PosedFrame], *_: Any) -> ShapeBelief:
         self.doubted.append([frame.evidence for frame in frames])
         return learnt
 

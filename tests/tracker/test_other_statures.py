@@ -1,4 +1,4 @@
-"""What is learnt of the stature where the pictures show it, and where they do not."""
+"""Check the learnt stature where the images show it, and where they do not."""
 
 from dataclasses import replace
 
@@ -9,9 +9,10 @@ from body_builder import TrueImage, asset, points, seen_body, standing
 from anchorpose.body.learning import learn_body
 from anchorpose.body.shape_prior import ShapeBelief, adult_belief, shape_of_height, standing_height
 from anchorpose.body.skin_points import build_body
-from anchorpose.body.uncertainty import doubtful_shape, shape_sigma
+from anchorpose.body.uncertainty import other_shape, shape_sigma
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.recording.recording import UNKNOWN
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.other_statures import PosedFrame, frames_nats, with_other_statures
 
@@ -52,7 +53,7 @@ def height(belief: ShapeBelief) -> tuple[float, float]:
 def doubted(request: pytest.FixtureRequest) -> tuple[bool, ShapeBelief, ShapeBelief]:
     some = frames(request.param)
     learnt = learnt_from(some, 1.78)
-    return request.param, learnt, with_other_statures(learnt, ADULT, some, CONFIG)
+    return request.param, learnt, with_other_statures(learnt, ADULT, some, UNKNOWN, CONFIG)
 
 
 def test_sigma_of_the_height_covers_its_error(doubted):
@@ -80,17 +81,27 @@ def sigma_of(cut: bool, height_m: float) -> np.ndarray:
 def test_another_stature_makes_joints_uncertain_where_no_skin_is_seen():
     foot, head = JOINT_INDEX["FootLeft"], JOINT_INDEX["Head"]
     seen, hidden = sigma_of(False, 1.70), sigma_of(True, 1.70)
-    assert seen[[foot, head]].max() < 0.01
-    assert hidden[foot] > 3.0 * seen[foot]
+    assert seen[[foot, head]].max() < 0.015
+    assert hidden[foot] > 2.5 * seen[foot]
     assert hidden[foot] > 3.0 * hidden[head]
-    assert sigma_of(True, TRUE_M).max() < 0.5 * hidden[foot]
+    assert sigma_of(True, TRUE_M).max() == 0.0  # the same body
 
 
-def test_a_shape_is_doubtful_beyond_the_systematic_error_of_every_joint():
+def test_a_shape_counts_as_another_if_its_joints_differ_by_more_than_their_systematic_errors():
     sure = 1e6 * ADULT.prior
     known = ADULT.having_seen(PERSON.shape, sure, sure @ ADULT.vector(PERSON.shape))
-    assert doubtful_shape(known) is None
+    assert other_shape(known) is None
     other = shape_of_height(asset(), 1.75)
-    doubtful = doubtful_shape(known.including([other], np.array([0.5])))
-    away_m = abs(standing_height(asset(), doubtful)[0] - TRUE_M)
+    taller = other_shape(known.including([other], np.array([0.5])))
+    away_m = standing_height(asset(), taller)[0] - TRUE_M
     assert away_m == pytest.approx(0.13 * np.sqrt(0.5), rel=0.1)
+
+
+def test_what_a_person_lacks_makes_no_shape_another():
+    without = replace(PERSON.shape, missing=("leg_left", "leg_right"))
+    sure = 1e6 * ADULT.prior
+    legs = [asset().own_row(f"{segment}_length_{side}") for segment in ("thigh", "shank") for side in ("left", "right")]
+    sure[legs] = sure[:, legs] = 0.0  # only the lengths of the legs are unknown
+    for shape, differs in ((PERSON.shape, True), (without, False)):
+        known = replace(ADULT, shape=shape).having_seen(shape, sure, sure @ ADULT.vector(shape))
+        assert (other_shape(known) is not None) == differs

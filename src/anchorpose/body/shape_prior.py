@@ -10,10 +10,12 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from anchorpose.body.asset import BodyAsset, joint_bones
+from anchorpose.body.kinematics import missing_joints
 from anchorpose.body.segments import END_SIGMA, GIRTH_SIGMA, LENGTH_SIGMA, SIDES
 from anchorpose.body.shape_rows import FreeShape
 from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, even_clothes, skin_points
 from anchorpose.body.standing_off import patches_of
+from anchorpose.joints import JOINT_INDEX
 
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003  # m, standard deviation of the thickness of clothes
@@ -97,24 +99,28 @@ class ShapeBelief:
 
     def including(self, others: Sequence[FittedShape], shares: np.ndarray) -> ShapeBelief:
         """Return the belief with the same shape and a covariance that also covers other shapes. shares (n,): the
-        probability of each. The covariance may exceed the prior's, since errors of clothes affect the prior, too.
+        probability of each. The covariance may exceed the prior's, so this belief is not to be refined by more frames.
         """
         at, prior = self.vector(self.shape), self._prior_at(self.shape)
         away = np.array([self.vector(other) for other in others]) - at
         seen = np.linalg.inv(np.linalg.inv(self.information) + (away.T * shares) @ away) - prior
         return replace(self, seen=seen, pull=seen @ at + prior @ (at - self.mean))
 
-    def off_by_one_sigma(self, asset: BodyAsset) -> tuple[FittedShape, np.ndarray]:
+    def one_sigma_away(self, asset: BodyAsset) -> tuple[FittedShape, np.ndarray]:
         """Return the shape one standard deviation away in the direction that displaces the joints of the resting body
-        most, and these displacements (21, 3), metres, relative to the pelvis.
+        most, and these displacements (21, 3), metres, relative to the pelvis. Of the two opposite shapes it is the one
+        with the higher head. Joints on missing parts do not count; their displacement is 0.
         """
         count, bones = self.free.coefficients, joint_bones(asset)
         rows = asset.bone_head_basis[:count, bones] - asset.bone_head_basis[:count, :1]  # (k, 21, 3)
+        rows[:, missing_joints(asset, self.shape.missing)] = 0.0
         rows = rows.reshape(count, -1).T
         covariance = np.linalg.inv(self.information)[:, :count]
         variance, axes = np.linalg.eigh(rows @ covariance[:count] @ rows.T)
+        away_m = (np.sqrt(variance[-1]) * axes[:, -1]).reshape(-1, 3)
+        upwards = 1.0 if away_m[JOINT_INDEX["Head"], 1] >= 0.0 else -1.0
         change = covariance @ rows.T @ axes[:, -1] / np.sqrt(variance[-1])
-        return self.moved(self.shape, change), (np.sqrt(variance[-1]) * axes[:, -1]).reshape(-1, 3)
+        return self.moved(self.shape, upwards * change), upwards * away_m
 
     def cost(self, shape: FittedShape) -> float:
         """Return the sum of a shape's squared deviations from the prior's mean, in standard deviations."""

@@ -25,6 +25,7 @@ from anchorpose.body.explanation import (
     segment_of_points,
 )
 from anchorpose.body.fit import hidden_bones, limited, pose_equations, prior_equations
+from anchorpose.body.kinematics import missing_joints
 from anchorpose.body.likelihood import likelihood, most_nats
 from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
 from anchorpose.body.pose import LIMB_OF_JOINTS, SEGMENT_OF_JOINTS, TRUNK, Pose
@@ -198,22 +199,27 @@ def joint_sigma(
     return np.sqrt(config.floor_m**2 + systematic_m() ** 2 + unlike_m**2 + patch_m**2 / 24.0 + variance)
 
 
-def doubtful_shape(belief: ShapeBelief) -> FittedShape | None:
-    """Return the shape one standard deviation away that displaces the joints most (``ShapeBelief.off_by_one_sigma``);
-    None if its joints differ by no more than the joints' systematic errors, which sigma includes for every body.
+def other_shape(belief: ShapeBelief) -> FittedShape | None:
+    """Return the shape one standard deviation away that displaces the joints most (``ShapeBelief.one_sigma_away``).
+
+    Return None if the sum of the squared displacements is less than that of the joints' systematic errors, which sigma
+    includes for every body.
     """
-    other, away_m = belief.off_by_one_sigma(body_points().asset)
-    return other if float((away_m**2).sum()) > 3.0 * float((systematic_m() ** 2).sum()) else None
+    asset = body_points().asset
+    other, away_m = belief.one_sigma_away(asset)
+    present = ~missing_joints(asset, belief.shape.missing)
+    return other if float((away_m**2).sum()) > 3.0 * float((systematic_m()[present] ** 2).sum()) else None
 
 
 def shape_sigma(body: Body, other: Body, pose: Pose, evidence: Evidence, config: RegistrationConfig) -> np.ndarray:
-    """Return the sigma (21,) of the joints, per axis, because the body may have another shape.
+    """Return the joints' sigma (21,) per axis, metres, that follows from the uncertainty of the body's shape.
 
-    The other body is registered to the same frame. So joints at visible skin, such as a foot, move less than the bones
-    change. other: the body one standard deviation away, from ``doubtful_shape``.
+    Both bodies are registered to the frame, and sigma is the distance between their joints. So joints at visible skin
+    hardly differ, even if the bones do. other: the body one standard deviation away (``other_shape``).
     """
-    moved = descend(other, pose, vague_belief(pose), evidence, config)
-    return np.asarray(np.linalg.norm(other.joints(moved) - body.joints(pose), axis=1) / np.sqrt(3.0))
+    expected = vague_belief(pose)
+    own_m, other_m = (one.joints(descend(one, pose, expected, evidence, config)) for one in (body, other))
+    return np.asarray(np.linalg.norm(other_m - own_m, axis=1) / np.sqrt(3.0))
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:

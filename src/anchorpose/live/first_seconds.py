@@ -172,7 +172,7 @@ def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
     learnt = learn_patient(run, plan_route(room, config, lambda: None).stretches()) if room.initial_frames else None
     if learnt is None or not (room.recording.subject.height_m or is_human(learnt.shape)):
         return None
-    return Prepared(inputs, run.knowing(learnt.belief), learnt)
+    return Prepared(inputs, run.with_learnt(learnt.belief), learnt)
 
 
 def latest_good(frames: Sequence[InitialFrame]) -> InitialFrame:

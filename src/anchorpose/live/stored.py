@@ -178,7 +178,8 @@ def read_patients(results: Path, session: StoredSession) -> Iterator[LivePatient
             learnt = inside.read(LEARNT, LearntPatient)
         except KeyError:
             raise InputError(inside.folder / LEARNT, "is missing", "put it back") from None
-        yield LivePatient(number, Prepared(inputs, run, learnt), Blocks(inside, TrackedFrame))
+        prepared = Prepared(inputs, run.with_learnt(learnt.belief), learnt)
+        yield LivePatient(number, prepared, Blocks(inside, TrackedFrame))
 
 
 def _journal(folder: Path) -> Journal:

@@ -59,9 +59,9 @@ class BoneRecord:
 class BodyRecord:
     """The tracked body, and the number of seconds of the recording from which it was learnt.
 
-    height_sigma_m follows from the equations by which the body is fitted, and from how well taller and shorter bodies
-    fit the images. It includes the effects of noise, poses, hidden parts and clothes, but not of bodies outside the
-    shape space. A bone's sigma includes a systematic error for these.
+    height_sigma_m follows from the equations by which the body is fitted. It includes the effects of noise, poses and
+    hidden parts and, without a stated height, of other statures that fit the images. A bone's sigma also includes a
+    systematic error for clothes and for bodies outside the shape space.
     """
 
     learnt_from_s: float

@@ -69,7 +69,7 @@ class Earlier(NamedTuple):
     rivals: Sequence[Rival] = ()  # other poses that fit the images almost as well as the registered pose
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
     unseen_s: np.ndarray | None = None  # (PARTS, 2) s, time since a limb's halves (cut at elbow or knee) were last seen
-    doubtful: Body | None = None  # from learning, as ``Run.doubtful``
+    other_body: Body | None = None  # as ``Run.other_body``
 
 
 _NOTHING_OPEN: Final = Earlier()
@@ -157,8 +157,8 @@ def _sigma(
     sigma = frame_alone_sigma(
         body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
     )
-    if earlier.doubtful is not None:
-        sigma = np.hypot(sigma, shape_sigma(body, earlier.doubtful, belief.pose, evidence, config.registration))
+    if earlier.other_body is not None:
+        sigma = np.hypot(sigma, shape_sigma(body, earlier.other_body, belief.pose, evidence, config.registration))
     if earlier.rivals:
         sigma = with_rivals(body, body.joints(belief.pose), sigma, earlier.rivals)
     sigma = unexplained_sigma(body, belief.pose, evidence, explanation, sigma)

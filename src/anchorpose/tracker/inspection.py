@@ -138,7 +138,7 @@ def _as_tracked(route: Route, position: int, run: Run) -> tuple[_Reached | None,
     learnt, room = learn_on(route, run), run.room
     if learnt is None or room.initial_frame is None:
         return None, ("No body could be fitted to this person, so track finds no joint in any frame.",)
-    reached = _follow(route, room.initial_frame, position, learnt.shape, run)
+    reached = _follow(route, room.initial_frame, position, learnt.shape, run.with_learnt(learnt.belief))
     if reached is None:
         return None, ("The patient is lost in this frame: track gives no joint here either.",)
     return reached, (

@@ -107,24 +107,33 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
 
     Each stretch is followed for an equal share of ``learning.longest_s``; in the first stretch, this time begins when
     the patient is found. Meanwhile, tracking uses the shape learnt so far, and each window of frames refines it. To
-    save memory, only the frames of the first and the latest window are kept for each of two opposite facings. At the
-    end, other statures are tried, unless the user measured the height.
+    save memory, only the frames of the latest and the longest window of each stretch are kept, for each of two opposite
+    facings. At the end, other statures are tried on the longest windows, unless a height is stated that the images do
+    not contradict.
     """
-    step: _Step | None = None
+    learnt, longest = None, list[_Seen]()
     for stretch in stretches:
-        before = None if step is None else step[0]
-        step = _learn_on(stretch, before, run.config.learning.longest_s / len(stretches), run) or step
-    return None if step is None else _in_doubt(*step, run)
+        step = _learn_on(stretch, learnt, run.config.learning.longest_s / len(stretches), run)
+        if step is not None:
+            learnt, longest = step[0], longest + step[1].kept
+    return learnt if learnt is None else replace(learnt, belief=_of_all_statures(learnt, longest, run))
 
 
-def _in_doubt(learnt: LearntPatient, window: _Window, run: Run) -> LearntPatient:
-    """Return the learnt patient with other statures in the belief."""
+def _of_all_statures(learnt: LearntPatient, kept: Sequence[_Seen], run: Run) -> ShapeBelief:
+    """Return the belief in the learnt shape with other statures included; unchanged if the height is stated and not
+    contradicted, or if the settings leave learning out.
+    """
     subject = run.room.recording.subject.unmeasured if learnt.contradiction else run.room.recording.subject
     if subject.height_m is not None or not run.config.learning.own_shape:
-        return learnt
+        return learnt.belief
     with run.stage("body shape"):
-        known = likeliest(known_beliefs(subject, run.config), learnt.shape)
-        return replace(learnt, belief=with_other_statures(learnt.belief, known, _posed(window.kept), run.config))
+        return _with_other_statures(learnt.belief, kept, subject, run)
+
+
+def _with_other_statures(belief: ShapeBelief, kept: Sequence[_Seen], stated: Subject, run: Run) -> ShapeBelief:
+    covered = (*stated.covered, *standing_off(body_points(), belief.shape))
+    known = likeliest(known_beliefs(replace(stated, covered=covered), run.config), belief.shape)
+    return with_other_statures(belief, known, _posed(kept), stated, run.config)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,8 +149,8 @@ class _Window:
 
 
 def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, run: Run) -> _Step | None:
-    """Learn from one more stretch; return the learnt patient and a window, None if the patient is not found in it.
-    before: the result of earlier stretches; None for the first stretch.
+    """Learn from one more stretch; return the learnt patient and the window with most frames, None if the patient is
+    not found in this stretch. before: the result of earlier stretches; None for the first stretch.
     """
     windows = _windows(run, stretch, before, longest_s)
     first = next(windows, None)
@@ -189,7 +198,7 @@ def _last(learning: _Learning) -> _Step:
 
 def likelier(one: _Learning, other: _Learning, run: Run) -> _Step:
     """Learn with both facings of the patient until one is clearly more probable; return the patient learnt with this
-    facing, and a window. If the whole stretch does not decide, the patient also has the other facing.
+    facing, and the window with most frames. If the stretch does not decide, the result also contains the other facing.
 
     A single frame may show too little to decide which way the patient faces. Over several windows, a wrong facing
     becomes evident: no body of human shape fits all of them, or the person seems to turn round at some time.
@@ -335,6 +344,8 @@ def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
     if subject != subject.unmeasured:
         seen = learnt(subject.unmeasured)
         why = contradiction(subject, seen, config)
+        if why:  # it may be only the height that the images do not show
+            why = contradiction(subject, _with_other_statures(seen, kept, subject.unmeasured, run), config)
         belief = seen if why else belief
     return LearntPatient(belief, belief, seconds, kept[0].pose, window.frame, why)
 

@@ -14,7 +14,7 @@ from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.pose import LIMB_OF_JOINTS
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, body_points, build_body
-from anchorpose.body.uncertainty import doubtful_shape
+from anchorpose.body.uncertainty import other_shape
 from anchorpose.calibration.calibration import Calibration
 from anchorpose.calibration.clocks import Clocks
 from anchorpose.camera import Camera
@@ -171,17 +171,18 @@ class Run:
     motions: MotionDatabase | None = None  # reference movements; None if the prediction needs none
     stopwatch: Stopwatch = field(default_factory=Stopwatch)
     associate: Callable[..., Matcher] | None = None  # function to match nodes (``Associate``); None = ``link``
-    # the patient's body one standard deviation from the learnt one (``doubtful_shape``); None if it hardly differs
-    doubtful: Body | None = None
+    # the patient's body one standard deviation from the learnt one (``other_shape``); None before learning, or if their
+    # joints hardly differ
+    other_body: Body | None = None
 
     def without_patient(self, why: str) -> Run:
         """Return the run without a patient, because the person who was found is not to be tracked. why: the reason."""
         return replace(self, room=replace(self.room, initial_frames=(), why_nobody=why))
 
-    def knowing(self, belief: ShapeBelief) -> Run:
-        """Return the run with the uncertainty of the learnt shape."""
-        other = doubtful_shape(belief)
-        return replace(self, doubtful=None if other is None else build_body(body_points(), other))
+    def with_learnt(self, belief: ShapeBelief) -> Run:
+        """Return the run with the uncertainty of the learnt shape; unchanged if the settings leave learning out."""
+        other = other_shape(belief) if self.config.learning.own_shape else None
+        return replace(self, other_body=None if other is None else build_body(body_points(), other))
 
     def stage(self, name: str) -> AbstractContextManager[None]:
         """Add the time spent in the enclosed block to the stage of this name."""
