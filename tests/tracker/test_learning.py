@@ -12,9 +12,9 @@ from body_builder import asset, standing
 from anchorpose.body.config import LearningConfig
 from anchorpose.body.learning import LearnedBody
 from anchorpose.body.pose import Pose
-from anchorpose.body.shape_prior import ShapeBelief, adult_belief
+from anchorpose.body.shape_prior import ShapeBelief, adult_belief, shape_of_height
 from anchorpose.body.skin_points import FittedShape, even_clothes
-from anchorpose.recording.recording import UNKNOWN
+from anchorpose.recording.recording import UNKNOWN, Subject
 from anchorpose.tracker import learning_pass
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning_pass import LearntPatient, Stretch, learn_patient, likelier
@@ -43,6 +43,7 @@ class Pass:
     known: list[ShapeBelief] = field(default_factory=list)  # before each of them
     reaches_m: list[float] = field(default_factory=list)  # the first of each
     doubted: list[list[float]] = field(default_factory=list)  # times of the frames on which other statures were tried
+    unclear: bool = False  # whether a much taller body explains the frames as well
     worn: list[FittedShape] = field(default_factory=list)
     begun: list[FittedShape | None] = field(default_factory=list)  # with which body each stretch began
     found: tuple[bool, ...] = (True,) * 3  # whether the patient is found in each stretch
@@ -79,7 +80,7 @@ class Pass:
 
     def doubt(self, learnt: ShapeBelief, known: ShapeBelief, frames: Sequence[PosedFrame], *_: Any) -> ShapeBelief:
         self.doubted.append([frame.evidence for frame in frames])
-        return learnt
+        return learnt.including([shape_of_height(asset(), 2.2)], np.array([0.3])) if self.unclear else learnt
 
     def number(self, time_s: float) -> int:
         return round((time_s - 50.0) / self.step_s)
@@ -213,6 +214,24 @@ def test_where_nothing_is_to_be_learnt_the_first_body_is_kept_and_unexplained_fr
     assert learnt.belief is learnt.first
     assert learnt.seconds == 0.0
     assert Pass(explained=0.2).run(monkeypatch) is None
+
+
+def test_other_statures_are_tried_on_the_longest_window_of_each_stretch(monkeypatch):
+    tried = Pass()
+    learnt = tried.run(monkeypatch, LearningConfig(longest_s=12.0), stretches=2)
+    (times,) = tried.doubted
+    assert len(times) == 2 * 21  # every 0.2 s of 4 s
+    assert learnt.belief is not learnt.first
+
+
+@pytest.mark.parametrize("unclear", [False, True])
+def test_a_height_is_refused_only_by_images_that_show_the_height(monkeypatch, unclear):
+    stated = SimpleNamespace(recording=SimpleNamespace(subject=Subject(height_m=2.1)), review=NO_REVIEW)
+    tried = Pass(unclear=unclear, gain=1e6)
+    learnt = tried.run(monkeypatch, LearningConfig(longest_s=4.0), stated)
+    assert ("stated height" in learnt.contradiction) != unclear
+    # tried before the stated height is refused, and, once it is refused, for the body without it
+    assert len(tried.doubted) == (1 if unclear else 2)
 
 
 def turning_round(number: int) -> Pose:
