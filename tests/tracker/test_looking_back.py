@@ -119,6 +119,29 @@ def test_ways_back_that_change_nothing_become_rare(monkeypatch):
     assert waiting.take_but(0) == list(range(200))
 
 
+def moved(result: PassResult, shift_m: float) -> PassResult:
+    return replace(result, joints_m=result.joints_m + np.array([shift_m, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize(("shift_m", "taken"), [(2.0, False), (0.2, True)])
+def test_nobody_is_in_two_places_at_once(seen_back, shift_m, taken):
+    """Who is found again elsewhere than the patient was seen is another person, however much of them is seen."""
+    kept, _ = seen_back([LOST_ARM] * 6 + [LOST] * 5, [moved(answer(), shift_m)] * 11)
+    assert ("back" in kept) == taken
+
+
+def test_a_trunk_that_no_camera_saw_proves_no_second_person(seen_back):
+    hidden = replace(LOST_ARM, states=(JointState.HIDDEN_BY_PERSON,) * JOINT_COUNT)
+    kept, _ = seen_back([hidden] * 6 + [LOST] * 5, [moved(answer(), 2.0)] * 11)
+    assert kept[-5:] == ["back"] * 5
+
+
+def test_a_limb_found_again_says_who_the_patient_is_no_less_than_before(seen_back):
+    """If the patient was not lost in between, the pass may have followed another person for a while."""
+    kept, _ = seen_back([LOST_ARM] * 6, [moved(answer(), 2.0)] * 6)
+    assert kept == ["back"] * 6
+
+
 def test_a_way_back_that_sees_no_more_ends_after_a_second(seen_back):
     kept, read = seen_back([answer()] * 40, [answer(0.4)] * 40)
     assert kept == ["there"] * 40

@@ -3,7 +3,8 @@
 If a limb or patient is found again, it was often in view in earlier frames already, but not at the predicted place. So
 the patient is tracked back from that frame, until both directions agree, or until tracking back shows no more of the
 body than the pass did. Each frame is then taken from the direction that has more joints at places where cameras see the
-body.
+body. But if cameras see the trunks of both directions in one frame at different places, they are two people. The pass
+has followed the patient from the initial frame, so the person who was found again is another, and no frame is replaced.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.joints import JointState
+from anchorpose.joints import JOINT_INDEX, JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.frame_record import Kept
@@ -27,6 +28,8 @@ AGREEING: Final = 3  # tracking back stops after this many successive frames in 
 # tracking back stops after so many successive frames in which it shows no more of the body than the pass did
 IN_VAIN: Final = 10
 ELSEWHERE_M: Final = 0.15  # m; if a joint jumps farther than this between two frames, its limb was found again
+TRUNK: Final = JOINT_INDEX["SpineMid"]
+TWO_PEOPLE_M: Final = 0.35  # m, breadth of a chest; the trunks of two people cannot be nearer to each other
 # frames between two attempts to track back; doubled after an attempt that changed no frame, up to LONGEST_PAUSE
 FIRST_PAUSE, LONGEST_PAUSE = 4, 64
 
@@ -95,7 +98,9 @@ def look_back(
     """
     start = turn_round(found, run.config)
     again = [] if start is None else _seen_again(PatientTracker(run, start), before, frame, run, keep)
-    if not again:
+    last = before[-1].result
+    was_lost = last is not None and last.pose is None  # else a limb was found again
+    if not again or (was_lost and _are_two_people(before, again)):
         return list(before)
     first = len(before) - len(again)
     there, back = (course_of([one.result for one in way if one.result], len(again)) for way in (before[first:], again))
@@ -104,6 +109,19 @@ def look_back(
     changed = (cheapest_course(costs, np.nan_to_num(apart_m)) == 1) & ~(apart_m < APART_M)
     chosen = [two if other else one for one, two, other in zip(before[first:], again, changed, strict=True)]
     return [*before[:first], *chosen]
+
+
+def _are_two_people(before: Sequence[Passed], again: Sequence[Passed]) -> bool:
+    """Return whether cameras see the trunks of both directions in one frame, but at different places in most of these
+    frames. before, again: the frames of the pass and those tracked back; the last ones are the same frames.
+    """
+    apart_m = [
+        float(np.linalg.norm(there.joints_m[TRUNK] - back.joints_m[TRUNK]))
+        for there, back in ((one.result, other.result) for one, other in zip(before[-len(again) :], again, strict=True))
+        if there is not None and back is not None
+        if there.states[TRUNK] is JointState.OBSERVED and back.states[TRUNK] is JointState.OBSERVED
+    ]
+    return bool(apart_m) and float(np.median(apart_m)) > TWO_PEOPLE_M
 
 
 def _seen_again(
