@@ -9,12 +9,11 @@ from body_builder import TrueImage, asset, points, seen_body, standing
 from anchorpose.body.learning import learn_body
 from anchorpose.body.shape_prior import ShapeBelief, adult_belief, shape_of_height, standing_height
 from anchorpose.body.skin_points import build_body
-from anchorpose.body.uncertainty import other_shape, shape_sigma
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import UNKNOWN
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.other_statures import PosedFrame, frames_nats, with_other_statures
+from anchorpose.tracker.other_statures import PosedFrame, frames_nats, other_shape, shape_sigma, with_other_statures
 
 TRUE_M = 1.62
 PERSON = build_body(points(), shape_of_height(asset(), TRUE_M))

@@ -25,23 +25,11 @@ from anchorpose.body.explanation import (
     segment_of_points,
 )
 from anchorpose.body.fit import hidden_bones, limited, pose_equations, prior_equations
-from anchorpose.body.kinematics import missing_joints
 from anchorpose.body.likelihood import likelihood, most_nats
 from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
 from anchorpose.body.pose import LIMB_OF_JOINTS, SEGMENT_OF_JOINTS, TRUNK, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
-from anchorpose.body.registration import descend
-from anchorpose.body.shape_prior import ShapeBelief
-from anchorpose.body.skin_points import (
-    Body,
-    FittedShape,
-    PosedPoints,
-    body_points,
-    joint_jacobian,
-    place_variance,
-    pose_jacobian,
-    pose_points,
-)
+from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, place_variance, pose_jacobian, pose_points
 from anchorpose.body.standing_off import standing_off_sigma_m
 from anchorpose.body.visibility import SkinReason, distance_of, skin_reasons
 from anchorpose.isolation.depth_noise import DepthNoise
@@ -197,29 +185,6 @@ def joint_sigma(
     variance = _variance(body, posed, every, joint_bones(body.points.asset), places)
     unlike_m = standing_off_sigma_m(body.points, body.shape)
     return np.sqrt(config.floor_m**2 + systematic_m() ** 2 + unlike_m**2 + patch_m**2 / 24.0 + variance)
-
-
-def other_shape(belief: ShapeBelief) -> FittedShape | None:
-    """Return the shape one standard deviation away that displaces the joints most (``ShapeBelief.one_sigma_away``).
-
-    Return None if the sum of the squared displacements is less than that of the joints' systematic errors, which sigma
-    includes for every body.
-    """
-    asset = body_points().asset
-    other, away_m = belief.one_sigma_away(asset)
-    present = ~missing_joints(asset, belief.shape.missing)
-    return other if float((away_m**2).sum()) > 3.0 * float((systematic_m()[present] ** 2).sum()) else None
-
-
-def shape_sigma(body: Body, other: Body, pose: Pose, evidence: Evidence, config: RegistrationConfig) -> np.ndarray:
-    """Return the joints' sigma (21,) per axis, metres, that follows from the uncertainty of the body's shape.
-
-    Both bodies are registered to the frame, and sigma is the distance between their joints. So joints at visible skin
-    hardly differ, even if the bones do. other: the body one standard deviation away (``other_shape``).
-    """
-    expected = vague_belief(pose)
-    own_m, other_m = (one.joints(descend(one, pose, expected, evidence, config)) for one in (body, other))
-    return np.asarray(np.linalg.norm(other_m - own_m, axis=1) / np.sqrt(3.0))
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:

@@ -24,7 +24,6 @@ from anchorpose.body.uncertainty import (
     joint_sigma,
     lost_ends,
     noise_covariance,
-    shape_sigma,
     smeared_sigma,
     unexplained_sigma,
 )
@@ -35,6 +34,7 @@ from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.other_statures import shape_sigma
 
 TOO_UNCERTAIN: Final = "every joint is more uncertain than a forearm's length"
 

@@ -14,7 +14,6 @@ from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.pose import LIMB_OF_JOINTS
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, body_points, build_body
-from anchorpose.body.uncertainty import other_shape
 from anchorpose.calibration.calibration import Calibration
 from anchorpose.calibration.clocks import Clocks
 from anchorpose.camera import Camera
@@ -28,6 +27,7 @@ from anchorpose.results.corrections import Corrections, JointCorrection
 from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Start
+from anchorpose.tracker.other_statures import other_shape
 from anchorpose.tracker.sighting import Crowd
 from anchorpose.tracker.stopwatch import Stopwatch
 
