@@ -205,6 +205,7 @@ def test_what_pixels_say_of_skin_is_what_the_rules_written_out_say():
     wanted[(label == PixelLabel.PATIENT) & before] = SkinReason.SELF
     wanted[(label == PixelLabel.EQUIPMENT) & (before | near)] = SkinReason.EQUIPMENT
     wanted[(label >= PixelLabel.OTHER_PERSON) & (before | near)] = SkinReason.PERSON
+    wanted[(label == PixelLabel.BACKGROUND) & (before | near)] = SkinReason.HOLE
     wanted[(label == PixelLabel.NO_READING) | (label == PixelLabel.CLUTTER)] = SkinReason.HOLE
     wanted[(label == PixelLabel.PATIENT) & near] = SkinReason.SEEN
     column[::9] = row[::9] = -1

@@ -49,7 +49,7 @@ class SkinReason(IntEnum):
     SELF = 1  # the patient, in front of the point
     EQUIPMENT = 2  # equipment, at the depth of the point or in front of it
     PERSON = 3  # another person, at the depth of the point or in front of it
-    HOLE = 4  # no usable reading
+    HOLE = 4  # no usable reading, or an object of the room, at the depth of the point or in front of it
     OUTSIDE = 5  # the point lies outside the image
     PAST = 6  # the camera sees past the point: the reading lies farther away
 
@@ -206,6 +206,8 @@ def _read(
             reason[p] = SkinReason.EQUIPMENT
         elif label >= PixelLabel.OTHER_PERSON and (before or near):
             reason[p] = SkinReason.PERSON
+        elif label == PixelLabel.BACKGROUND and z > 0.0 and (before or near):
+            reason[p] = SkinReason.HOLE
     return reason
 
 
