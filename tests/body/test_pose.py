@@ -170,6 +170,15 @@ def test_an_elbow_at_its_limit_is_straight_and_bends_from_there(side):
     assert flexion(limit + np.radians(70.0)) == pytest.approx(70.0, abs=1.0)
 
 
+@pytest.mark.parametrize("side", ["Left", "Right"])
+def test_a_knee_may_extend_five_degrees_beyond_the_straight_leg(side):
+    hip, knee = (MEAN.rest_joints()[JOINT_INDEX[f"{name}{side}"]] for name in ("Hip", "Knee"))
+    limit = joint_range(asset()).hinge_limit[MOVING_BONES.index(f"{side}Leg")]
+    shank = bent(f"{side}Leg", limit, f"Ankle{side}") - knee
+    thigh = knee - hip
+    assert np.degrees(np.arctan2(*shank[[0, 1]]) - np.arctan2(*thigh[[0, 1]])) == pytest.approx(-5.0, abs=1.5)
+
+
 def arm_raised(side, degrees) -> Pose:
     """An arm turned outwards from hanging straight down, in the plane of the body."""
     rotations = np.tile(np.eye(3), (len(asset().bone_names), 1, 1))
