@@ -90,7 +90,7 @@ def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Wr
     depth images, frame by frame; collect what run.json needs.
     """
     dropped, lost, shares = list[DroppedFrame](), list[LostInterval](), list[float | None]()
-    poor = list[PoorInterval]()
+    poor, before = list[PoorInterval](), None
     points, equipment = body_points(), run.room.recording.part_names
     intervals = ContactIntervals(region_of_points(points), area_of_point(points), run.config.contacts, equipment)
     with (
@@ -113,8 +113,9 @@ def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Wr
             for contact in intervals.push(frame, time_s, record.near, record.gaps):
                 contacts.append(contact)
             dropped += [DroppedFrame(frame, time_s, why) for why in record.problems]
-            note_lost(lost, frame, time_s, record.why_lost)
-            note_poor(poor, frame, time_s, record.poor)
+            note_lost(lost, before, frame, time_s, record.why_lost)
+            note_poor(poor, before, frame, time_s, record.poor)
+            before = frame
             shares.append(None if record.matched_share is None else round(record.matched_share, 3))
         for contact in intervals.finish():
             contacts.append(contact)

@@ -249,28 +249,32 @@ class RunRecord:
     outputs_sha256: dict[str, Sha256] = field(default_factory=dict)  # hash of each file, by its path in the results
 
 
-def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str) -> None:
+def note_lost(intervals: list[LostInterval], before: int | None, frame: int, time_s: float, why: str) -> None:
     """Add one more frame to the intervals in which the patient is lost: it continues the last interval or begins a new
     one. An empty ``why`` means that the patient was found, so nothing is added.
+
+    before: number of the frame before; None for the first frame. Numbers may be left out between two frames.
     """
     if not why:
         return
     last = intervals[-1] if intervals else None
-    if last is not None and last.why == why and last.last_frame == frame - 1:
+    if last is not None and last.why == why and last.last_frame == before:
         intervals[-1] = replace(last, last_frame=frame, end_s=time_s)
     else:
         intervals.append(LostInterval(frame, frame, time_s, time_s, why))
 
 
-def note_poor(intervals: list[PoorInterval], frame: int, time_s: float, poor: Sequence[PoorDepth]) -> None:
+def note_poor(
+    intervals: list[PoorInterval], before: int | None, frame: int, time_s: float, poor: Sequence[PoorDepth]
+) -> None:
     """Add a frame to the intervals of poor depth: for each camera in ``poor``, the frame continues or begins an
-    interval.
+    interval. before: as in ``note_lost``.
     """
     for one in poor:
-        at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], frame, one)), None)
-        before = None if at is None else intervals[at]
-        worst = one.amount if before is None else max(one.amount, before.worst)
-        first, start_s = (frame, time_s) if before is None else (before.first_frame, before.start_s)
+        at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], before, one)), None)
+        begun = None if at is None else intervals[at]
+        worst = one.amount if begun is None else max(one.amount, begun.worst)
+        first, start_s = (frame, time_s) if begun is None else (begun.first_frame, begun.start_s)
         why = sentence(PoorDepth(one.camera, one.kind, worst))
         found = PoorInterval(one.camera, one.kind, first, frame, start_s, time_s, worst, why)
         if at is None:
@@ -279,8 +283,8 @@ def note_poor(intervals: list[PoorInterval], frame: int, time_s: float, poor: Se
             intervals[at] = found
 
 
-def _goes_on(interval: PoorInterval, frame: int, poor: PoorDepth) -> bool:
-    return (interval.camera, interval.kind, interval.last_frame) == (poor.camera, poor.kind, frame - 1)
+def _goes_on(interval: PoorInterval, before: int | None, poor: PoorDepth) -> bool:
+    return (interval.camera, interval.kind, interval.last_frame) == (poor.camera, poor.kind, before)
 
 
 _TOO_COARSE: Final = {PoorKind.EDGES: "edges are drawn out over", PoorKind.STEPS: "depth has steps of"}
