@@ -116,8 +116,8 @@ def test_a_pose_is_explained_again_by_the_kept_labels_as_it_was_when_the_frame_w
     run, body, compared = Run(course.room, CONFIG), build_body(body_points(), course.shape), 0
     for position, estimate in enumerate(course.estimates):
         labels = label_pictures(estimate.frame_set, estimate.observation)
-        answer = pass_result(body, estimate, labels, usable=True)
-        again = explain_smoothed(read_frame(course.room.recording, position), answer, body, run)
+        answer = pass_result(body, estimate, usable=True)
+        again = explain_smoothed(read_frame(course.room.recording, position), answer, labels, body, run)
         assert (again is None) == (estimate.explanation is None)
         if again is not None:
             views = labelled_views(read_frame(course.room.recording, position), labels, course.room)
@@ -129,7 +129,7 @@ def test_a_pose_is_explained_again_by_the_kept_labels_as_it_was_when_the_frame_w
             compared += 1
     assert compared > 8
     raised = replace(answer, pose=body_raised(answer.pose, body, "LeftArm"))
-    wrong = explain_smoothed(read_frame(course.room.recording, position), raised, body, run)
+    wrong = explain_smoothed(read_frame(course.room.recording, position), raised, labels, body, run)
     assert wrong.seen_past[1] > SEEN_PAST > again.seen_past[1]
     assert wrong.seen_past[2] == again.seen_past[2]
 

@@ -9,21 +9,21 @@ from anchorpose.isolation.people import IsolationConfig
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.surface.surface import ExpectedSkin
 from anchorpose.tracker.observation import Expectation
-from anchorpose.tracker.observing import LOOSEST_SKIN_M, UNFITTED_M, patient_likelihood
+from anchorpose.tracker.observing import LOOSEST_SKIN_M, UNFITTED_M_S, patient_likelihood
 
 CONFIG, BODY = IsolationConfig(), adult_body()
 
 
-def expectation(sigma_m: np.ndarray, frames_without_fit: int = 0) -> Expectation:
+def expectation(sigma_m: np.ndarray, unfitted_s: float = 0.0) -> Expectation:
     posed = pose_points(BODY, standing())
     skin = ExpectedSkin(posed.points_m.astype(np.float32), posed.normals.astype(np.float32), map_body(BODY))
-    return Expectation(skin, sigma_m, np.zeros((5, 3)), np.array([1.0, 0.0, 0.0]), frames_without_fit)
+    return Expectation(skin, sigma_m, np.zeros((5, 3)), np.array([1.0, 0.0, 0.0]), unfitted_s)
 
 
 def test_the_spread_is_the_uncertainty_of_the_skin() -> None:
     sigma = np.linspace(0.0, 0.9 * LOOSEST_SKIN_M, len(points().part))
-    likelihood, hidden = patient_likelihood(expectation(sigma, 2), CONFIG)
-    spread = CONFIG.skin_sigma_m + 2 * UNFITTED_M
+    likelihood, hidden = patient_likelihood(expectation(sigma, 0.1), CONFIG)
+    spread = CONFIG.skin_sigma_m + 0.1 * UNFITTED_M_S
     np.testing.assert_allclose(likelihood.sigma_m, np.hypot(spread, sigma), rtol=1e-6)
     assert (likelihood.owner == PixelLabel.PATIENT).all()
     assert not len(hidden.part)

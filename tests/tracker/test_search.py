@@ -10,12 +10,14 @@ from room_builder import FRONT, ROOM, body, built_scene, picture
 
 from anchorpose.body.belief import vague_belief
 from anchorpose.isolation.bystander_memory import empty_memory, update_memory
+from anchorpose.isolation.patient_label import LAST_LABEL
 from anchorpose.isolation.people import PatientChoice, see_people
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.following import Follower
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import WALK_M_S, LastSeen, Search, seen_as_strip
@@ -58,6 +60,23 @@ def looked(search: Search, *moments: tuple, first: int = 1) -> list[PatientChoic
 
 
 LATER = 20  # more than a second after the patient was lost
+
+
+def test_a_pass_that_begins_with_a_search_takes_nobody_who_was_beside_him():
+    room = SimpleNamespace(**vars(ROOM_NOW), why_nobody="")
+    follower = Follower(Run(room, CONFIG), None, None, search=lost_beside(THERAPIST))
+    (estimate,) = follower.step(frame(LATER, THERAPIST))
+    assert estimate.why_lost == NoStart.NOBODY_NEW.value
+    assert follower.tracker is None
+
+
+def test_the_last_label_stands_for_several_people_so_its_bearer_may_be_him():
+    before = seen(body(0.0, 0.0), THERAPIST)
+    memory = replace(before.memory, owner=np.full_like(before.memory.owner, LAST_LABEL))
+    before = SimpleNamespace(memory=replace(memory, next_label=LAST_LABEL + 1), frame_set=before.frame_set)
+    met = frozenset({LAST_LABEL})
+    search = Search(before, LastSeen(before, vague_belief(standing((0.0, 0.9, 0.0))), met), left=False)
+    assert isinstance(looked(search, (body(0.0, 0.0), THERAPIST), first=LATER)[0], PatientChoice)
 
 
 def test_nobody_is_found_in_an_empty_room():

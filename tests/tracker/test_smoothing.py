@@ -8,9 +8,16 @@ from body_builder import adult_body, standing
 
 from anchorpose.body.pose import Pose
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
-from anchorpose.results.records import LabelImage
 from anchorpose.tracker.config import FollowConfig
-from anchorpose.tracker.smoothing import PassResult, course_of, smooth, smooth_in_time, smoothed_result
+from anchorpose.tracker.smoothing import (
+    PassResult,
+    Smoothing,
+    course_of,
+    smooth,
+    smooth_in_time,
+    smoothed_result,
+    trunk_of_back,
+)
 
 BODY, LOST_SIGMA_M = adult_body(), FollowConfig().lost_sigma_m
 FRAMES, FPS = 16, 15.0
@@ -37,10 +44,19 @@ def nobody() -> PassResult:
 
 
 def smoothed(there: list[PassResult], back: list[PassResult], held: np.ndarray | None = None) -> list[PassResult]:
-    held = np.zeros((len(there), 21), bool) if held is None else held
-    both = smooth(TIME_S, course_of(there, len(there)), course_of(back, len(back)), held, LOST_SIGMA_M)
+    both = smoothing_of(there, back, held)
     pairs = enumerate(zip(there, back, strict=True))
     return [smoothed_result(BODY, one, other, both, row) for row, (one, other) in pairs]
+
+
+def smoothing_of(there: list[PassResult], back: list[PassResult], held: np.ndarray | None = None) -> Smoothing:
+    held = np.zeros((len(there), 21), bool) if held is None else held
+    return smooth(TIME_S, course_of(there, len(there)), course_of(back, len(back)), held, LOST_SIGMA_M)
+
+
+def trunks_of_back(there: list[PassResult], back: list[PassResult]) -> list[bool]:
+    both = smoothing_of(there, back)
+    return [trunk_of_back(one, other, both, row) for row, (one, other) in enumerate(zip(there, back, strict=True))]
 
 
 def off_m(found: list[PassResult], truth: list[PassResult]) -> np.ndarray:
@@ -100,14 +116,14 @@ def test_a_limb_that_one_pass_left_behind_is_taken_from_the_other(state, first):
     assert all(one.states == (OBSERVED,) * JOINT_COUNT for one in found[7:10])
 
 
-def test_person_labels_are_those_of_the_pass_that_the_trunk_is_taken_from():
-    first, second = ((LabelImage(0, "front", name),) for name in (b"first", b"second"))
-    there = [replace(one, labels=first) for one in course_of_pass(sigma_m=0.01)]
-    back = [replace(one, labels=second) for one in course_of_pass(sigma_m=0.02)]
-    assert {one.labels for one in smoothed(there, back)} == {first}
-    assert {one.labels for one in smoothed(back, there)} == {first}
+def test_the_trunk_is_taken_from_the_pass_with_more_weight_or_from_the_only_pass():
+    there, back = course_of_pass(sigma_m=0.01), course_of_pass(sigma_m=0.02)
+    assert trunks_of_back(there, back) == [False] * FRAMES
+    assert trunks_of_back(back, there) == [True] * FRAMES
     gone = [nobody() if k < 4 else one for k, one in enumerate(there)]
-    assert [one.labels for one in smoothed(gone, back)] == [second] * 4 + [first] * (FRAMES - 4)
+    assert trunks_of_back(gone, back) == [True] * 4 + [False] * (FRAMES - 4)
+    assert trunks_of_back(back, gone) == [False] * 4 + [True] * (FRAMES - 4)
+    assert trunks_of_back([nobody()] * FRAMES, [nobody()] * FRAMES) == [False] * FRAMES
 
 
 def test_bones_keep_their_lengths():

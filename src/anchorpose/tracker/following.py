@@ -56,7 +56,8 @@ def follow_openly(
 
 class Follower:
     """The follower of one patient, which takes one frame at a time. It can be stored between two frames
-    (``tracker.journal``). The arguments are those of ``follow_openly``.
+    (``tracker.journal``). The arguments are those of ``follow_openly``; search: the search to continue, None if the
+    patient was not followed before.
     """
 
     run: Run
@@ -64,18 +65,23 @@ class Follower:
     _choice: PatientChoice | None
     _known: FittedShape | None
     _begin: Start | None
-    _search: Search | None
+    _search: Search | None  # None until a followed patient is lost
     _wait: int
     _pause: int
     _found: str
 
     def __init__(
-        self, run: Run, choice: PatientChoice | None, known: FittedShape | None, begin: Start | None = None
+        self,
+        run: Run,
+        choice: PatientChoice | None,
+        known: FittedShape | None,
+        begin: Start | None = None,
+        search: Search | None = None,
     ) -> None:
         self.run = run
         self.tracker = None
         self._choice, self._known, self._begin = choice, known, begin
-        self._search = None  # None until a followed patient is lost
+        self._search = search
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
@@ -91,6 +97,11 @@ class Follower:
         if self.tracker is not None:
             return self.tracker.window.seen[-1].memory
         return empty_memory() if self._search is None else self._search.memory
+
+    @property
+    def search(self) -> Search | None:
+        """Return the search for the patient from the last frame on; None if the patient was never found."""
+        return self._search if self.tracker is None else self.tracker.search()
 
     def finish(self) -> Iterator[Estimate]:
         """Yield the estimates of the last frames; their look-ahead is shorter, since fewer later frames exist."""
@@ -115,14 +126,16 @@ class Follower:
                 self._choice, self._found = None, looked.value
             else:
                 self._choice = looked
-        if self._choice is not None and self._wait < 0:
+        start: Start | NoStart | None = self._begin
+        if start is None and self._choice is not None and self._wait < 0:
             expected = None if self._search is None else self._search.expected(frame_set.time_s)
-            start = self._begin or find_start(frame_set, self.run, self._choice, self._known, expected=expected)
-            self._begin = None
-            if isinstance(start, Start):
-                self.tracker, self._search = PatientTracker(self.run, start), None
-                self._wait, self._pause = 0, FIRST_PAUSE
-                return self.tracker.first
+            start = find_start(frame_set, self.run, self._choice, self._known, expected=expected)
+        self._begin = None
+        if isinstance(start, Start):
+            self.tracker, self._search = PatientTracker(self.run, start), None
+            self._wait, self._pause = 0, FIRST_PAUSE
+            return self.tracker.first
+        if start is not None:
             self._found = start.value
             if start is NoStart.NO_BODY_FITS:
                 self._wait, self._pause = self._pause, min(2 * self._pause, LONGEST_PAUSE)

@@ -52,10 +52,8 @@ class TrackedFrame:
     labels: tuple[LabelImage, ...]
 
 
-Kept = TrackedFrame | PassResult | tuple[TrackedFrame, PassResult]
-"""The values that a pass stores for a frame: a ``TrackedFrame`` if it is the only pass. If two passes are combined, the
-first stores a ``TrackedFrame`` and a ``PassResult``, the second only a ``PassResult``.
-"""
+Kept = TrackedFrame | tuple[TrackedFrame, PassResult]
+"""The values that a pass stores for a frame: a ``TrackedFrame``, and a ``PassResult`` if two passes are combined."""
 
 
 def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
@@ -85,8 +83,8 @@ def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
 def smoothed_record(
     record: FrameRecord, answer: PassResult, body: Body, explanation: Explanation | None
 ) -> FrameRecord:
-    """Return the record of one pass with the joints and the pose replaced by ``answer``, the combined result of both
-    passes. explanation: how well the smoothed pose fits the frame.
+    """Return the record of the pass whose trunk is reported, with the joints and the pose replaced by ``answer``, the
+    combined result of both passes. explanation: how well the smoothed pose fits the frame.
     """
     lost = np.array([state is JointState.LOST for state in answer.states])
     position = np.where(lost[:, None], np.nan, answer.joints_m)

@@ -138,7 +138,7 @@ def _seen_again(
     estimates = _tracked_back(tracker, (frame(one.position) for one in reversed(before)))
     for one, estimate in zip(reversed(before), estimates, strict=False):
         usable = run.room.review.why_unusable(estimate.frame_set.frame) is None
-        result = pass_result(tracker.body, estimate, (), usable)
+        result = pass_result(tracker.body, estimate, usable)
         if one.result is None or JointState.OBSERVED not in result.states:
             break
         again.append(Passed(one.position, result, keep(estimate)))

@@ -44,7 +44,7 @@ class Expectation:
     sigma_m: np.ndarray  # (p,) m, standard deviation of each skin point's place
     anchors_m: np.ndarray  # (5, 3) expected places of the anchors: head, hands and feet
     facing: np.ndarray  # (3,) direction in which the trunk faces, a horizontal unit vector
-    frames_without_fit: int  # number of frames since the body was last fitted
+    unfitted_s: float  # s, time since the body was last fitted
 
     def apart_m(self, other: Expectation) -> float:
         """Return the 90th percentile over all skin points of the distance between a point's two expected places."""

@@ -53,7 +53,7 @@ from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
 LOOSEST_SKIN_M = 0.05  # m, half a limb's width; skin with a larger sigma does not decide which pixels show the patient
-UNFITTED_M = 0.04  # m, growth of the skin's sigma per frame without a fit; a leg at 1.2 m/s moves this far in a frame
+UNFITTED_M_S = 1.2  # m/s, growth of the skin's sigma while the body is not fitted: the speed of a leg
 
 
 def observe_first(
@@ -132,7 +132,7 @@ def patient_likelihood(expected: Expectation, config: IsolationConfig) -> tuple[
     it. When it reappears, its connection to the patient's surface shows that it is the patient's. If it appears as a
     separate piece, the place of the whole piece decides (``label_hidden_limbs``).
     """
-    spread = config.skin_sigma_m + UNFITTED_M * expected.frames_without_fit
+    spread = config.skin_sigma_m + UNFITTED_M_S * expected.unfitted_s
     sure, sigma = expected.sigma_m < LOOSEST_SKIN_M, np.hypot(spread, expected.sigma_m)
     points_m, owner = expected.skin.points_m, np.full(int(sure.sum()), PixelLabel.PATIENT, np.uint8)
     hidden = HiddenSkin(points_m[~sure], sigma[~sure], segment_of_points(body_points())[~sure])

@@ -24,6 +24,7 @@ from anchorpose.tracker.learning_pass import LearntPatient, Stretch, learn_patie
 from anchorpose.tracker.looking_back import Passed, Waiting
 from anchorpose.tracker.observation import Start
 from anchorpose.tracker.room import Room, Run, held_joints
+from anchorpose.tracker.search import Search
 from anchorpose.tracker.smoothing import (
     PassResult,
     Smoothing,
@@ -32,6 +33,7 @@ from anchorpose.tracker.smoothing import (
     pass_result,
     smooth,
     smoothed_result,
+    trunk_of_back,
 )
 from anchorpose.tracker.start import find_start, turn_round
 
@@ -134,7 +136,9 @@ class _PassState:
     stored: int  # number of frames stored
     waiting: Waiting  # frames that are not stored yet, since tracking back from later frames may replace them
     follower: Follower | None  # the tracker to continue with; None after the pass has ended
-    turned: Start | None  # the start of a pass back through the same frames; None until this pass has ended
+    # how a pass back through the same frames begins: with the patient in the last frame, or with the search for a
+    # patient who is lost there; None until this pass has ended, or if the patient was never found
+    turned: Start | Search | None
     seconds: dict[str, float]  # time spent in each stage so far
 
 
@@ -170,7 +174,7 @@ class _Passes:
         if self.run.config.smooth and self.body is not None:
             self._both_ways(name, positions, self.body)
         else:
-            self._follow(name, positions, self._start, self._tracked, 0 if self.body is None else BLOCK)
+            self._follow(name, positions, self._first_follower, self._tracked, 0 if self.body is None else BLOCK)
 
     def stored(self, name: str, backward: bool = False) -> Iterator[TrackedFrame]:
         """Yield the frames of a finished side, in the order of the pass or in reverse order."""
@@ -183,16 +187,12 @@ class _Passes:
         """
         usable = self.run.room.review.why_unusable
 
-        def passed(estimate: Estimate) -> PassResult:
-            labels = label_pictures(estimate.frame_set, estimate.observation)
-            return pass_result(body, estimate, labels, usable(estimate.frame_set.frame) is None)
-
         def both(estimate: Estimate) -> tuple[TrackedFrame, PassResult]:
-            return self._tracked(estimate), passed(estimate)
+            return self._tracked(estimate), pass_result(body, estimate, usable(estimate.frame_set.frame) is None)
 
         there, back = f"{name}-there", f"{name}-back"
-        turned = self._follow(there, positions, self._start, both)
-        self._follow(back, positions[::-1], lambda: turned, passed)
+        turned = self._follow(there, positions, self._first_follower, both)
+        self._follow(back, positions[::-1], lambda: self._follower_back(turned), both)
         with self.run.stage("smoothing"):
             smoothing = self._smoothing(there, back, len(positions))
         pairs = zip(self._blocks(there).read(), self._blocks(back).read(backward=True), strict=True)
@@ -213,7 +213,7 @@ class _Passes:
         return smooth(
             time_s,
             course_of((passed for _, passed in self._blocks(there).read()), count),
-            course_of(self._blocks(back).read(backward=True), count),
+            course_of((passed for _, passed in self._blocks(back).read(backward=True)), count),
             held_joints(self.run.room.review, frame.tolist()),
             self.run.config.follow.lost_sigma_m,
         )
@@ -222,40 +222,42 @@ class _Passes:
         self,
         row: int,
         forth: tuple[TrackedFrame, PassResult],
-        back: PassResult,
+        back: tuple[TrackedFrame, PassResult],
         frame_set: FrameSet,
         smoothing: Smoothing,
     ) -> TrackedFrame:
-        tracked, there = forth
+        """Return a frame with the result of both passes. Labels, contacts and anchors belong to a place of the body, so
+        they are taken from the pass whose trunk is reported.
+        """
         if self.body is None:
             raise ValueError("passes can only be combined if a body was learnt")
         with self.run.stage("smoothing"):
-            answer = smoothed_result(self.body, there, back, smoothing, row)
-            explanation = explain_smoothed(frame_set, answer, self.body, self.run)
+            answer = smoothed_result(self.body, forth[1], back[1], smoothing, row)
+            tracked, _ = back if trunk_of_back(forth[1], back[1], smoothing, row) else forth
+            explanation = explain_smoothed(frame_set, answer, tracked.labels, self.body, self.run)
             return replace(tracked, record=smoothed_record(tracked.record, answer, self.body, explanation))
 
     def _follow(
         self,
         name: str,
         positions: Sequence[int],
-        begin: Callable[[], Start | None],
+        begin: Callable[[], Follower],
         keep: Callable[[Estimate], Kept],
         wait: int = 0,
-    ) -> Start | None:
-        """Run one pass to its end, after the frames that the journal has already; return the start of a pass back.
+    ) -> Start | Search | None:
+        """Run one pass to its end, after the frames that the journal has already; return how a pass back begins
+        (``_PassState.turned``).
 
-        The pass back goes through the same frames. begin: finds this pass's start; keep: returns the values to store
-        for an estimate; wait: number of last frames not stored yet, since finding a lost limb again may change them.
+        begin: makes this pass's follower; keep: returns the values to store for an estimate; wait: number of last
+        frames not stored yet, since finding a lost limb again may change them.
         """
         journal, blocks = self.journal.inside(name), self._blocks(name)
-        initial = self.run.room.initial_frame
         try:
             state: _PassState = journal.read("state", _PassState)
             self.run.stopwatch.seconds.update(state.seconds)
             self.route.skip(state.frames)
         except KeyError:
-            choice = None if initial is None else initial.choice
-            state = _PassState(0, 0, 0, Waiting(), Follower(self.run, choice, self._shape, begin()), None, {})
+            state = _PassState(0, 0, 0, Waiting(), begin(), None, {})
         while state.follower is not None:
             some = positions[state.frames : state.frames + BLOCK]
             frames, ends = state.frames + len(some), state.frames + len(some) == len(positions)
@@ -263,7 +265,7 @@ class _Passes:
             for last in self._estimates(state.follower, some, ends):
                 passed = self._passed(positions[state.stored + len(waiting.frames)], last, keep, wait)
                 waiting.add(last, passed, self.route.frame, self.run, keep)
-            turned = turn_round(last, self.run.config) if ends and last is not None else None
+            turned = self._turned(last, state.follower) if ends else None
             done = waiting.take_but(0 if ends else wait)
             blocks.write(state.blocks, done)
             follower, seconds = None if ends else state.follower, self.run.stopwatch.seconds
@@ -272,9 +274,13 @@ class _Passes:
             state = journal.read("state", _PassState)
         return state.turned
 
+    def _turned(self, last: Estimate | None, follower: Follower) -> Start | Search | None:
+        begin = None if last is None else turn_round(last, self.run.config)
+        return begin or follower.search
+
     def _passed(self, position: int, estimate: Estimate, keep: Callable[[Estimate], Kept], wait: int) -> Passed:
         usable = self.run.room.review.why_unusable(estimate.frame_set.frame) is None
-        result = None if self.body is None or not wait else pass_result(self.body, estimate, (), usable)
+        result = None if self.body is None or not wait else pass_result(self.body, estimate, usable)
         return Passed(position, result, keep(estimate))
 
     def _estimates(self, follower: Follower, positions: Sequence[int], ends: bool) -> Iterator[Estimate]:
@@ -283,9 +289,19 @@ class _Passes:
         if ends:
             yield from follower.finish()
 
-    def _start(self) -> Start | None:
-        """Find the patient in the initial frame, where both sides begin; return None if nobody is found in it."""
-        return self.journal.once("start", Start | None, lambda: _start_of(self.route, self.run, self.learnt))
+    def _first_follower(self) -> Follower:
+        """Return the follower of a pass from the initial frame, where both sides begin with the same start."""
+        initial = self.run.room.initial_frame
+        start = self.journal.once("start", Start | None, lambda: _start_of(self.route, self.run, self.learnt))
+        return Follower(self.run, None if initial is None else initial.choice, self._shape, start)
+
+    def _follower_back(self, turned: Start | Search | None) -> Follower:
+        """Return the follower of a pass back. A patient who is lost where it begins is searched for as after any loss,
+        so that nobody else is taken for the patient.
+        """
+        if isinstance(turned, Start):
+            return Follower(self.run, None, self._shape, turned)
+        return Follower(self.run, None, self._shape, search=turned)
 
     @property
     def _shape(self) -> FittedShape | None:

@@ -126,7 +126,7 @@ class PatientTracker:
 
     def search(self) -> Search:
         """Return a search for the patient, who was lost in the last frames."""
-        return Search(self.window.seen[-1], self.last, left=self.has_left or not self._in_view)
+        return Search(self.window[0], self.last, left=self.has_left or not self._in_view)
 
     @property
     def has_left(self) -> bool:
@@ -257,7 +257,7 @@ class PatientTracker:
             self.skin_sigma_m,
             posed.points_m[anchor_points(self.points)],
             level / max(float(np.linalg.norm(level)), 1e-9),
-            self.last.gone_frames,
+            self.last.gone_s,
         )
 
     def _move_on(self, registration: Registration, elapsed_s: float) -> Observation:

@@ -178,8 +178,11 @@ def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
 
 
 def _seen_past(seen: Sequence[SeenPerson | None]) -> float:
-    """Return the median share of the trunk that cameras see past (read something farther away); 0 without a body."""
-    return float(np.median([body.past for body in _bodies(seen)] or [0.0]))
+    """Return the median share of the trunk that cameras see past (read something farther away); 0 if it is unknown in
+    every frame, since then nothing contradicts the body.
+    """
+    known = [body.past for body in _bodies(seen) if np.isfinite(body.past)]
+    return float(np.median(known or [0.0]))
 
 
 def _bodies(seen: Sequence[SeenPerson | None]) -> list[RoughBody]:

@@ -12,6 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from anchorpose.body.belief import PoseBelief
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import BystanderMemory, update_memory
+from anchorpose.isolation.patient_label import LAST_LABEL
 from anchorpose.isolation.people import PatientChoice, People, Person, see_people
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate
@@ -41,7 +42,6 @@ class LastSeen:
     met: frozenset[int] = frozenset()  # labels of all people who were followed together with the patient
     places: dict[int, np.ndarray] = field(default_factory=dict)  # by label, (2,) m, each person's last seen pelvis
     gone_s: float = 0.0  # s, time since the frame ``seen``
-    gone_frames: int = 0  # number of frames since the frame ``seen``
 
     def after(self, following: Observation, belief: PoseBelief | None, elapsed_s: float) -> LastSeen:
         """Return this record after one more frame. belief: the pose in it; None if it does not show the patient."""
@@ -50,8 +50,7 @@ class LastSeen:
         places = self.places | {one.label: one.belief.pose.root_m[[0, 2]] for one in others}
         if belief is not None:
             return LastSeen(following, belief, met, places)
-        gone_s, gone_frames = self.gone_s + elapsed_s, self.gone_frames + 1
-        return replace(self, met=met, places=places, gone_s=gone_s, gone_frames=gone_frames)
+        return replace(self, met=met, places=places, gone_s=self.gone_s + elapsed_s)
 
 
 class Search:
@@ -75,7 +74,8 @@ class Search:
         self.memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
         self._belief, self._lost_s = last.belief, last.seen.frame_set.time_s
         self._place_xz_m = last.belief.pose.root_m[[0, 2]]
-        self._newcomer = last.seen.memory.next_label  # this and higher labels belong to people who came later
+        # this and higher labels belong to people who came later; the last label may stand for several people
+        self._newcomer = min(last.seen.memory.next_label, LAST_LABEL)
         self._met, self._places, self._left = last.met, last.places, left
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | NoStart:
@@ -92,7 +92,7 @@ class Search:
         self._time_s = frame_set.time_s
         if self._left and abs(frame_set.time_s - self._lost_s) < RETURN_S:
             self._met |= _people_in(views)
-            self._newcomer = self.memory.next_label
+            self._newcomer = min(self.memory.next_label, LAST_LABEL)
         reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
         people = see_people(pieces, cameras)
         axes = [one.ground_xz_m for one in self._strangers(people, pieces, views)]

@@ -45,7 +45,8 @@ class RoughBody:
     place_xz_m: np.ndarray  # (2,) the pelvis on the floor
     facing_xz: np.ndarray  # (2,) unit vector from the back to the front
     explained: float  # 0 to 1, share of the person's nodes that lie near the body
-    past: float  # 0 to 1, share of the trunk's skin that cameras see past: they read something farther away there
+    # 0 to 1, share of the trunk's skin that cameras see past: they read something farther away there; NaN if unknown
+    past: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,5 +139,5 @@ def _rough_body(person: RoughPerson, views: Sequence[View | None], cameras: Sequ
     joints = body.joints(found.belief.pose)
     across = sum(unit(joints[JOINT_INDEX[right]] - joints[JOINT_INDEX[left]]) for left, right in _ACROSS)
     posed = pose_points(body, found.belief.pose)
-    past = float(np.nan_to_num(seen_past_by_all(body.points, posed, views, cameras)[TRUNK]))
+    past = float(seen_past_by_all(body.points, posed, views, cameras)[TRUNK])
     return RoughBody(joints[0, [0, 2]], unit(np.cross(UP, across)[[0, 2]]), found.explained, past)

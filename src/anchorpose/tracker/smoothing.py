@@ -16,12 +16,12 @@ import numpy as np
 from anchorpose.body.evidence import gather_evidence
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.inverse_kinematics import pose_from_joints
-from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, PARTS, Pose
+from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, PARTS, TRUNK, Pose
 from anchorpose.body.skin_points import Body, SkinPoints, pose_points
 from anchorpose.isolation.scene import find_all_pieces
 from anchorpose.isolation.separation import view_of
 from anchorpose.isolation.view import View
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST, STATE_CODE, JointState
+from anchorpose.joints import JOINT_COUNT, LOST, STATE_CODE, JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.results.records import LabelImage, decode_labels
 from anchorpose.surface.patient_surface import blank_view, patient_surface
@@ -29,7 +29,6 @@ from anchorpose.surface.surface import seen_part
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.room import Room, Run
 
-SPINE_BASE: Final = JOINT_INDEX["SpineBase"]  # a joint of the trunk, not of a limb
 FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
 # m, the width of a wrist; a limb is averaged over both passes if they place each of its joints within this distance
 APART_M: Final = 0.06
@@ -111,10 +110,9 @@ class PassResult:
     joints_m: np.ndarray  # (21, 3) m, joints of the pose, not NaN for lost joints; NaN only if the patient is lost
     sigma_m: np.ndarray  # (21,) m, standard deviation of each joint's position; NaN for lost joints
     states: tuple[JointState, ...]
-    labels: tuple[LabelImage, ...] = ()  # person labels, one image per camera with a depth image; empty if lost
 
 
-def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], usable: bool) -> PassResult:
+def pass_result(body: Body, estimate: Estimate, usable: bool) -> PassResult:
     """Return the part of an estimate that is kept until the other pass reaches the same frame; without a pose if the
     frame is not ``usable``.
     """
@@ -122,7 +120,7 @@ def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], 
         blank = np.full((JOINT_COUNT, 3), np.nan)
         return PassResult(None, blank, blank[:, 0].copy(), (JointState.LOST,) * JOINT_COUNT)
     pose = estimate.belief.pose
-    return PassResult(pose, body.joints(pose), estimate.sigma_m, estimate.states, labels)
+    return PassResult(pose, body.joints(pose), estimate.sigma_m, estimate.states)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,23 +165,25 @@ def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.nda
 
 
 def smoothed_result(body: Body, there: PassResult, back: PassResult, smoothing: Smoothing, row: int) -> PassResult:
-    """Pose the body to fit the smoothed joints of a frame, within its bone lengths and joint ranges. Labels come from
-    the pass with more weight at the trunk.
-    """
+    """Pose the body to fit the smoothed joints of a frame, within its bone lengths and joint ranges."""
     weight, course = smoothing.weight[row], smoothing.course
     start, joints_m = _nearer_pose(there.pose, back.pose, body.points, weight), course.joints_m[row]
     pose = None if start is None else pose_from_joints(body, start, joints_m)
-    if there.pose is None or back.pose is None:
-        labels = there.labels if back.pose is None else back.labels
-    else:
-        labels = back.labels if weight[LIMB_OF_JOINTS[SPINE_BASE]] > 0.5 else there.labels
     return PassResult(
         pose=pose,
         joints_m=joints_m if pose is None else body.joints(pose),
         sigma_m=course.sigma_m[row],
         states=tuple(_STATES[code] for code in course.state_code[row].tolist()),
-        labels=labels,
     )
+
+
+def trunk_of_back(there: PassResult, back: PassResult, smoothing: Smoothing, row: int) -> bool:
+    """Return whether the trunk of a frame is taken from the second pass: it has more weight, or the first pass lost the
+    patient.
+    """
+    if there.pose is None or back.pose is None:
+        return there.pose is None and back.pose is not None
+    return bool(smoothing.weight[row, TRUNK] > 0.5)
 
 
 def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray, lost_sigma_m: float) -> np.ndarray:
@@ -284,15 +284,17 @@ def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weigh
     return Pose(rotations, other.root_m if weight[0] > 0.5 else one.root_m)
 
 
-def explain_smoothed(frame_set: FrameSet, answer: PassResult, body: Body, run: Run) -> Explanation | None:
+def explain_smoothed(
+    frame_set: FrameSet, answer: PassResult, labels: tuple[LabelImage, ...], body: Body, run: Run
+) -> Explanation | None:
     """Compute how well the combined pose fits a frame; None without a pose.
 
-    frame_set: the frame, read again, since all frames' depth images would fill the memory; ``answer`` has the labels.
+    frame_set: the frame, read again, since all frames' depth images would fill the memory.
     """
     if answer.pose is None:
         return None
     cameras = run.room.cameras
-    views = labelled_views(frame_set, answer.labels, run.room)
+    views = labelled_views(frame_set, labels, run.room)
     shown = [blank_view(camera) if view is None else view for view, camera in zip(views, cameras, strict=True)]
     surface = seen_part(patient_surface(shown, cameras, None, run.config.surface))
     return explain(body.points, pose_points(body, answer.pose), gather_evidence(surface, views, cameras))
