@@ -8,6 +8,7 @@ from body_builder import (
     FRONT,
     LEFT,
     NOTHING,
+    TrueImage,
     adult_body,
     asset,
     before_wall,
@@ -24,10 +25,12 @@ from body_builder import (
     stepped,
     turned_about_y,
 )
+from scipy.spatial.transform import Rotation
 
 from anchorpose.body.belief import PATIENT_PACE, PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
 from anchorpose.body.evidence import Evidence
+from anchorpose.body.joint_ranges import hinge_axes
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
 from anchorpose.body.registration import LEAST_EXPLAINED, Registration, node_parts, posterior, register
 from anchorpose.body.skin_points import pose_points
@@ -265,3 +268,30 @@ def test_what_time_adds_couples_the_joints_of_limbs_and_leaves_each_as_uncertain
     arm = 3 * MOVING_BONES.index("LeftShoulder")
     assert added[knee, arm] == 0.0
     np.testing.assert_array_equal(added[:3, 3:], 0.0)
+
+
+def bar_before_knees(view: View, _: TrueImage) -> View:
+    """A wide bar 0.3 m in front of the knees, the lower third of the thighs and the upper half of the shanks."""
+    rows = np.flatnonzero(view.patient.any(axis=1))
+    hidden = slice(int(rows[0] + 0.62 * np.ptp(rows)), int(rows[0] + 0.85 * np.ptp(rows)))
+    depth_m, labels = view.depth_m.copy(), view.labels.copy()
+    labels[hidden], depth_m[hidden] = PixelLabel.EQUIPMENT, np.where(depth_m[hidden] > 0.0, depth_m[hidden] - 0.3, 0.0)
+    return View(depth_m, labels)
+
+
+@pytest.mark.parametrize("change", [None, bar_before_knees], ids=["seen", "hidden"])
+@pytest.mark.parametrize("flexion_deg", [0.0, -5.0])
+def test_knees_that_stand_straight_or_beyond_are_not_bent(flexion_deg, change):
+    rotations = standing().rotations.copy()
+    for side in ("Left", "Right"):
+        axes, bend = hinge_axes(asset(), f"{side}Leg")
+        turn = axes[0] * (flexion_deg * DEGREE - bend)
+        rotations[asset().bone(f"{side}Leg")] = Rotation.from_rotvec(turn).as_matrix()
+    evidence = seen_body(Pose(rotations, standing().root_m), BODY, change=change)
+    found = vague_belief(standing())  # bent by 9 degrees
+    for _ in range(4):
+        found = vague_belief(registered(found, evidence).belief.pose)
+    hip, knee, ankle = (BODY.joints(found.pose)[JOINT_INDEX[f"{name}Left"]] for name in ("Hip", "Knee", "Ankle"))
+    thigh, shank = knee - hip, ankle - knee
+    bent_deg = np.degrees(np.arctan2(thigh[0], -thigh[1]) - np.arctan2(shank[0], -shank[1]))
+    assert bent_deg == pytest.approx(flexion_deg, abs=1.0)
