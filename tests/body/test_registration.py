@@ -99,7 +99,9 @@ def test_a_registered_pose_is_where_registration_ends_again():
     evidence = seen_body(truth, BODY)
     once = registered(vague_belief(shaken(truth, 3, 2.0, 0.01)), evidence).belief.pose
     again = registered(vague_belief(once), evidence).belief.pose
-    assert joint_errors_m(BODY, again, once).max() < 0.003
+    moved_m = joint_errors_m(BODY, again, once)
+    assert np.median(moved_m) < 0.001
+    assert moved_m.max() < 0.006  # a hand that hardly any node shows still slides a little
 
 
 def test_the_same_input_gives_the_same_bits():
