@@ -1,10 +1,12 @@
 """A recording that is written while the cameras run is whole at the end, and can be finished after a power cut."""
 
 import errno
+import json
 import os
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from threading import Event
 
 import numpy as np
@@ -15,6 +17,7 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.lens import Intrinsics
 from anchorpose.live import recorder as module
 from anchorpose.live.feed import Intake, LiveImage
+from anchorpose.live.markers import MARKERS_FILE
 from anchorpose.live.recorder import UNFINISHED_FILE, Recorder, finish_recording
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.sources.plan import CameraPlan
@@ -60,6 +63,22 @@ def test_after_a_power_cut_all_that_is_whole_is_kept(tmp_path):
     recording = open_recording(finish_recording(tmp_path / "out"))
     assert recording.streams[0].frame.tolist() == [0, 1, 2]
     assert not (tmp_path / "out" / UNFINISHED_FILE).exists()
+
+
+def test_a_camera_without_an_image_is_left_out_with_a_note_and_the_others_are_kept(tmp_path):
+    right = CameraPlan(camera=replace(CAMERA.camera, name="right"))
+    recorder = Recorder(tmp_path / "out", [CAMERA, right])
+    recorder.mark("begin a", image(0).taken_s)
+    for number in range(2):
+        recorder.put(replace(image(number), camera=1))
+    recording = open_recording(recorder.finish())
+    assert [camera.name for camera in recording.cameras] == ["right"]
+    assert recording.notes == ("camera left was left out: it gave no depth image",)
+    document = json.loads((tmp_path / "out" / "recording.json").read_text())
+    assert "utc" in document["start"]
+    assert "begin a" in (tmp_path / "out" / MARKERS_FILE).read_text()
+    with pytest.raises(InputError, match="left: holds no depth image; record again"):
+        Recorder(tmp_path / "none", [CAMERA, right]).finish()
 
 
 def test_only_a_recording_that_was_cut_off_can_be_finished(tmp_path):

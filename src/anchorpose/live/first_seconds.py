@@ -15,8 +15,8 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.camera import Camera
-from anchorpose.errors import AnchorposeError
+from anchorpose.camera import Camera, places_of
+from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.live.feed import Feed, Intake, LiveImage, LiveSet
 from anchorpose.live.markers import TakeMarker
 from anchorpose.live.recorder import Recorder
@@ -203,9 +203,16 @@ def known_room(
 
 
 def in_room(folder: Path, room: Room) -> Recording:
-    """Open the recording in ``folder``, with the clocks, camera poses and data about the patient of ``room``."""
-    recording = align_clocks(open_recording(folder), room.clocks.clocks)
-    return replace(recording, cameras=room.recording.cameras, subject=room.recording.subject)
+    """Open the recording in ``folder``, with the cameras, their clocks and poses, and the data about the patient of
+    ``room``. Raises InputError if it lacks a camera of the room.
+    """
+    found, known = open_recording(folder), room.recording
+    names = [camera.name for camera in found.cameras]
+    if missing := [camera.name for camera in known.cameras if camera.name not in names]:
+        raise InputError(folder, f"has no usable image of camera {missing[0]}", "check its cable, and uncover its lens")
+    recording = align_clocks(found.of_cameras(places_of(known.cameras, found.cameras)), room.clocks.clocks)
+    notes = tuple(dict.fromkeys((*known.notes, *found.notes)))
+    return replace(recording, cameras=known.cameras, subject=known.subject, notes=notes)
 
 
 STEP_S: Final = 0.2  # s, minimum time between two collected sets; a patient in a standing frame moves little meanwhile

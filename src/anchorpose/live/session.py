@@ -187,6 +187,7 @@ class _Session:
             if number not in places:
                 raise AnchorposeError(f"Person {number} is not in view now.")
             recording = self.first_seconds.record(f"patient-{patient}-{time.time_ns()}", "the new patient")
+            recorded = in_room(recording.folder, now.patient.prepared.run.room)
         except AnchorposeError:
             self.user.say("The new patient could not be looked at; the patient is as before.")
             return None
@@ -196,7 +197,7 @@ class _Session:
             self.user.say(
                 "That person cannot be distinguished from the patient, or no body fits them; the patient is as before."
             )
-            _take_recorded(before, in_room(recording.folder, now.patient.prepared.run.room), 0)
+            _take_recorded(before, recorded, 0)
             self._catch_up(before, backlog)
             return None
         before.finish()
