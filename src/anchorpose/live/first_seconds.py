@@ -272,13 +272,16 @@ class Backlog:
                 last_s = found.taken_s
 
     def _unpack(self, packed: LiveSet) -> LiveSet:
-        images = (None if image is None else self._with_grey(image) for image in packed.images)
+        images = (
+            None if image is None else _with_grey(image, camera)
+            for image, camera in zip(packed.images, self._cameras, strict=True)
+        )
         return replace(packed, images=tuple(images))
 
-    def _with_grey(self, image: LiveImage) -> LiveImage | None:
-        camera = self._cameras[image.camera]
-        grey, _ = decode_grey_png(image.grey.tobytes(), camera.width, camera.height)
-        return None if grey is None else replace(image, grey=grey)
+
+def _with_grey(packed: LiveImage, camera: Camera) -> LiveImage | None:
+    grey, _ = decode_grey_png(packed.grey.tobytes(), camera.width, camera.height)
+    return None if grey is None else replace(packed, grey=grey)
 
 
 def _pack(found: LiveSet) -> LiveSet:
