@@ -1,6 +1,7 @@
 """Frames reach the tracker in the order of time, with increasing numbers, and without images that cannot be used."""
 
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -66,6 +67,14 @@ def test_frames_go_on_with_increasing_numbers_while_the_first_camera_is_silent(l
     assert [one.frame for one in live.follower.taken] == [700, 701, 702, 736, 737]
     assert [one.time_s for one in live.follower.taken] == pytest.approx([10.0, 11.0, 11.1, 11.2, 13.0])
     assert sorted(live._taken_s) == [700, 701, 702, 736, 737]
+
+
+def test_a_frame_that_is_not_later_than_the_last_one_is_counted_as_dropped(live):
+    live.take(taken_from(image(0, 1, 0.0), image(1, 1, 0.0)), live=True)
+    live.take(taken_from(image(0, 1, 0.0), image(1, 1, 0.0)), live=False)  # the last of those that waited
+    assert live.latency.dropped == 0
+    live.take(taken_from(replace(image(0, 2, 0.1), time_s=9.0)), live=True)  # its clock was set back by a second
+    assert (len(live.follower.taken), live.latency.dropped) == (1, 1)
 
 
 def test_an_image_that_cannot_be_used_is_reported_with_its_camera(live):

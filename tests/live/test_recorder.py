@@ -124,12 +124,36 @@ def test_what_describes_no_recording_is_refused_by_one_sentence(tmp_path, text):
 
 
 class Given:
-    """A source of ten images."""
+    """A source of ten images, whose clock is set back by ``back_s`` before the sixth."""
 
     name, cameras, about = "given", (CAMERA,), None
 
+    def __init__(self, back_s=0.0):
+        self.back_s = back_s
+
     def images(self, stop):
-        yield from map(image, range(10))
+        for number in range(10):
+            one = image(number)
+            yield replace(one, time_s=one.time_s - self.back_s * (number > 5))
+
+
+@pytest.mark.parametrize(
+    ("back_s", "numbers", "told"),
+    [
+        (0.08, [0, 1, 2, 3, 4, 5, 8, 9], "2 depth images could not be recorded (their times are not later"),
+        (3600.0, [0, 1, 2, 3, 4, 5], "given: its clock was set back by 3600 s"),
+    ],
+)
+def test_images_of_a_clock_that_was_set_back_are_reported(tmp_path, back_s, numbers, told):
+    intake, recorder = Intake([Given(back_s)]), Recorder(tmp_path / "out", [CAMERA])
+    intake.add(recorder.put)
+    intake.start()
+    while intake.running:
+        time.sleep(0.01)
+    intake.stop()
+    assert open_recording(recorder.finish()).streams[0].frame.tolist() == numbers
+    assert len(intake.failed) == 1
+    assert intake.failed[0].startswith(told)
 
 
 def test_an_image_that_cannot_be_written_is_lost_alone(tmp_path, monkeypatch):

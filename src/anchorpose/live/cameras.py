@@ -21,14 +21,13 @@ from anchorpose.camera import Camera
 from anchorpose.errors import AnchorposeError, MissingPackage
 from anchorpose.lens import Intrinsics, LensModel
 from anchorpose.live import orbbec_process
-from anchorpose.live.feed import LiveImage
+from anchorpose.live.feed import STALL_S, LiveImage
 from anchorpose.recording.depth_image import decode_grey_png, largest_png
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.sources.plan import CameraPlan, folder_name
 
 WIDTH, HEIGHT, RATE_HZ = 848, 480, 30
-STALL_S: Final = 5.0  # s; a camera without an image for this time counts as unplugged
 GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system_time")
 """librealsense's names of the clock domains that give times on the computer's clock, so that an image's age is
 known.

@@ -57,7 +57,9 @@ def about_folder(sources: Sequence[LiveSource]) -> Path | None:
     return next((source.about.folder for source in sources if source.about is not None), None)
 
 
-Taker = Callable[[LiveImage], None]
+# a receiver of images; it returns the reason if it does not keep an image, else None
+Taker = Callable[[LiveImage], str | None]
+STALL_S: Final = 5.0  # s; a camera without a usable image for this time counts as unplugged
 
 
 class Intake:
@@ -115,8 +117,10 @@ class Intake:
             thread.join(timeout=5.0)
 
     def _run(self, source: LiveSource, first: int) -> None:
+        latest_s: dict[int, float] = {}
         try:
             for image in source.images(self._stop):
+                latest_s[image.camera] = _require_forward(image, latest_s.get(image.camera, -np.inf))
                 self._hand_on(replace(image, camera=first + image.camera))
         except (AnchorposeError, OSError) as error:
             self.failures.append(f"{source.name}: {error}")
@@ -133,12 +137,25 @@ class Intake:
         """
         for taker in self._takers:
             try:
-                taker(image)
+                if why := taker(image):
+                    self._not_kept[why] += 1
             except OSError as error:
                 self._not_kept[error.strerror or str(error)] += 1
             except AnchorposeError as error:
                 self.remove(taker)
                 self.failures.append(str(error))
+
+
+def _require_forward(image: LiveImage, latest_s: float) -> float:
+    """Return the latest time on a camera's clock, which was ``latest_s`` before this image.
+
+    Raises AnchorposeError if the clock was set back by more than ``STALL_S``: no image could be used before it reaches
+    the earlier time again.
+    """
+    if latest_s - image.time_s > STALL_S:
+        problem = f"its clock was set back by {latest_s - image.time_s:.0f} s, so later images cannot be put in order"
+        raise AnchorposeError(f"{problem}; begin again")
+    return max(latest_s, image.time_s)
 
 
 # number of newest images kept per camera; this is enough, since an image of a set is at most one period (time between

@@ -122,6 +122,7 @@ class LiveFollower:
         none, the numbers continue by one per frame.
         """
         if frame_set.time_s <= self._last_s + ROUNDING_S:
+            self.latency.dropped += dropped + int(live)
             return
         self._last_s, self._last_frame = frame_set.time_s, max(frame_set.frame, self._last_frame + 1)
         self._taken_s[self._last_frame] = taken_s

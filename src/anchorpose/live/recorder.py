@@ -65,22 +65,24 @@ class Recorder:
         self._syncing = Thread(target=self._sync_often, daemon=True)
         self._syncing.start()
 
-    def put(self, image: LiveImage) -> None:
-        """Write an image; an image that comes after the end is ignored. Raises AnchorposeError if less than half a
-        gigabyte is free on the disk.
+    def put(self, image: LiveImage) -> str | None:
+        """Write an image; an image that comes after the end is ignored. Return the reason if its time does not permit
+        to write it, else None. Raises AnchorposeError if less than half a gigabyte is free on the disk.
         """
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():
-                return
+                return None
             self._first_s.setdefault(image.camera, image.taken_s)
             if image.camera == 0 and self._began_s is None:
                 self._begin(image.taken_s)
             path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
-        if path is not None:
-            self.images += 1
-            self._unsynced.append(path)
+        if path is None:
+            return "their times are not later than those of the images before"
+        self.images += 1
+        self._unsynced.append(path)
         if self.images % ROOM_EVERY == 0:
             self._require_free()
+        return None
 
     def mark(self, text: str, at_s: float) -> None:
         """Write a marker, sent at ``at_s`` by ``time.monotonic``; it is written to the disk at once, or when the first

@@ -222,6 +222,8 @@ class _Session:
     def _report(self) -> None:
         silent = [self.intake.cameras[k].camera.name for k in self.intake.feed.silent()]
         self.user.say(f"{self.latency.sentence}.")
+        for sentence in self.intake.failed:
+            self.user.say(f"{sentence.removesuffix('.')}.")
         if silent:
             self.user.say(f"No images come from {' and '.join(silent)}: check the cable.")
 
