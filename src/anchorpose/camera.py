@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -82,6 +83,12 @@ class Camera:
         in_camera = transform_points(invert_rigid(self.require_pose()), points_m)
         column, row, inside = self.pixel_of(in_camera)
         return in_camera[:, 2], depth_m[row, column], inside
+
+
+def places_of(cameras: Iterable[Camera], among: Sequence[Camera]) -> tuple[int, ...]:
+    """Return the index of each camera in ``among``, by its name; raises ValueError if a camera is missing there."""
+    names = [camera.name for camera in among]
+    return tuple(names.index(camera.name) for camera in cameras)
 
 
 @lru_cache(maxsize=16)

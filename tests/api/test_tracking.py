@@ -1,5 +1,7 @@
 """A recording tracked by one call, and frame by frame: the joints of the truth, and the same as by the command line."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,21 @@ def test_frames_that_come_one_after_another_give_poses_once_the_first_seconds_ar
     assert last.angles_sigma_deg["knee_flexion_left"] > 0.0
     with pytest.raises(KeyError):
         last["Tail"]
+
+
+@pytest.mark.thorough
+def test_cameras_that_are_covered_or_absent_in_the_first_seconds_are_left_out(simulated):
+    recording, truth = simulated
+    (front,) = recording.cameras
+    names = ("absent", "covered", "front")
+    wall = np.full((front.height, front.width), 2.0)
+    with anchorpose.Tracker([replace(front, name=name) for name in names], start_s=1.0) as tracker:
+        for k in range(15):
+            images = images_of(recording, k) | {"covered": np.zeros_like(wall)}
+            assert tracker.step(images, k / 15.0) is None
+        pose = tracker.step(images_of(recording, 15), 1.0)
+        pose = tracker.step(images_of(recording, 16) | {"absent": wall, "covered": wall}, 16 / 15.0)
+    assert np.linalg.norm(pose.joints_m - truth[16], axis=1).mean() < NEAR_M
 
 
 @pytest.mark.thorough

@@ -16,11 +16,12 @@ CAMERA = Camera(name="front", width=4, height=3, depth_scale=0.001, intrinsics=I
 
 def waiting(count: int) -> Backlog:
     """With so many sets, ``STEP_S`` apart; no more come."""
-    feed = Feed(1)
+    feed = Feed(2)
+    feed.use((1,))
     feed.close()
     backlog = Backlog(feed, [CAMERA])
     for number in range(count):
-        image = LiveImage(0, number, STEP_S * number, STEP_S * number, np.full((3, 4), 7, np.uint16))
+        image = LiveImage(1, number, STEP_S * number, STEP_S * number, np.full((3, 4), 7, np.uint16))
         backlog._packed.append(_pack(LiveSet((image,), 0, image.taken_s)))
     return backlog
 

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from anchorpose.errors import AnchorposeError
+from anchorpose.live import cameras, orbbec_process
 from anchorpose.live.cameras import open_orbbec
+from anchorpose.live.feed import Intake
 
-STAND_IN = """
+HEAD = """
 import json, sys, time
 sys.path.insert(0, {folder!r})
 from orbbec_process import HEADER
@@ -21,16 +23,34 @@ for number in range(3):
     data = bytes(range(24))
     out.write(HEADER.pack(number, 1000000 + 33000 * number, int(1e6 * time.time()), 0.001, len(data)) + data)
 out.flush()
+"""
+
+UNPLUGGED = """
 print("no image came for 5 s; check the camera's cable", file=sys.stderr)
 sys.exit(2)
 """
 
 
-def test_an_orbbec_camera_is_read_from_another_process_until_it_is_unplugged():
-    from anchorpose.live import orbbec_process
+INSIDE_AN_IMAGE = """
+out.write(HEADER.pack(3, 2000000, int(1e6 * time.time()), 0.001, 24) + bytes(5))
+out.flush()
+"""
 
+MANY_WARNINGS = """
+sys.stderr.write("a warning of the maker's library\\n" * 5000)
+"""
+
+STALLED = "time.sleep(60.0)"
+
+
+def orbbec(end: str) -> cameras.Orbbec:
+    """A camera whose process gives three images and then runs ``end``."""
     folder = orbbec_process.__file__.rpartition("/")[0]
-    source = open_orbbec("", None, (sys.executable, "-c", STAND_IN.format(folder=folder)))
+    return open_orbbec("", None, (sys.executable, "-c", HEAD.format(folder=folder) + end))
+
+
+def test_an_orbbec_camera_is_read_from_another_process_until_it_is_unplugged():
+    source = orbbec(MANY_WARNINGS + UNPLUGGED)
     found = source.cameras[0]
     assert (found.camera.width, found.camera.height, found.camera.depth_scale) == (4, 3, 0.001)
     assert (found.model, found.serial, found.camera.name) == ("Stand-in", "A1", "orbbec-A1")
@@ -40,6 +60,34 @@ def test_an_orbbec_camera_is_read_from_another_process_until_it_is_unplugged():
     assert ([image.number for image in images], images[1].time_s) == ([0, 1, 2], pytest.approx(1.033))
     assert abs(images[1].taken_s - time.monotonic()) < 5.0
     assert images[0].grey.tolist() == np.frombuffer(bytes(range(24)), np.uint16).reshape(3, 4).tolist()
+
+
+@pytest.mark.parametrize(
+    ("end", "told"),
+    [(INSIDE_AN_IMAGE, "the process that reads it ended"), (INSIDE_AN_IMAGE + STALLED, "no image came for 1 s")],
+    ids=["ends", "hangs"],
+)
+def test_an_orbbec_process_that_ends_or_hangs_inside_an_image_is_a_failure_with_its_reason(monkeypatch, end, told):
+    monkeypatch.setattr(cameras, "STALL_S", 1.0)
+    source = orbbec(end)
+    intake = Intake([source])
+    intake.start()
+    until_s = time.monotonic() + 10.0
+    while intake.running and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert not intake.running
+    assert told in intake.failed[0]
+    assert source.process.wait(5.0) is not None
+
+
+def test_an_orbbec_process_that_hangs_is_ended_at_once_when_reading_stops():
+    source, began_s = orbbec(STALLED), time.monotonic()
+    intake = Intake([source])
+    intake.start()
+    intake.stop()
+    assert time.monotonic() - began_s < 3.0
+    assert source.process.poll() is not None
+    assert intake.failed == ()
 
 
 def test_a_realsense_is_read_through_its_own_library(tmp_path):

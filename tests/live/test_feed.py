@@ -49,6 +49,19 @@ def test_a_silent_camera_is_left_out_and_another_one_is_the_reference():
     assert feed.silent() == (0,)
 
 
+def test_a_camera_that_is_not_used_is_neither_the_reference_nor_in_a_set_nor_waited_for():
+    feed, now_s = Feed(3), time.monotonic()
+    feed.use((2, 1))
+    feed.put(image(0, 90, now_s - 0.01))
+    feed.put(image(1, 40, now_s - 0.05))
+    feed.put(image(2, 70, now_s - 0.05))
+    found = feed.take(0.2)
+    assert [one.number for one in found.images] == [70, 40]
+    assert found.images[found.reference].camera == 2
+    feed.close()
+    assert feed.take(0.2) is None
+
+
 def test_images_half_a_period_apart_do_not_belong_together():
     feed, now_s = Feed(2), time.monotonic()
     for number in range(3):

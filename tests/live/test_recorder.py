@@ -1,10 +1,12 @@
 """A recording that is written while the cameras run is whole at the end, and can be finished after a power cut."""
 
 import errno
+import json
 import os
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from threading import Event
 
 import numpy as np
@@ -15,6 +17,7 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.lens import Intrinsics
 from anchorpose.live import recorder as module
 from anchorpose.live.feed import Intake, LiveImage
+from anchorpose.live.markers import MARKERS_FILE
 from anchorpose.live.recorder import UNFINISHED_FILE, Recorder, finish_recording
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.sources.plan import CameraPlan
@@ -62,6 +65,22 @@ def test_after_a_power_cut_all_that_is_whole_is_kept(tmp_path):
     assert not (tmp_path / "out" / UNFINISHED_FILE).exists()
 
 
+def test_a_camera_without_an_image_is_left_out_with_a_note_and_the_others_are_kept(tmp_path):
+    right = CameraPlan(camera=replace(CAMERA.camera, name="right"))
+    recorder = Recorder(tmp_path / "out", [CAMERA, right])
+    recorder.mark("begin a", image(0).taken_s)
+    for number in range(2):
+        recorder.put(replace(image(number), camera=1))
+    recording = open_recording(recorder.finish())
+    assert [camera.name for camera in recording.cameras] == ["right"]
+    assert recording.notes == ("camera left was left out: it gave no depth image",)
+    document = json.loads((tmp_path / "out" / "recording.json").read_text())
+    assert "utc" in document["start"]
+    assert "begin a" in (tmp_path / "out" / MARKERS_FILE).read_text()
+    with pytest.raises(InputError, match="left: holds no depth image; record again"):
+        Recorder(tmp_path / "none", [CAMERA, right]).finish()
+
+
 def test_only_a_recording_that_was_cut_off_can_be_finished(tmp_path):
     with pytest.raises(InputError, match="no unfinished recording"):
         finish_recording(tmp_path)
@@ -105,12 +124,36 @@ def test_what_describes_no_recording_is_refused_by_one_sentence(tmp_path, text):
 
 
 class Given:
-    """A source of ten images."""
+    """A source of ten images, whose clock is set back by ``back_s`` before the sixth."""
 
     name, cameras, about = "given", (CAMERA,), None
 
+    def __init__(self, back_s=0.0):
+        self.back_s = back_s
+
     def images(self, stop):
-        yield from map(image, range(10))
+        for number in range(10):
+            one = image(number)
+            yield replace(one, time_s=one.time_s - self.back_s * (number > 5))
+
+
+@pytest.mark.parametrize(
+    ("back_s", "numbers", "told"),
+    [
+        (0.08, [0, 1, 2, 3, 4, 5, 8, 9], "2 depth images could not be recorded (their times are not later"),
+        (3600.0, [0, 1, 2, 3, 4, 5], "given: its clock was set back by 3600 s"),
+    ],
+)
+def test_images_of_a_clock_that_was_set_back_are_reported(tmp_path, back_s, numbers, told):
+    intake, recorder = Intake([Given(back_s)]), Recorder(tmp_path / "out", [CAMERA])
+    intake.add(recorder.put)
+    intake.start()
+    while intake.running:
+        time.sleep(0.01)
+    intake.stop()
+    assert open_recording(recorder.finish()).streams[0].frame.tolist() == numbers
+    assert len(intake.failed) == 1
+    assert intake.failed[0].startswith(told)
 
 
 def test_an_image_that_cannot_be_written_is_lost_alone(tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """From a source that runs to joints at once and a finished results folder."""
 
+import json
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.live.first_seconds import LiveOptions, User
 from anchorpose.live.session import track_live
 from anchorpose.recording.reader import open_recording
+from anchorpose.recording.recording import Recording
 from anchorpose.results.folder import unfinished_results
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.simulate.config import clinic, single
@@ -71,6 +73,38 @@ def test_frames_are_sent_while_they_happen_and_a_whole_results_folder_is_left(re
     assert any("Tracking live" in sentence for sentence in said)
     kept = open_recording(tmp_path / "kept")
     assert set(joints.frame.tolist()) <= set(kept.streams[0].frame.tolist())
+
+
+class Covered(Again):
+    """Plays a camera beside another one, named before it, that is covered until ``uncovered`` is set."""
+
+    def __init__(self, recording: Recording, fps: float) -> None:
+        super().__init__(recording, fps)
+        (front,) = self.cameras
+        self.cameras = (replace(front, camera=replace(front.camera, name="covered")), front)
+        self.uncovered = Event()
+
+    def images(self, stop):
+        for image in super().images(stop):
+            grey = image.grey if self.uncovered.is_set() else np.zeros_like(image.grey)
+            yield replace(image, number=image.number + 5000, grey=grey)
+            yield replace(image, camera=1)
+
+
+@pytest.mark.slow
+def test_a_camera_that_is_covered_in_the_first_seconds_is_left_out_of_the_session(recording, tmp_path, monkeypatch):
+    monkeypatch.setattr("anchorpose.live.first_seconds.STEP_S", 0.5)  # a busy machine must catch up, too
+    stop = Event()
+    output, options = Collecting(5, stop), LiveOptions(config=TrackConfig(), start_s=3.0, record=tmp_path / "kept")
+    source = Covered(open_recording(recording), FPS)
+    threading.Timer(8.0, source.uncovered.set).start()
+    summary, _ = run(source, tmp_path / "out", stop, output, options)
+    assert summary.count >= 5
+    joints = read_joints(tmp_path / "out" / JOINTS_FILE)
+    assert joints.frame.max() < 5000
+    notes = json.loads((tmp_path / "out" / "run.json").read_text())["notes"]
+    assert any(note.startswith("camera covered was left out: it measured nothing") for note in notes)
+    assert [camera.name for camera in open_recording(tmp_path / "kept").cameras] == ["covered", "front"]
 
 
 class Choosing(Collecting):

@@ -19,15 +19,16 @@ from typing import Final
 import numpy as np
 
 from anchorpose.api.arrays import Setup, grey_of
-from anchorpose.camera import Camera
+from anchorpose.camera import Camera, places_of
 from anchorpose.errors import AnchorposeError
 from anchorpose.isolation.other_place import without_other_places
 from anchorpose.joints import JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.live.first_seconds import LiveOptions, Prepared, latest_good, learn_in, new_room
-from anchorpose.recording.depth_image import image_of_grey
+from anchorpose.live.recorder import leave_out_cameras
+from anchorpose.recording.depth_image import frame_set_of_greys
 from anchorpose.recording.document import read_document
 from anchorpose.recording.reader import open_recording, read_frame
-from anchorpose.recording.recording import FrameSet, Subject
+from anchorpose.recording.recording import Subject
 from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.tables import AngleTable, JointTable
@@ -196,6 +197,11 @@ class Tracker:
         """Learn from the first seconds; return the newest estimate, or None if nobody is found (``why`` gives the
         reason).
         """
+        seen = [writer.folder.name for writer in self._writers if writer.written]
+        if not seen:
+            self.why = "no camera had a depth image in the first seconds"
+            return None
+        leave_out_cameras(self._folder / RECORDING_FILE, seen)
         inputs, room = new_room(open_recording(self._folder), self._options)
         self._prepared = learn_in(room, inputs)
         if self._prepared is None:
@@ -209,22 +215,15 @@ class Tracker:
         initial, recording = latest_good(run.room.initial_frames), run.room.recording
         self._follower, newest = Follower(run, initial.choice, prepared.learnt.shape), list[Estimate]()
         for position in range(initial.frame, len(recording.streams[0].files)):
-            newest = list(self._follower.step(read_frame(recording, position)))
+            frame_set = without_other_places(read_frame(recording, position), run.room.scenes)
+            newest = list(self._follower.step(frame_set))
         return newest[-1] if newest else None
 
     def _follow(self, follower: Follower, greys: Sequence[np.ndarray | None], time_s: float) -> Estimate | None:
         room = follower.run.room
-        images = [
-            None if grey is None else image_of_grey(grey, camera)
-            for grey, camera in zip(greys, room.recording.cameras, strict=True)
-        ]
-        frame_set = FrameSet(
-            frame=self._frame,
-            time_s=time_s,
-            depths_m=tuple(None if image is None else image.depth_m for image in images),
-            taken_s=tuple(None if image is None else time_s for image in images),
-            problems=tuple(image.problem for image in images if image is not None and image.problem),
-        )
+        cameras = room.recording.cameras  # without those that were not seen, or covered, in the first seconds
+        own = [greys[place] for place in places_of(cameras, self._setup.cameras)]
+        frame_set = frame_set_of_greys(self._frame, time_s, cameras, own, [time_s] * len(cameras))
         newest = list(follower.step(without_other_places(frame_set, room.scenes)))
         return newest[-1] if newest else None
 

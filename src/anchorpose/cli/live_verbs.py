@@ -164,13 +164,18 @@ def record(
         Complete the recording in a folder where recording was cut off; no sources are needed.
     """
     from anchorpose.live.recorder import finish_recording, record_live
+    from anchorpose.recording.document import read_document
+    from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
 
     if finish:
-        say(f"The recording is in {finish_recording(recording)}.")
-        return
-    opened = open_sources(sources, like)
-    with stop_on_signals() as stop:
-        say(f"The recording is in {record_live(opened, recording, seconds, empty_room, say, stop, markers)}.")
+        finish_recording(recording)
+    else:
+        opened = open_sources(sources, like)
+        with stop_on_signals() as stop:
+            record_live(opened, recording, seconds, empty_room, say, stop, markers)
+    for note in read_document(recording / RECORDING_FILE, RecordingDocument).notes:
+        say(f"{note}.")
+    say(f"The recording is in {recording}.")
 
 
 def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:

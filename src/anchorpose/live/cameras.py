@@ -10,7 +10,8 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Event
+from tempfile import TemporaryFile
+from threading import Event, Thread
 from typing import IO, Any, Final
 
 import numpy as np
@@ -20,14 +21,13 @@ from anchorpose.camera import Camera
 from anchorpose.errors import AnchorposeError, MissingPackage
 from anchorpose.lens import Intrinsics, LensModel
 from anchorpose.live import orbbec_process
-from anchorpose.live.feed import LiveImage
+from anchorpose.live.feed import STALL_S, LiveImage
 from anchorpose.recording.depth_image import decode_grey_png, largest_png
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.sources.plan import CameraPlan, folder_name
 
 WIDTH, HEIGHT, RATE_HZ = 848, 480, 30
-STALL_S: Final = 5.0  # s; a camera without an image for this time counts as unplugged
 GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system_time")
 """librealsense's names of the clock domains that give times on the computer's clock, so that an image's age is
 known.
@@ -135,32 +135,68 @@ PYTHON_VARIABLE: Final = "ANCHORPOSE_ORBBEC_PYTHON"
 
 @dataclass(slots=True, eq=False)
 class Orbbec:
-    """An Orbbec camera that another process reads (``orbbec_process``). cameras: this camera alone."""
+    """An Orbbec camera that another process reads (``orbbec_process``). cameras: this camera alone; errors: the file
+    that holds the process's standard error.
+    """
 
     name: str
     cameras: tuple[CameraPlan, ...]
     about: Recording | None
     process: subprocess.Popen[bytes]
+    errors: IO[bytes]
     first: bytes  # header of the first image; opening the camera read it to learn the depth scale
+    _asked_s: float = np.inf  # since when the process is waited for, by time.monotonic; inf while it is not
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
         """Yield images as ``LiveSource`` requires."""
-        camera, out = self.cameras[0].camera, _out(self.process)
+        watching = Thread(target=self._end_process, args=(stop,), daemon=True)
+        watching.start()
         header = self.first
         try:
-            while not stop.is_set() and len(header) == orbbec_process.HEADER.size:
+            while len(header) == orbbec_process.HEADER.size:
                 number, device_us, host_us, scale, size = orbbec_process.HEADER.unpack(header)
-                grey = np.frombuffer(out.read(size), np.uint16).reshape(camera.height, camera.width)
-                if not np.isclose(scale, camera.depth_scale):
-                    raise AnchorposeError("the camera changed its unit of depth; start again")
+                if (grey := self._grey(scale, size)) is None:
+                    break
                 taken_s = time.monotonic() - max(time.time() - host_us / 1e6, 0.0)
                 yield LiveImage(0, number, device_us / 1e6, taken_s, grey)
-                header = out.read(orbbec_process.HEADER.size)
+                header = self._read(orbbec_process.HEADER.size)
             if not stop.is_set():
-                raise AnchorposeError(_why_ended(self.process))
+                raise AnchorposeError(self._why_ended())
         finally:
-            self.process.terminate()
-            self.process.wait(timeout=5.0)
+            self.process.kill()
+            watching.join()
+            self.errors.close()
+
+    def _grey(self, scale: float, size: int) -> np.ndarray | None:
+        """Read an image of ``size`` bytes; None if the process ends inside it."""
+        camera = self.cameras[0].camera
+        if size != 2 * camera.height * camera.width or not np.isclose(scale, camera.depth_scale):
+            raise AnchorposeError("the camera changed its image size or its unit of depth; start again")
+        data = self._read(size)
+        return np.frombuffer(data, np.uint16).reshape(camera.height, camera.width) if len(data) == size else None
+
+    def _read(self, size: int) -> bytes:
+        self._asked_s = time.monotonic()
+        data = _out(self.process).read(size)
+        if len(data) == size:
+            self._asked_s = np.inf
+        return data
+
+    def _end_process(self, stop: Event) -> None:
+        """End the process when ``stop`` is set or no image came for ``STALL_S``; reading from it then ends, too."""
+        while self.process.poll() is None:
+            if stop.wait(0.1) or self._stalled:
+                self.process.kill()
+                self.process.wait()
+
+    @property
+    def _stalled(self) -> bool:
+        return time.monotonic() - self._asked_s > STALL_S
+
+    def _why_ended(self) -> str:
+        if self._stalled:
+            return f"no image came for {STALL_S:.0f} s; check its cable"
+        return _why_ended(self.process, self.errors)
 
 
 def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = ()) -> Orbbec:
@@ -171,18 +207,20 @@ def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = (
     """
     python = os.environ.get(PYTHON_VARIABLE, sys.executable)
     command = command or (python, str(Path(orbbec_process.__file__)), *([serial] if serial else []))
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    # a file, since a pipe that nobody reads would block a process that writes much to standard error
+    errors = TemporaryFile()  # noqa: SIM115 closed by ``Orbbec.images``
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors)
     out = _out(process)
     line = out.readline()
     if not line:
-        raise AnchorposeError(_why_ended(process))
+        raise AnchorposeError(_why_ended(process, errors))
     found = json.loads(line)
     first = out.read(orbbec_process.HEADER.size)
     if len(first) < orbbec_process.HEADER.size:
-        raise AnchorposeError(_why_ended(process))
+        raise AnchorposeError(_why_ended(process, errors))
     camera = _camera(found, orbbec_process.HEADER.unpack(first)[3])
     live = CameraPlan(camera=camera, model=found["name"], serial=found["serial"])
-    return Orbbec(camera.name, (live,), about, process, first)
+    return Orbbec(camera.name, (live,), about, process, errors, first)
 
 
 def _camera(found: dict[str, Any], scale: float) -> Camera:
@@ -203,11 +241,11 @@ def _out(process: subprocess.Popen[bytes]) -> IO[bytes]:
     return process.stdout
 
 
-def _why_ended(process: subprocess.Popen[bytes]) -> str:
+def _why_ended(process: subprocess.Popen[bytes], errors: IO[bytes]) -> str:
     """Return a sentence on why a process ended, from the last line of its standard error."""
     process.wait(timeout=10.0)
-    said = b"" if process.stderr is None else process.stderr.read()
-    last = said.decode(errors="replace").strip().splitlines()[-1:] or ["the process that reads it ended"]
+    errors.seek(0)
+    last = errors.read().decode(errors="replace").strip().splitlines()[-1:] or ["the process that reads it ended"]
     if "pyorbbecsdk" in last[0] and "Error" in last[0]:
         return (
             "An Orbbec camera needs the package pyorbbecsdk2 in a separate Python: make one with 'python -m venv', "

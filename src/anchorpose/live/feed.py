@@ -14,7 +14,7 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.errors import AnchorposeError
-from anchorpose.recording.depth_image import image_of_grey
+from anchorpose.recording.depth_image import frame_set_of_greys
 from anchorpose.recording.recording import USUAL_PERIOD_S, Clock, FrameSet, Recording
 from anchorpose.sources.plan import CameraPlan
 
@@ -57,7 +57,9 @@ def about_folder(sources: Sequence[LiveSource]) -> Path | None:
     return next((source.about.folder for source in sources if source.about is not None), None)
 
 
-Taker = Callable[[LiveImage], None]
+# a receiver of images; it returns the reason if it does not keep an image, else None
+Taker = Callable[[LiveImage], str | None]
+STALL_S: Final = 5.0  # s; a camera without a usable image for this time counts as unplugged
 
 
 class Intake:
@@ -115,8 +117,10 @@ class Intake:
             thread.join(timeout=5.0)
 
     def _run(self, source: LiveSource, first: int) -> None:
+        latest_s: dict[int, float] = {}
         try:
             for image in source.images(self._stop):
+                latest_s[image.camera] = _require_forward(image, latest_s.get(image.camera, -np.inf))
                 self._hand_on(replace(image, camera=first + image.camera))
         except (AnchorposeError, OSError) as error:
             self.failures.append(f"{source.name}: {error}")
@@ -133,12 +137,25 @@ class Intake:
         """
         for taker in self._takers:
             try:
-                taker(image)
+                if why := taker(image):
+                    self._not_kept[why] += 1
             except OSError as error:
                 self._not_kept[error.strerror or str(error)] += 1
             except AnchorposeError as error:
                 self.remove(taker)
                 self.failures.append(str(error))
+
+
+def _require_forward(image: LiveImage, latest_s: float) -> float:
+    """Return the latest time on a camera's clock, which was ``latest_s`` before this image.
+
+    Raises AnchorposeError if the clock was set back by more than ``STALL_S``: no image could be used before it reaches
+    the earlier time again.
+    """
+    if latest_s - image.time_s > STALL_S:
+        problem = f"its clock was set back by {latest_s - image.time_s:.0f} s, so later images cannot be put in order"
+        raise AnchorposeError(f"{problem}; begin again")
+    return max(latest_s, image.time_s)
 
 
 # number of newest images kept per camera; this is enough, since an image of a set is at most one period (time between
@@ -149,8 +166,9 @@ SILENT_S: Final = 0.5  # s; the feed does not wait for a camera that has sent no
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveSet:
-    """A set of images, one per camera, taken at about the same time; taken_s: when the reference camera's image was
-    taken, by ``time.monotonic``; skipped: number of this camera's unused images since the previous set.
+    """A set of images, one per camera that the feed uses, taken at about the same time; reference: index of the
+    reference camera in the set; taken_s: when its image was taken, by ``time.monotonic``; skipped: number of its unused
+    images since the previous set.
     """
 
     images: tuple[LiveImage | None, ...]
@@ -159,39 +177,40 @@ class LiveSet:
     skipped: int = 0
 
     def frame_set(self, cameras: Sequence[Camera], clocks: Sequence[Clock]) -> FrameSet:
-        """Return the set in the form that tracking reads, with times on the first camera's clock; clocks: one per
-        camera.
+        """Return the set in the form that tracking reads, with times on the first camera's clock. Images that cannot be
+        used are left out, and reported in its ``problems``.
+
+        clocks: one per camera. The frame has the number of the first camera's image, or 0 if this camera has none.
         """
         times = [
             None if image is None else float(clock.reference_s(np.array([image.time_s]))[0])
             for image, clock in zip(self.images, clocks, strict=True)
         ]
-        main, main_s = self.images[self.reference], times[self.reference]
-        if main is None or main_s is None:
+        first, main_s = self.images[0], times[self.reference]
+        if main_s is None:
             raise ValueError("a frame set must have the image of its reference camera")
-        return FrameSet(
-            frame=main.number,
-            time_s=main_s,
-            depths_m=tuple(
-                None if image is None else image_of_grey(image.grey, camera).depth_m
-                for image, camera in zip(self.images, cameras, strict=True)
-            ),
-            taken_s=tuple(times),
-        )
+        greys = [None if image is None else image.grey for image in self.images]
+        return frame_set_of_greys(0 if first is None else first.number, main_s, cameras, greys, times)
 
 
 class Feed:
     """A buffer: sources put images in from their threads, and the tracker takes the newest complete set.
 
-    The first camera that is not silent is the reference camera; the time of its image is the time of the set. A set is
-    complete when every camera that is not silent has delivered an image of that time or later, or when that time is
-    longer ago than the usual interval between images.
+    Of the cameras in use, the first that is not silent is the reference camera; the time of its image is the time of
+    the set. A set is complete when every camera in use that is not silent has delivered an image of that time or later,
+    or when that time is longer ago than the usual interval between images.
     """
 
     def __init__(self, count: int) -> None:
         self._images = [deque[LiveImage](maxlen=KEPT) for _ in range(count)]
+        self._used: Sequence[int] = range(count)
         self._changed, self._open = Condition(), True
         self._last: LiveSet | None = None
+
+    def use(self, cameras: Sequence[int]) -> None:
+        """Make sets only of the images of these cameras, in this order; by default, of all cameras."""
+        with self._changed:
+            self._used, self._last = cameras, None
 
     def put(self, image: LiveImage) -> None:
         """Add an image of a camera, in the order in which the camera takes them."""
@@ -236,7 +255,8 @@ class Feed:
         return -np.inf if self._last is None else self._last.taken_s
 
     def _no_more(self) -> bool:
-        return all(not images or images[-1].taken_s <= self._last_s for images in self._images)
+        used = [self._images[k] for k in self._used]
+        return all(not images or images[-1].taken_s <= self._last_s for images in used)
 
     def _skipped(self, reference: int, main: LiveImage) -> int:
         """Return the number of unused images of the reference camera since the previous set; 0 if that set had another
@@ -253,7 +273,7 @@ class Feed:
 
     def _newest(self, now_s: float) -> LiveSet | None:
         """Return the newest complete set that was not taken yet, None if there is none."""
-        awake = [k for k in range(len(self._images)) if not self._is_silent(k, now_s)]
+        awake = [k for k in self._used if not self._is_silent(k, now_s)]
         if not awake:
             return None
         reference = awake[0]
@@ -267,10 +287,10 @@ class Feed:
                 or all(self._images[k][-1].taken_s >= main.taken_s for k in awake)
             ):
                 images = tuple(
-                    main if k == reference else _nearest(own, main.taken_s, half_s)
-                    for k, own in enumerate(self._images)
+                    main if k == reference else _nearest(self._images[k], main.taken_s, half_s) for k in self._used
                 )
-                return LiveSet(images, reference, main.taken_s, self._skipped(reference, main))
+                place = self._used.index(reference)
+                return LiveSet(images, place, main.taken_s, self._skipped(place, main))
             if age_s < half_s:  # the other cameras' images may still come, up to half an interval late
                 return None
         return None

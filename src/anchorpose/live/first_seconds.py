@@ -15,8 +15,8 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.camera import Camera
-from anchorpose.errors import AnchorposeError
+from anchorpose.camera import Camera, places_of
+from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.live.feed import Feed, Intake, LiveImage, LiveSet
 from anchorpose.live.markers import TakeMarker
 from anchorpose.live.recorder import Recorder
@@ -203,9 +203,16 @@ def known_room(
 
 
 def in_room(folder: Path, room: Room) -> Recording:
-    """Open the recording in ``folder``, with the clocks, camera poses and data about the patient of ``room``."""
-    recording = align_clocks(open_recording(folder), room.clocks.clocks)
-    return replace(recording, cameras=room.recording.cameras, subject=room.recording.subject)
+    """Open the recording in ``folder``, with the cameras, their clocks and poses, and the data about the patient of
+    ``room``. Raises InputError if it lacks a camera of the room.
+    """
+    found, known = open_recording(folder), room.recording
+    names = [camera.name for camera in found.cameras]
+    if missing := [camera.name for camera in known.cameras if camera.name not in names]:
+        raise InputError(folder, f"has no usable image of camera {missing[0]}", "check its cable, and uncover its lens")
+    recording = align_clocks(found.of_cameras(places_of(known.cameras, found.cameras)), room.clocks.clocks)
+    notes = tuple(dict.fromkeys((*known.notes, *found.notes)))
+    return replace(recording, cameras=known.cameras, subject=known.subject, notes=notes)
 
 
 STEP_S: Final = 0.2  # s, minimum time between two collected sets; a patient in a standing frame moves little meanwhile
@@ -265,13 +272,16 @@ class Backlog:
                 last_s = found.taken_s
 
     def _unpack(self, packed: LiveSet) -> LiveSet:
-        images = (None if image is None else self._with_grey(image) for image in packed.images)
+        images = (
+            None if image is None else _with_grey(image, camera)
+            for image, camera in zip(packed.images, self._cameras, strict=True)
+        )
         return replace(packed, images=tuple(images))
 
-    def _with_grey(self, image: LiveImage) -> LiveImage | None:
-        camera = self._cameras[image.camera]
-        grey, _ = decode_grey_png(image.grey.tobytes(), camera.width, camera.height)
-        return None if grey is None else replace(image, grey=grey)
+
+def _with_grey(packed: LiveImage, camera: Camera) -> LiveImage | None:
+    grey, _ = decode_grey_png(packed.grey.tobytes(), camera.width, camera.height)
+    return None if grey is None else replace(packed, grey=grey)
 
 
 def _pack(found: LiveSet) -> LiveSet:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -10,12 +10,11 @@ import numpy as np
 
 from anchorpose.body.contact_regions import area_of_point, region_of_points
 from anchorpose.body.skin_points import Body, body_points
-from anchorpose.camera import Camera
 from anchorpose.isolation.other_place import without_other_places
 from anchorpose.live.feed import LiveSet
 from anchorpose.live.output import Outputs, live_frame, people_in
 from anchorpose.live.stored import on_this_disk
-from anchorpose.recording.recording import Clock, FrameSet
+from anchorpose.recording.recording import FrameSet
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
@@ -89,18 +88,16 @@ class LiveFollower:
     _kept: list[TrackedFrame] = field(default_factory=list)
     _stored: int = 0
     _last_s: float = float("-inf")  # time in s of the last tracked frame
+    _last_frame: int = -1  # number of the last tracked frame
     _contacts: ContactIntervals | None = None
     _touched: Mapping[str, bool] | None = None
     _holding: Mapping[str, bool] | None = None
 
     def take(self, live_set: LiveSet, live: bool) -> None:
         """Track an image set. live: whether it is the newest set, whose joints are sent and whose latency counts."""
-        frame_set = without_other_places(live_set.frame_set(self._cameras, self._clocks), self.run.room.scenes)
-        if frame_set.time_s <= self._last_s + ROUNDING_S:  # skip the last set of the first seconds if it comes twice
-            return
-        self._last_s = frame_set.time_s
-        self._taken_s[frame_set.frame] = live_set.taken_s
-        self._pass_on(self.follower.step(frame_set), live, live_set.skipped if live else 0)
+        room = self.run.room
+        frame_set = live_set.frame_set(room.recording.cameras, room.clocks.clocks)
+        self._step(frame_set, live_set.taken_s, live, live_set.skipped if live else 0)
 
     @property
     def patient_xz_m(self) -> np.ndarray | None:
@@ -110,22 +107,27 @@ class LiveFollower:
 
     def take_recorded(self, frame_set: FrameSet) -> None:
         """Track a recorded frame of the first seconds."""
-        self._last_s = frame_set.time_s
-        self._taken_s[frame_set.frame] = float("nan")
-        self._pass_on(self.follower.step(frame_set), live=False)
+        self._step(frame_set, float("nan"), live=False)
 
     def finish(self) -> None:
         """Track the frames that still wait for later frames, then store everything."""
         self._pass_on(self.follower.finish(), live=False)
         self.store()
 
-    @property
-    def _cameras(self) -> Sequence[Camera]:
-        return self.run.room.recording.cameras
+    def _step(self, frame_set: FrameSet, taken_s: float, live: bool, dropped: int = 0) -> None:
+        """Track a frame unless it is not later than the last one, as when the last frame of the first seconds comes
+        twice.
 
-    @property
-    def _clocks(self) -> Sequence[Clock]:
-        return self.run.room.clocks.clocks
+        Frames have the numbers of the first camera's images, as in a recording of the session. While this camera gives
+        none, the numbers continue by one per frame.
+        """
+        if frame_set.time_s <= self._last_s + ROUNDING_S:
+            self.latency.dropped += dropped + int(live)
+            return
+        self._last_s, self._last_frame = frame_set.time_s, max(frame_set.frame, self._last_frame + 1)
+        self._taken_s[self._last_frame] = taken_s
+        numbered = without_other_places(replace(frame_set, frame=self._last_frame), self.run.room.scenes)
+        self._pass_on(self.follower.step(numbered), live, dropped)
 
     def _pass_on(self, estimates: Iterator[Estimate], live: bool, dropped: int = 0) -> None:
         for estimate in estimates:

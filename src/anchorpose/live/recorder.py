@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from anchorpose.camera import Camera
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.live.feed import Intake, LiveImage, LiveSource, about_folder
 from anchorpose.live.markers import HEAD, MARKERS_FILE, MISSING, MarkerInlet, plain_text, write_events
@@ -51,7 +52,8 @@ class Recorder:
         if about is not None:
             document |= _copy_about(about, folder)
         self._document: dict[str, Any] = document
-        self._began_s: float | None = None  # when the first image of the first camera was taken, by time.monotonic
+        self._first_s: dict[int, float] = {}  # when each camera's first image was taken, by time.monotonic
+        self._began_s: float | None = None  # that time of the recording's first camera; None until it is known
         self._waiting: list[tuple[str, float]] = []  # markers that came before the first image
         self._marking = Lock()
         self._write_document()
@@ -63,21 +65,24 @@ class Recorder:
         self._syncing = Thread(target=self._sync_often, daemon=True)
         self._syncing.start()
 
-    def put(self, image: LiveImage) -> None:
-        """Write an image; an image that comes after the end is ignored. Raises AnchorposeError if less than half a
-        gigabyte is free on the disk.
+    def put(self, image: LiveImage) -> str | None:
+        """Write an image; an image that comes after the end is ignored. Return the reason if its time does not permit
+        to write it, else None. Raises AnchorposeError if less than half a gigabyte is free on the disk.
         """
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():
-                return
+                return None
+            self._first_s.setdefault(image.camera, image.taken_s)
             if image.camera == 0 and self._began_s is None:
                 self._begin(image.taken_s)
             path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
-        if path is not None:
-            self.images += 1
-            self._unsynced.append(path)
+        if path is None:
+            return "their times are not later than those of the images before"
+        self.images += 1
+        self._unsynced.append(path)
         if self.images % ROOM_EVERY == 0:
             self._require_free()
+        return None
 
     def mark(self, text: str, at_s: float) -> None:
         """Write a marker, sent at ``at_s`` by ``time.monotonic``; it is written to the disk at once, or when the first
@@ -117,6 +122,8 @@ class Recorder:
         if self.finished:
             return self.folder
         self.abandon()
+        if self._began_s is None and self._first_s:  # the first camera gave no image
+            self._begin(self._first_s[min(self._first_s)])
         self._sync()
         finish_recording(self.folder)
         self.finished = True
@@ -168,7 +175,7 @@ def start_of(taken_s: float) -> dict[str, Any]:
 
 def finish_recording(folder: Path) -> Path:
     """Turn a folder that ``Recorder`` has written into a recording; if the recorder was cut off, the recording has all
-    complete images.
+    complete images. A camera without an image is left out, with a note in recording.json.
 
     Raises InputError if it is not such a folder, or if no camera has an image.
     """
@@ -176,19 +183,36 @@ def finish_recording(folder: Path) -> Path:
     if not path.is_file():
         problem = "is a finished recording" if (folder / RECORDING_FILE).is_file() else "holds no unfinished recording"
         raise InputError(folder, problem, "give a folder that 'anchorpose record' was writing when it was cut off")
-    cameras = read_document(path, RecordingDocument).cameras
-    for camera in cameras:
-        part = folder / camera.name
-        if link := next((one for one in (part, part / "depth", part / "timestamps.csv") if one.is_symlink()), None):
-            raise InputError(link, "is a link", "put the target of the link there")
-        with CameraWriter(part, CameraPlan(camera=camera.camera())) as writer:
-            if writer.written == 0:
-                raise InputError(part, "holds no depth image", "record again with this camera")
-        _remove_without_row(part)
-    times_s = list(read_timestamps(folder / cameras[0].name / "timestamps.csv").values())
+    cameras = [entry.camera() for entry in read_document(path, RecordingDocument).cameras]
+    kept = [camera.name for camera in cameras if _finish_camera(folder / camera.name, camera)]
+    if not kept:
+        raise InputError(folder / cameras[0].name, "holds no depth image", "record again with this camera")
+    times_s = list(read_timestamps(folder / kept[0] / "timestamps.csv").values())
     write_events(folder, times_s[-1] - times_s[0])
+    leave_out_cameras(path, kept)
     path.replace(folder / RECORDING_FILE)
     return folder
+
+
+def _finish_camera(folder: Path, camera: Camera) -> bool:
+    """Remove the incomplete images of a camera; return whether it has complete ones."""
+    if link := next((one for one in (folder, folder / "depth", folder / "timestamps.csv") if one.is_symlink()), None):
+        raise InputError(link, "is a link", "put the target of the link there")
+    with CameraWriter(folder, CameraPlan(camera=camera)) as writer:
+        written = writer.written
+    _remove_without_row(folder)
+    return written > 0
+
+
+def leave_out_cameras(document: Path, kept: Sequence[str]) -> None:
+    """Leave all cameras but those of the names ``kept`` out of a recording's document, with a note on each."""
+    found = read_json(document)
+    gone = [camera["name"] for camera in found["cameras"] if camera["name"] not in kept]
+    if not gone:
+        return
+    found["cameras"] = [camera for camera in found["cameras"] if camera["name"] in kept]
+    found["notes"] = [f"camera {name} was left out: it gave no depth image" for name in gone]
+    write_text_whole(document, json.dumps(found, indent=1) + "\n")
 
 
 def _make_room(folder: Path) -> None:

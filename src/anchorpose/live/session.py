@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.skin_points import body_points, build_body
+from anchorpose.camera import places_of
 from anchorpose.errors import AnchorposeError
 from anchorpose.live.feed import Intake, LiveSource, about_folder
 from anchorpose.live.first_seconds import Backlog, FirstSeconds, LiveOptions, Prepared, User, in_room, latest_good
@@ -121,6 +122,8 @@ class _Session:
         self.intake.start()
         for attempt in count(1):
             recording = self.first_seconds.record(f"start-{attempt}", "the room and the patient")
+            # a camera that was covered in these seconds is not used any more: the room has no place for it
+            self.intake.feed.use(places_of(recording.cameras, [one.camera for one in self.intake.cameras]))
             backlog = Backlog(self.intake.feed, recording.cameras)
             found = self.first_seconds.learn(recording)
             if found is not None:
@@ -187,16 +190,17 @@ class _Session:
             if number not in places:
                 raise AnchorposeError(f"Person {number} is not in view now.")
             recording = self.first_seconds.record(f"patient-{patient}-{time.time_ns()}", "the new patient")
+            recorded = in_room(recording.folder, now.patient.prepared.run.room)
         except AnchorposeError:
             self.user.say("The new patient could not be looked at; the patient is as before.")
             return None
-        backlog = Backlog(self.intake.feed, recording.cameras)
+        backlog = Backlog(self.intake.feed, recorded.cameras)
         prepared = self._learn(recording, now, places[number])
         if prepared is None:
             self.user.say(
                 "That person cannot be distinguished from the patient, or no body fits them; the patient is as before."
             )
-            _take_recorded(before, in_room(recording.folder, now.patient.prepared.run.room), 0)
+            _take_recorded(before, recorded, 0)
             self._catch_up(before, backlog)
             return None
         before.finish()
@@ -218,6 +222,8 @@ class _Session:
     def _report(self) -> None:
         silent = [self.intake.cameras[k].camera.name for k in self.intake.feed.silent()]
         self.user.say(f"{self.latency.sentence}.")
+        for sentence in self.intake.failed:
+            self.user.say(f"{sentence.removesuffix('.')}.")
         if silent:
             self.user.say(f"No images come from {' and '.join(silent)}: check the cable.")
 

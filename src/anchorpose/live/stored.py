@@ -56,7 +56,8 @@ class LivePatient:
 def write_patients(results: Path, patients: Sequence[LivePatient], recorded: Path | None, notes: Sequence[str]) -> None:
     """Write the last patient's results into an existing folder, and each earlier patient's results into a subfolder.
 
-    recorded: a recording of the session, from which pictures are made; None: they are made from the first seconds.
+    recorded: a recording of the session, from which pictures are made. They are made from the first seconds if it is
+    None, or if it lacks a usable image of a camera that was tracked.
     notes: sentences on the session, for every ``run.json``.
     """
     *earlier, last = patients
@@ -73,7 +74,12 @@ def write_patients(results: Path, patients: Sequence[LivePatient], recorded: Pat
 
 def _write(results: Path, patient: LivePatient, recorded: Path | None, notes: Sequence[str]) -> None:
     run, learnt, inputs = patient.prepared.run, patient.prepared.learnt, patient.prepared.inputs
-    room = run.room if recorded is None else replace(run.room, recording=in_room(recorded, run.room))
+    room = run.room
+    if recorded is not None:
+        try:
+            room = replace(room, recording=in_room(recorded, room))
+        except InputError as error:
+            notes = (*notes, f"pictures are only made from the first seconds: {str(error).removesuffix('.')}")
     run = replace(run, room=replace(room, notes=(*room.notes, *notes)))
     write_results(results, patient.blocks.read(), run, learnt, inputs)
 

@@ -20,6 +20,7 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import ANCHOR_NAMES, LIMBS, LOST, JointState
 from anchorpose.pages.canvas import Ink, as_png, draw_dots, enlarge, projector, scale_of, shade, whole
 from anchorpose.recording.reader import read_frame
+from anchorpose.recording.recording import DepthStream, half_period_s
 from anchorpose.results.records import (
     EPISODES_FILE,
     PEOPLE_FILE,
@@ -228,15 +229,14 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
         return
     joints, anchors = read_joints(results / JOINTS_FILE), read_anchors(results / ANCHORS_FILE)
     poses = read_poses(results / POSES_FILE)
-    recorded = np.isin(joints.frame, room.recording.streams[0].frame)  # a live session may have recorded only its start
+    position, recorded = _recorded(joints, room.recording.streams[0])
     segmented = recorded & np.isin(joints.frame, frames_of_people(results / PEOPLE_FILE))
     chosen = choose_frames(joints, read_episodes(results / EPISODES_FILE), segmented)
     chosen = [frame for frame in chosen if recorded[frame.row]]
     people = read_people(results / PEOPLE_FILE, [int(joints.frame[frame.row]) for frame in chosen])
     for frame in chosen:
         number = int(joints.frame[frame.row])
-        position = int(np.flatnonzero(room.recording.streams[0].frame == number)[0])
-        frame_set = read_frame(room.recording, position)
+        frame_set = read_frame(room.recording, int(position[frame.row]))
         caption, body_m = _caption(joints, anchors, frame.row), _posed_skin(shape, poses, frame.row)
         for camera, depth_m in zip(room.cameras, frame_set.depths_m, strict=True):
             packed = people.get((number, camera.name))
@@ -257,6 +257,17 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
             )
             png = as_png(draw_scene(scene))
             yield FramePicture(number, frame_set.time_s, camera.name, png, caption, frame.why)
+
+
+def _recorded(joints: JointTable, stream: DepthStream) -> tuple[np.ndarray, np.ndarray]:
+    """Return, for each frame, its position (n,) in the first camera's stream, and (n,) bool: whether it is there.
+
+    A live session may have recorded only its start. A camera that was silent may count on from an earlier number, so
+    the times must agree, too.
+    """
+    position = np.searchsorted(stream.frame, joints.frame).clip(max=len(stream.frame) - 1)
+    apart_s = np.abs(stream.time_s[position] - joints.time_s)
+    return position, (stream.frame[position] == joints.frame) & (apart_s <= half_period_s(stream.time_s))
 
 
 def _posed_skin(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -19,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.camera import Camera
-from anchorpose.recording.recording import Recording
+from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.recording.regular_file import Stamp, Unreadable, read_bounded
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
@@ -87,6 +88,35 @@ def image_of_grey(grey: np.ndarray, camera: Camera, judged: bool = True) -> Dept
     depth_m[~camera.valid_pixels()] = 0.0
     problem = content_problem(grey, depth_m) if judged else ""
     return DepthImage(None, problem) if problem else DepthImage(depth_m, "")
+
+
+def frame_set_of_greys(
+    frame: int,
+    time_s: float,
+    cameras: Sequence[Camera],
+    greys: Sequence[np.ndarray | None],
+    taken_s: Sequence[float | None],
+) -> FrameSet:
+    """Return the frame set of grey images (height, width) uint16, one per camera, None without an image. An image that
+    cannot be used (``image_of_grey``) is left out, with a sentence in the set's ``problems``.
+
+    taken_s: one time per camera on the reference clock, None without an image.
+    """
+    images = [
+        DepthImage(None, "") if grey is None else image_of_grey(grey, camera)
+        for grey, camera in zip(greys, cameras, strict=True)
+    ]
+    return FrameSet(
+        frame=frame,
+        time_s=time_s,
+        depths_m=tuple(image.depth_m for image in images),
+        taken_s=tuple(None if image.depth_m is None else own_s for image, own_s in zip(images, taken_s, strict=True)),
+        problems=tuple(
+            f"camera {camera.name} {image.problem}"
+            for camera, image in zip(cameras, images, strict=True)
+            if image.problem
+        ),
+    )
 
 
 def largest_png(width: int, height: int) -> int:

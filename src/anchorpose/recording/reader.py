@@ -56,6 +56,7 @@ def open_recording(folder: Path) -> Recording:
         backgrounds_m=tuple(_read_background(folder, camera) for camera in cameras),
         equipment=read_equipment(folder / document.equipment) if document.equipment else None,
         subject=document.subject or UNKNOWN,
+        notes=document.notes,
     )
     return _without_dead_cameras(recording)
 
@@ -78,13 +79,7 @@ def _without_dead_cameras(recording: Recording) -> Recording:
         notes.append(
             f"frames and times are those of camera {recording.cameras[alive[0]].name}, the first that measured"
         )
-    return replace(
-        recording,
-        cameras=tuple(recording.cameras[number] for number in alive),
-        streams=tuple(recording.streams[number] for number in alive),
-        backgrounds_m=tuple(recording.backgrounds_m[number] for number in alive),
-        notes=(*recording.notes, *notes),
-    )
+    return replace(recording.of_cameras(alive), notes=(*recording.notes, *notes))
 
 
 def _why_dead(recording: Recording, camera: int) -> str:

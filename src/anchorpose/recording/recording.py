@@ -170,6 +170,15 @@ class Recording:
         time_s = self.streams[0].time_s
         return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 30.0
 
+    def of_cameras(self, places: Sequence[int]) -> Recording:
+        """Return the recording with only the cameras at these indices, in the order of ``places``."""
+        return replace(
+            self,
+            cameras=tuple(self.cameras[place] for place in places),
+            streams=tuple(self.streams[place] for place in places),
+            backgrounds_m=tuple(self.backgrounds_m[place] for place in places),
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameSet:

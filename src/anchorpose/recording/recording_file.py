@@ -293,7 +293,8 @@ class StartEntry(Entry):
 class RecordingDocument(Entry):
     """The content of recording.json, before any other file of the folder is read.
 
-    ``fps`` here is the frame rate of all cameras whose entries have none.
+    ``fps`` here is the frame rate of all cameras whose entries have none. ``notes``: sentences of the program that made
+    the recording, for instance on a camera that it left out.
     """
 
     format: Literal["rgbd-recording"]
@@ -303,6 +304,7 @@ class RecordingDocument(Entry):
     subject: Subject | None = None
     fps: Rate | None = None
     start: StartEntry | None = None
+    notes: tuple[Text, ...] = ()
 
     @model_validator(mode="after")
     def _require_named_cameras(self) -> RecordingDocument:
