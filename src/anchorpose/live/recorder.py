@@ -211,7 +211,8 @@ def leave_out_cameras(document: Path, kept: Sequence[str]) -> None:
     if not gone:
         return
     found["cameras"] = [camera for camera in found["cameras"] if camera["name"] in kept]
-    found["notes"] = [f"camera {name} was left out: it gave no depth image" for name in gone]
+    notes = [f"camera {name} was left out: it gave no depth image" for name in gone]
+    found["notes"] = [*found.get("notes", []), *notes]
     write_text_whole(document, json.dumps(found, indent=1) + "\n")
 
 
