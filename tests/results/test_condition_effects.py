@@ -189,6 +189,8 @@ def test_a_difference_within_the_errors_of_measurement_is_not_shown():
     (by_days,) = effects(rows_of(ABAB, values, sigma=0.5), trials_of(ABAB), repeated=4.0)
     assert by_days.repeated
     assert not by_days.shown
+    (coarser,) = effects(rows_of(ABAB, values, sigma=3.0), trials_of(ABAB), repeated=0.5)
+    assert (coarser.detectable, coarser.repeated, coarser.shown) == (coarse.detectable, False, False)
 
 
 def test_a_named_block_decides_even_where_trials_could_be_paired():
@@ -238,7 +240,7 @@ def test_the_numbers_needed_are_the_smallest_ones():
 def test_without_values_there_is_no_difference_and_with_a_reason_no_test():
     (none,) = effects(rows_of("ABAB", [None] * 4), trials_of("ABAB"))
     assert (none.difference, none.p, none.why) == (None, None, "no trials with a value can be compared")
-    (grown,) = effects(rows_of(ABAB, np.arange(12)), trials_of(ABAB), why="trials last differently")
+    (grown,) = effects(rows_of(ABAB, np.arange(12)), trials_of(ABAB), untested={"B": "trials last differently"})
     assert (grown.p, grown.why) == (None, "trials last differently")
     assert grown.difference is not None
     assert effects(rows_of("AAAA", range(4)), trials_of("AAAA")) == []
