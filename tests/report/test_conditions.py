@@ -200,13 +200,13 @@ def test_names_of_conditions_cannot_become_markup(tmp_path):
 
 def test_levels_have_the_interval_of_their_scatter_and_at_least_of_their_random_error():
     at, sigma = np.array([10.0, 10.0, 10.0, 20.0]), np.full(4, 2.0)
-    low, high = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, 0.1))
+    low, high = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, 0.1), 0.7)
     assert (low.at, low.trials, low.mean) == (10.0, 3, 2.0)
     assert low.half == pytest.approx(4.3026527 * 1.0 / np.sqrt(3), rel=1e-6)  # t of two degrees of freedom
     assert high.half == pytest.approx(1.96 * np.sqrt(0.3) * 0.1)  # a single trial has its error of measurement only
-    same, _ = levels_of(at, np.array([2.0, 2.0, 2.0, 7.0]), sigma)
+    same, _ = levels_of(at, np.array([2.0, 2.0, 2.0, 7.0]), sigma, 0.7)
     assert same.half == pytest.approx(4.3026527 * np.sqrt(0.3 * 4.0 / 3), rel=1e-6)
-    unknown, alone = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, np.nan))
+    unknown, alone = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, np.nan), 0.7)
     assert unknown.half == pytest.approx(4.3026527 / np.sqrt(3), rel=1e-6)
     assert np.isnan(alone.half)
 

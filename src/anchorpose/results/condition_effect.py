@@ -24,7 +24,7 @@ from anchorpose.results.permutation import (
     usable,
 )
 from anchorpose.results.records import Measure
-from anchorpose.results.uncertainty import NORMAL_95, SYSTEMATIC_SHARE
+from anchorpose.results.uncertainty import NORMAL_95, systematic_share
 
 CONFIDENCE: Final = 0.95
 
@@ -109,7 +109,7 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
     value = np.array([row.value for row in used], dtype=np.float64)
     sigma = np.array([np.nan if row.sigma is None else row.sigma for row in used])
     blocks = Blocks(treated[chosen], block[chosen])
-    spread = spread_of(value, sigma, blocks)
+    spread = spread_of(value, sigma, blocks, systematic_share(used[0].unit))
     difference = float(blocks.weights @ value)
     reach = None if spread.half is None else (difference - spread.half, difference + spread.half)
     effect = replace(empty, difference=difference, detectable=spread.detectable)
@@ -166,9 +166,9 @@ class Spread:
     detectable: float | None
 
 
-def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
+def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float) -> Spread:
     """Return the uncertainty of the difference between conditions. value (n,): the measure in each trial; sigma (n,):
-    the standard deviations of these values, NaN where unknown.
+    the standard deviations of these values, NaN where unknown; share: the systematic share of their variance.
 
     The scatter of the trials includes their random errors of measurement, so the variance of the scatter is never taken
     to be smaller than that of these errors. The systematic errors of a session's trials are fully correlated, so they
@@ -176,8 +176,8 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
     scatter.
     """
     weights = blocks.weights
-    random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum((weights * sigma) ** 2))
-    systematic = SYSTEMATIC_SHARE * float(weights @ sigma) ** 2
+    random = (1.0 - share) * float(np.sum((weights * sigma) ** 2))
+    systematic = share * float(weights @ sigma) ** 2
     stated = bool(np.isfinite(sigma).all())
     detectable = NORMAL_95 * float(np.sqrt(random + systematic)) if stated else None
     scatter, freedom = scatter_of(value, blocks)
