@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from laboratory_builder import Laboratory, make_laboratory, missed
 
+from anchorpose.agreement import evaluating
 from anchorpose.agreement.captured import read_captured
 from anchorpose.agreement.evaluating import ALL, AS_MEASURED, OFFSET_REMOVED, agreement_rows, compare_with_reference
 from anchorpose.agreement.matching import Match, match_results
 from anchorpose.agreement.reference import exchanged, read_reference
+from anchorpose.agreement.writing import methods_sentences
 from anchorpose.camera import transform_points
 from anchorpose.cli import main
 from anchorpose.errors import InputError
@@ -53,6 +55,20 @@ def test_statistics_are_those_of_the_true_clock_and_frame_within_their_intervals
             assert row.upper_low < best.upper < row.upper_high
             checked += 1
     assert checked >= 32
+
+
+def test_folders_whose_people_are_not_named_count_as_one_person(lab, match, monkeypatch):
+    knee = [each for each in evaluating.quantities([match]) if each.name == "KneeLeft"]
+    monkeypatch.setattr(evaluating, "match_results", lambda *given: match)
+    monkeypatch.setattr(evaluating, "quantities", lambda matches: knee)
+    monkeypatch.setattr(evaluating, "distance_rows", lambda *given: [])
+    three = [lab.results] * 3, [lab.reference] * 3
+    unnamed = compare_with_reference(*three, [], ReferenceSettings())
+    assert {row.repeated for row in unnamed.rows} == {"stretch of time"}
+    assert "subjects whose number was not stated" in methods_sentences(unnamed)[0]
+    named = compare_with_reference(*three, ["a", "b", "c"], ReferenceSettings())
+    assert {row.repeated for row in named.rows} == {"subject"}
+    assert "of 3 subject(s)" in methods_sentences(named)[0]
 
 
 @pytest.mark.thorough

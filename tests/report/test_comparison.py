@@ -247,6 +247,13 @@ def test_repeated_sessions_decide_where_their_minimal_detectable_change_is_known
     assert "no error is stated" in row_of(page, "standing up: how often")
 
 
+def test_the_larger_limit_counts_where_two_sessions_are_less_certain_than_the_repeated_ones():
+    first, later = (Measure(measure="upright_time", value=v, unit="s", sigma=3.0, frames=300) for v in (10.0, 17.0))
+    assert change_between(first, later, 5.0) == change_between(first, later)
+    assert change_between(first, later, 9.0).repeated
+    assert change_between(first, replace(later, sigma=None), 5.0).exceeds
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [

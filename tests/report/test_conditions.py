@@ -22,7 +22,7 @@ from anchorpose.report.session import Session, read_session
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.ratings import rated_session
-from anchorpose.results.records import read_trial_measures
+from anchorpose.results.records import Measure, read_trial_measures
 from anchorpose.results.run_record import read_run
 
 IN_TURN = [None, 40.0, None, 20.0] * 3
@@ -122,6 +122,21 @@ def test_below_the_minimal_detectable_change_nothing_is_shown(folder, tmp_path):
     assert rows["knee flexion while upright, mean, right"]["on"][3] == "a difference: p 0.031"
 
 
+def test_the_minimal_detectable_change_of_a_session_s_time_is_not_that_of_a_trial(tmp_path):
+    session = with_trials(write_trial_results(tmp_path / "r", IN_TURN), trials_in_turn(IN_TURN))
+    shorter = {row.trial: 0.02 * row.trial for row in session.trial_measures if row.condition == "off" and row.trial}
+    rows = [
+        replace(row, value=row.value - shorter[row.trial])
+        if row.measure == "upright_time" and row.trial in shorter
+        else row
+        for row in session.trial_measures
+    ]
+    section = condition_section(replace(session, trial_measures=tuple(rows)), {("upright_time", None, "s"): 100.0})
+    verdicts = {group.title: str(group.rows[1].verdict) for group in section.groups}
+    assert "p 0.031" in verdicts["time upright"]
+    assert "minimal detectable change" not in verdicts["time upright"]
+
+
 def test_without_trials_there_is_no_section_and_the_options_are_refused(tmp_path, refusal):
     folder = write_results(tmp_path / "r", [make_frame(k, k / 10, standing_joints()) for k in range(30)])
     write_measured(folder, ProcessingConfig(), MeasureConfig())
@@ -143,6 +158,21 @@ def test_trials_that_last_differently_are_not_tested_by_what_grows_with_time(tmp
     verdicts = {group.title: str(group.rows[1].verdict) for group in section.groups}
     assert "it grows with time, and trials last 3 to 4 s" in verdicts["time upright"]
     assert "a difference" in verdicts["knee flexion while upright, mean, left"]
+
+
+def test_a_condition_in_which_the_patient_is_hidden_for_longer_is_not_tested_by_what_grows_with_time(tmp_path):
+    session = with_trials(write_trial_results(tmp_path / "r", IN_TURN), trials_in_turn(IN_TURN))
+
+    def hidden(row: Measure) -> Measure:
+        # therapists who help without stimulation hide the patient for about a second of four
+        lost_s = {"unknown_time": 1.0 + 0.01 * (row.trial or 0), "upright_time": -1.0 - 0.01 * (row.trial or 0)}
+        return replace(row, value=row.value + lost_s[row.measure]) if row.measure in lost_s else row
+
+    rows = [hidden(row) if row.condition == "off" else row for row in session.trial_measures]
+    section = condition_section(replace(session, trial_measures=tuple(rows)))
+    verdicts = {group.title: str(group.rows[1].verdict) for group in section.groups}
+    assert "not tested: it grows with time (more time with posture known)" in verdicts["time upright"]
+    assert "not tested" not in verdicts["knee flexion while upright, mean, left"]
 
 
 def test_too_few_trials_say_how_many_are_needed_and_one_condition_has_nothing_to_compare(tmp_path):
@@ -170,13 +200,13 @@ def test_names_of_conditions_cannot_become_markup(tmp_path):
 
 def test_levels_have_the_interval_of_their_scatter_and_at_least_of_their_random_error():
     at, sigma = np.array([10.0, 10.0, 10.0, 20.0]), np.full(4, 2.0)
-    low, high = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, 0.1))
+    low, high = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, 0.1), 0.7)
     assert (low.at, low.trials, low.mean) == (10.0, 3, 2.0)
     assert low.half == pytest.approx(4.3026527 * 1.0 / np.sqrt(3), rel=1e-6)  # t of two degrees of freedom
     assert high.half == pytest.approx(1.96 * np.sqrt(0.3) * 0.1)  # a single trial has its error of measurement only
-    same, _ = levels_of(at, np.array([2.0, 2.0, 2.0, 7.0]), sigma)
+    same, _ = levels_of(at, np.array([2.0, 2.0, 2.0, 7.0]), sigma, 0.7)
     assert same.half == pytest.approx(4.3026527 * np.sqrt(0.3 * 4.0 / 3), rel=1e-6)
-    unknown, alone = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, np.nan))
+    unknown, alone = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, np.nan), 0.7)
     assert unknown.half == pytest.approx(4.3026527 / np.sqrt(3), rel=1e-6)
     assert np.isnan(alone.half)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from session_builder import RATE, measured, squatting_joints, table, value, why
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.results.records import Measure
 from anchorpose.results.tables import JointTable
-from anchorpose.results.uncertainty import random_sigma, sigma_of_difference
+from anchorpose.results.uncertainty import ANGLE_SHARE, JOINT_SHARE, random_sigma, sigma_of_difference, systematic_share
 from anchorpose.simulate.config import single
 from anchorpose.simulate.movements import REST_ELBOW, STRAIGHT_ELBOW
 from anchorpose.simulate.patient import Actor, draw_patient, draw_waves, resting_channels, seated_offsets
@@ -64,8 +65,17 @@ def test_squats_and_legs_raised_high_are_no_rises_from_a_seat():
 
 
 def test_what_lasts_cancels_in_a_difference():
-    assert sigma_of_difference(2.0, 2.0) == pytest.approx(np.sqrt(2.0) * random_sigma(np.array(2.0)))
-    assert sigma_of_difference(0.0, 3.0) == sigma_of_difference(3.0, 0.0) == pytest.approx(3.0)
+    for share in (ANGLE_SHARE, JOINT_SHARE):
+        assert sigma_of_difference(2.0, 2.0, share) == pytest.approx(np.sqrt(2.0) * random_sigma(np.array(2.0), share))
+        assert sigma_of_difference(0.0, 3.0, share) == sigma_of_difference(3.0, 0.0, share) == pytest.approx(3.0)
+
+
+def test_of_an_angle_s_error_as_much_cancels_as_was_measured():
+    page = (Path(__file__).parents[2] / "docs/angles.md").read_text(encoding="utf-8")
+    rows = [line.split("|") for line in page.splitlines() if line.startswith("| measures: angle ")]
+    assert len(rows) > 10
+    assert np.mean([float(row[5]) for row in rows]) == pytest.approx(ANGLE_SHARE, abs=0.1)  # the column "lasting share"
+    assert systematic_share("deg") == ANGLE_SHARE < systematic_share("mm") == JOINT_SHARE
 
 
 def test_a_range_of_motion_is_that_of_the_movement_and_a_single_jump_does_not_count():

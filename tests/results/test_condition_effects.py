@@ -130,8 +130,8 @@ def test_student_s_sleep_has_the_intervals_of_the_textbooks():
     none = np.full(20, np.nan)
     assert scatter_of(value, free)[1] == pytest.approx(17.776, abs=1e-3)
     assert free.weights @ value == pytest.approx(1.58)
-    assert spread_of(value, none, free).half == pytest.approx((3.3654832 + 0.2054832) / 2, abs=1e-6)
-    assert spread_of(value, none, paired).half == pytest.approx((2.4598858 - 0.7001142) / 2, abs=1e-6)
+    assert spread_of(value, none, free, 0.7).half == pytest.approx((3.3654832 + 0.2054832) / 2, abs=1e-6)
+    assert spread_of(value, none, paired, 0.7).half == pytest.approx((2.4598858 - 0.7001142) / 2, abs=1e-6)
 
 
 def test_blocks_that_repeat_both_conditions_pool_their_scatter():
@@ -145,13 +145,13 @@ def test_blocks_that_repeat_both_conditions_pool_their_scatter():
 
 def test_the_error_of_measurement_widens_the_interval_but_its_shared_part_cancels():
     value, blocks = np.array([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0]), one_block([0] * 4 + [1] * 4)
-    alone = spread_of(value, np.full(8, np.nan), blocks)
+    alone = spread_of(value, np.full(8, np.nan), blocks, 0.7)
     assert (alone.half, alone.detectable) == (0.0, None)
-    same = spread_of(value, np.full(8, 2.0), blocks)
+    same = spread_of(value, np.full(8, 2.0), blocks, 0.7)
     random = 0.3 * 4.0 * 2 / 4
     assert same.detectable == pytest.approx(1.96 * math.sqrt(random))
     assert same.half == pytest.approx(stats.t.ppf(0.975, 6) * math.sqrt(random))
-    unlike = spread_of(value, np.array([1.0] * 4 + [3.0] * 4), blocks)
+    unlike = spread_of(value, np.array([1.0] * 4 + [3.0] * 4), blocks, 0.7)
     assert unlike.detectable == pytest.approx(1.96 * math.sqrt(0.3 * (1 + 9) / 4 + 0.7 * 4))
 
 
@@ -189,6 +189,8 @@ def test_a_difference_within_the_errors_of_measurement_is_not_shown():
     (by_days,) = effects(rows_of(ABAB, values, sigma=0.5), trials_of(ABAB), repeated=4.0)
     assert by_days.repeated
     assert not by_days.shown
+    (coarser,) = effects(rows_of(ABAB, values, sigma=3.0), trials_of(ABAB), repeated=0.5)
+    assert (coarser.detectable, coarser.repeated, coarser.shown) == (coarse.detectable, False, False)
 
 
 def test_a_named_block_decides_even_where_trials_could_be_paired():
@@ -238,7 +240,7 @@ def test_the_numbers_needed_are_the_smallest_ones():
 def test_without_values_there_is_no_difference_and_with_a_reason_no_test():
     (none,) = effects(rows_of("ABAB", [None] * 4), trials_of("ABAB"))
     assert (none.difference, none.p, none.why) == (None, None, "no trials with a value can be compared")
-    (grown,) = effects(rows_of(ABAB, np.arange(12)), trials_of(ABAB), why="trials last differently")
+    (grown,) = effects(rows_of(ABAB, np.arange(12)), trials_of(ABAB), untested={"B": "trials last differently"})
     assert (grown.p, grown.why) == (None, "trials last differently")
     assert grown.difference is not None
     assert effects(rows_of("AAAA", range(4)), trials_of("AAAA")) == []

@@ -31,7 +31,7 @@ from anchorpose.results.tables import (
     write_angles,
     write_processed_angles,
 )
-from anchorpose.results.uncertainty import random_sigma, systematic_sigma
+from anchorpose.results.uncertainty import JOINT_SHARE, random_sigma, systematic_sigma
 
 RATE = 30.0
 
@@ -147,13 +147,13 @@ def test_the_kalman_smoother_is_the_least_squares_solution():
     time_s, jerk = np.cumsum(rng.uniform(0.02, 0.08, 12)), 20.0
     seen, sigma = rng.normal(size=(12, 3)), rng.uniform(0.2, 0.5, 12)
     rows, right = [], []
-    first = np.diag(1.0 / np.array([random_sigma(sigma)[0], FIRST_SPEED_M_S, FIRST_ACCELERATION_M_S2]))
+    first = np.diag(1.0 / np.array([random_sigma(sigma, JOINT_SHARE)[0], FIRST_SPEED_M_S, FIRST_ACCELERATION_M_S2]))
     for k in range(12):
         place = np.zeros((1, 36))
         if k:
-            place[0, 3 * k] = 1.0 / random_sigma(sigma)[k]
+            place[0, 3 * k] = 1.0 / random_sigma(sigma, JOINT_SHARE)[k]
             rows.append(place)
-            right.append(seen[k][None] / random_sigma(sigma)[k])
+            right.append(seen[k][None] / random_sigma(sigma, JOINT_SHARE)[k])
             h = time_s[k] - time_s[k - 1]
             noise = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
             white = np.linalg.inv(np.linalg.cholesky(jerk**2 * noise))
@@ -168,7 +168,7 @@ def test_the_kalman_smoother_is_the_least_squares_solution():
     right.append(first @ np.vstack([seen[0], np.zeros((2, 3))]))
     system = np.vstack(rows)
     expected = np.linalg.lstsq(system, np.vstack(right), rcond=None)[0][::3]
-    spread = np.sqrt(np.diag(np.linalg.inv(system.T @ system))[::3] + systematic_sigma(sigma) ** 2)
+    spread = np.sqrt(np.diag(np.linalg.inv(system.T @ system))[::3] + systematic_sigma(sigma, JOINT_SHARE) ** 2)
     course, found = smooth_stretch(time_s, seen, sigma, jerk)
     np.testing.assert_allclose(course, expected, atol=1e-8)
     np.testing.assert_allclose(found, spread, rtol=1e-6)
@@ -178,7 +178,7 @@ def test_smoothing_does_not_promise_more_than_the_part_that_comes_and_goes():
     table = moving(noise_m=0.005)
     for smooth in ("butterworth", "kalman"):
         sigma = process_joints(table, ProcessingConfig(smooth=smooth)).joints.sigma_m
-        assert (sigma >= systematic_sigma(table.sigma_m) - 1e-12).all()
+        assert (sigma >= systematic_sigma(table.sigma_m, JOINT_SHARE) - 1e-12).all()
         assert (sigma <= table.sigma_m + 1e-12).all()
 
 

@@ -10,7 +10,7 @@ from anchorpose.cli import main
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.results.records import read_episodes, read_measures
 from anchorpose.results.tables import read_posture, read_processed_angles
-from anchorpose.results.uncertainty import SYSTEMATIC_SHARE, sigma_of_mean
+from anchorpose.results.uncertainty import ANGLE_SHARE, sigma_of_mean
 
 ABOVE = [row for row, name in enumerate(JOINT_NAMES) if not name.startswith(("Ankle", "Foot"))]
 
@@ -109,10 +109,10 @@ def test_a_mean_over_many_frames_is_hardly_more_certain_than_one_frame():
         measured(table(squatting_joints(np.full(n, 12.0))))[1]["knee_flexion_upright_mean", "left", None, None].sigma
         for n in (20, 2000)
     )
-    assert 0.75 * short < long < short
+    assert 0.7 * short < long < short
     sigma = np.full(10, 2.0)
-    assert sigma_of_mean(sigma, 1e9) == pytest.approx(2.0 * np.sqrt(SYSTEMATIC_SHARE))
-    assert sigma_of_mean(sigma, 0.0) == pytest.approx(2.0)
+    assert sigma_of_mean(sigma, 1e9, ANGLE_SHARE) == pytest.approx(2.0 * np.sqrt(ANGLE_SHARE))
+    assert sigma_of_mean(sigma, 0.0, ANGLE_SHARE) == pytest.approx(2.0)
 
 
 def test_leaning_over_one_foot_loads_it_and_beyond_the_feet_there_is_no_share():

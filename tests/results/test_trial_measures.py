@@ -161,9 +161,9 @@ def test_the_intervals_of_trials_point_at_their_rows():
 
 
 def test_sigma_of_a_mean_over_trials_keeps_the_part_they_share():
-    assert sigma_of_trial_mean([2.0]) == pytest.approx(2.0)
-    assert sigma_of_trial_mean([2.0] * 4) == pytest.approx(2.0 * np.sqrt(0.7 + 0.3 / 4))
-    assert sigma_of_trial_mean([2.0, None]) is None
+    assert sigma_of_trial_mean([2.0], 0.7) == pytest.approx(2.0)
+    assert sigma_of_trial_mean([2.0] * 4, 0.7) == pytest.approx(2.0 * np.sqrt(0.7 + 0.3 / 4))
+    assert sigma_of_trial_mean([2.0, None], 0.7) is None
 
 
 def test_of_trials_without_a_value_the_reasons_stay():

@@ -158,11 +158,12 @@ chosen frames (n,) bool.
 
 def _row(quantity: Quantity, parts: Parts, state: str, offset: str) -> Agreement:
     differences = [_difference(each, offset)[chosen] for each, _, chosen in parts]
-    units = [_units(each.time_s[chosen], d) for (each, _, chosen), d in zip(parts, differences, strict=True)]
+    units = [stretches(each.time_s[chosen], d) for (each, _, chosen), d in zip(parts, differences, strict=True)]
     repeated, unit = _repeated([subject for _, subject, _ in parts], units)
     error = np.concatenate(differences)
     sigma = np.concatenate([each.sigma[chosen] for each, _, chosen in parts])
-    limits = limits_of_agreement(error, unit)
+    independent = min(len(error), PER_STRETCH * sum(len(np.unique(each)) for each in units))
+    limits = limits_of_agreement(error, unit, independent)
     ends = {"bias": limits.bias, "lower": limits.lower, "upper": limits.upper}
     return _error_row(
         (quantity.kind, quantity.name, quantity.axis, quantity.unit),
@@ -214,9 +215,13 @@ def _shape(parts: Parts, offset: str) -> dict[str, Any]:
     }
 
 
-def _units(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
-    """Return the index (n,) of the stretch of time to which each frame belongs. A stretch lasts twice the correlation
-    time of the errors, at least one second, so that errors of different stretches are independent.
+PER_STRETCH: Final = 2
+"""Number of correlation times of the errors in a stretch of time: as many independent differences are counted in it."""
+
+
+def stretches(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
+    """Return the index (n,) of the stretch of time to which each frame belongs. A stretch lasts ``PER_STRETCH``
+    correlation times of the errors, at least one second, so that errors of different stretches are independent.
     """
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     centred = difference - difference.mean()
@@ -226,7 +231,7 @@ def _units(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
         [float((centred[:-lag] * centred[lag:]).mean()) / variance for lag in range(1, most)] if variance else []
     )
     below = next((k for k, r in enumerate(correlation) if r < 0.1), len(correlation))
-    length_s = max(1.0, 2.0 * step_s * (1.0 + 2.0 * sum(correlation[:below])))
+    length_s = max(1.0, PER_STRETCH * step_s * (1.0 + 2.0 * sum(correlation[:below])))
     return np.floor((time_s - time_s[0]) / length_s).astype(np.int64)
 
 
@@ -295,6 +300,9 @@ def _of_angle(match: Match, name: str, theirs: np.ndarray) -> Compared | None:
     )
 
 
+NOT_NAMED: Final = "not named"
+"""The person of every recording if the user names none."""
+
 TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four numbers}, in metres'
 
 
@@ -311,7 +319,7 @@ def compare_with_reference(
     results: Sequence[Path], references: Sequence[Path], subjects: Sequence[str], settings: ReferenceSettings
 ) -> Comparison:
     """Compare each results folder with the reference at the same place of ``references``. subjects: the person of each
-    folder; if empty, every folder shows another person.
+    folder; if empty, all folders count as recordings of one person, as if nothing could be said of other people.
 
     Raises InputError or AnchorposeError if a folder and its reference do not belong together or cannot be used.
     """
@@ -329,7 +337,7 @@ def compare_with_reference(
         reference = read_reference(path, settings.unit, settings.names, settings.hip)
         reference = exchanged(reference) if settings.exchange_sides else reference
         matches.append(match_results(folder, reference, given))
-    named = tuple(subjects) or tuple(str(folder) for folder in results)
+    named = tuple(subjects) or (NOT_NAMED,) * len(results)
     rows = (*agreement_rows(matches, named), *distance_rows(matches, named))
     return Comparison(tuple(matches), named, rows)
 

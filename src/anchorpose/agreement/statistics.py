@@ -50,8 +50,10 @@ class Limits:
     sd: float  # standard deviation of a single difference
 
 
-def limits_of_agreement(difference: np.ndarray, unit: np.ndarray) -> Limits:
+def limits_of_agreement(difference: np.ndarray, unit: np.ndarray, independent: int | None = None) -> Limits:
     """Compute the limits of agreement. difference (n,): finite; unit (n,): number or name of each difference's unit.
+    independent: number of independent differences, from which the degrees of freedom of the variance within a unit are
+    counted; by default all n.
 
     Raises ValueError for fewer than two differences.
     """
@@ -71,7 +73,8 @@ def limits_of_agreement(difference: np.ndarray, unit: np.ndarray) -> Limits:
     if units < LEAST_UNITS:
         ends = (Estimate(bias), Estimate(bias - NORMAL_95 * sd), Estimate(bias + NORMAL_95 * sd))
     else:
-        ends = _intervals(bias, sd, mean, size, (within or 0.0, count - units))
+        freedom = (count if independent is None else independent) - units
+        ends = _intervals(bias, sd, mean, size, (within or 0.0, freedom))
     return Limits(
         count=count,
         units=units,

@@ -18,6 +18,7 @@ from anchorpose.agreement.evaluating import (
     AXES,
     COLUMNS,
     INFERRED,
+    NOT_NAMED,
     Agreement,
     Compared,
     Comparison,
@@ -327,12 +328,14 @@ def alignment_sentences(match: Match) -> list[str]:
 def methods_sentences(comparison: Comparison) -> list[str]:
     """Return sentences for a paper's methods section: the steps of the comparison in their order."""
     people = len(set(comparison.subjects))
+    known = len(comparison.matches) == 1 or NOT_NAMED not in comparison.subjects
+    who = f"{people} subject(s)" if known else "subjects whose number was not stated"
     unit = "subjects" if people >= LEAST_UNITS else "stretches of time longer than twice the errors' correlation time"
     frames = sum(len(match.joints.frame) for match in comparison.matches)
     origins = sorted({how for match in comparison.matches for how in match.reference.centres.origin if how})
     return [
         f"Markerless joint positions and angles (anchorpose {__version__}) were compared with those of another motion "
-        f"capture system in {len(comparison.matches)} recording(s) of {people} subject(s), {frames} frames.",
+        f"capture system in {len(comparison.matches)} recording(s) of {who}, {frames} frames.",
         "Clock offset and drift were estimated from the recorded movement itself: first by cross-correlation of "
         "distances between joints, which do not depend on the frame of reference, then by robust least squares; "
         "standard errors are from a jackknife over ten stretches of the recording.",
@@ -341,7 +344,8 @@ def methods_sentences(comparison: Comparison) -> list[str]:
         "centre. Agreement is given as measured, and with these offsets removed.",
         f"Joint centres of the reference: {'; '.join(origins) or 'none'}.",
         "Bias and 95 % limits of agreement follow Bland and Altman (2007) for repeated measurements whose true value "
-        f"varies, with {unit} as units of repetition, and intervals by variance estimates recovery (Zou 2013).",
+        f"varies, with {unit} as units of repetition, and intervals by variance estimates recovery (Zou 2013), in "
+        "which differences within one correlation time count as one.",
         "Waveforms were compared by the coefficient of multiple correlation (Ferrari et al. 2010). Coverage is the "
         "share of errors within 1.96 of the stated standard deviation; expected calibration error is the mean "
         "difference between nominal and observed coverage (Kuleshov et al. 2018).",

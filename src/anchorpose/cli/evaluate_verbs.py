@@ -38,8 +38,8 @@ class ReferenceOptions:
     """Replace an earlier comparison in that folder."""
 
     subject: list[str] | None = None
-    """With --reference: the name of the person recorded. Give the option once for each results folder; by default each
-    folder counts as a different person."""
+    """With --reference: the name of the person recorded. Give the option once for each results folder; by default all
+    folders count as recordings of one person."""
 
     labels: Path | None = None
     """A CSV of joints labelled in depth images, with the columns camera,frame,joint,u,v (u: column, v: row of the

@@ -57,10 +57,10 @@ def grows_with_time(measure: Measure) -> bool:
 
 
 def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> str | None:
-    """Return why a change of this measure between two sessions is not tested; None if it is tested.
+    """Return why a change of this measure between two sessions (or conditions) is not tested; None if it is tested.
 
-    first, later: all measures of the two sessions. A measure that grows with time is not tested if the lengths of the
-    sessions differ or are unknown.
+    first, later: all measures of the two. A measure that grows with time is not tested if the recorded times,
+    or the times with known posture, differ or are unknown.
     """
     if not grows_with_time(measure):
         return None
@@ -94,10 +94,10 @@ def _spans_of(measure: Measure, measures: Sequence[Measure]) -> tuple[Span, ...]
 
 def _unlike(old: Span, new: Span) -> str | None:
     if old.seconds is None or new.seconds is None:
-        return f"not tested: the time {old.words} is not known"
+        return f"the time {old.words} is not known"
     if not _differ(old.seconds, new.seconds):
         return None
-    return f"not tested: {'more' if new.seconds > old.seconds else 'less'} time {old.words}"
+    return f"{'more' if new.seconds > old.seconds else 'less'} time {old.words}"
 
 
 def _differ(old_s: float, new_s: float) -> bool:

@@ -54,9 +54,10 @@ def write_comparison(
     """Write one page on two or more results folders, in the order given; all others are compared with the first.
 
     labels: one per session; by default the name of its recording, or the name of its folder where two recordings share
-    a name. reliability: a table of ``anchorpose reliability``; its minimal detectable changes then replace the limits
-    from the sigmas. dates: one per session, as 2025-03-28, for trends; by default the labels, where all of them are
-    dates. Raises InputError if a folder is unusable or the sessions cannot be compared; it then writes nothing.
+    a name. reliability: a table of ``anchorpose reliability``; its minimal detectable changes are the limits where they
+    are larger than those from the sigmas. dates: one per session, as 2025-03-28, for trends; by default the labels,
+    where all of them are dates. Raises InputError if a folder is unusable or the sessions cannot be compared; it then
+    writes nothing.
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
@@ -124,7 +125,8 @@ class Change:
 
 def change_between(first: Measure, later: Measure, repeated: float | None = None) -> Change | None:
     """Return the change of a measure between two sessions; None if either has no value. repeated: the measure's minimal
-    detectable change from repeated sessions (MDC95), in its unit, if known.
+    detectable change from repeated sessions (MDC95), in its unit, if known; it is the limit unless these two sessions
+    state larger errors.
 
     Raises ValueError for different measures or units.
     """
@@ -133,11 +135,11 @@ def change_between(first: Measure, later: Measure, repeated: float | None = None
     if first.value is None or later.value is None:
         return None
     difference = later.value - first.value
-    if repeated is not None:
+    # no limit without both sigmas; 0 means that no error was measured
+    limit = NORMAL_95 * math.hypot(first.sigma, later.sigma) if first.sigma and later.sigma else None
+    if repeated is not None and repeated >= (limit or 0.0):
         return Change(difference, repeated, repeated=True)
-    if not first.sigma or not later.sigma:  # no limit without both sigmas; 0 means that no error was measured
-        return Change(difference, None)
-    return Change(difference, NORMAL_95 * math.hypot(first.sigma, later.sigma))
+    return Change(difference, limit)
 
 
 Key = tuple[str, str | None, str | None]
@@ -214,7 +216,7 @@ def _change(first: Measure | None, later: Measure | None, unlike: str | None, re
     words, kind = verdicts[change.exceeds]
     needed = "" if change.detectable is None else f" (± {value_form(later).write(change.detectable)})"
     cell = Markup('<span class="change {}"><b>{}</b><br>{}{}</span>')
-    return cell.format(kind, _signed(change, later), unlike or words, needed)
+    return cell.format(kind, _signed(change, later), f"not tested: {unlike}" if unlike else words, needed)
 
 
 UNKNOWN: Final = Markup('<span class="unknown">{}</span>')

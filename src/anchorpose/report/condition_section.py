@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from anchorpose.errors import InputError
 from anchorpose.recording.events import Trials
-from anchorpose.report.comparable import ALIKE, grows_with_time
+from anchorpose.report.comparable import ALIKE, grows_with_time, unlike_time
 from anchorpose.report.detectable import Detectable
 from anchorpose.report.measure_section import PRINTED, title_of, value_and_error, value_form, words_of
 from anchorpose.report.parameter_curves import parameter_charts
@@ -24,6 +24,7 @@ from anchorpose.results.condition_effect import BLOCKS, FREE, PAIRS, Effect, eff
 from anchorpose.results.permutation import ALPHA
 from anchorpose.results.ratings import RATING
 from anchorpose.results.records import MEASURES_FILE, Measure, MeasureKey
+from anchorpose.results.trial_measures import condition_measures
 from anchorpose.results.trial_table import TRIALS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
@@ -102,7 +103,7 @@ def condition_section(
     if trials is None:
         return None
     by_trial = _by_key(session, chosen)
-    found = {key: _effects(rows, trials, detectable or {}) for key, rows in by_trial.items()}
+    found = {key: _effects(rows, session, trials, detectable or {}) for key, rows in by_trial.items()}
     means = {(row.condition, row.key): row for row in session.trial_measures if row.trial is None}
     groups = [_group(rows, found[key], trials, means) for key, rows in by_trial.items()]
     used = dict.fromkeys(effect.design for each in found.values() for effect in each)
@@ -133,20 +134,32 @@ def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Me
     return {key: rows for key, rows in found.items() if any(row.value is not None for row in rows)}
 
 
-def _effects(rows: Sequence[Measure], trials: Trials, detectable: Detectable) -> list[Effect]:
+def _effects(rows: Sequence[Measure], session: Session, trials: Trials, detectable: Detectable) -> list[Effect]:
+    """Return the effects on a measure. If it grows with time, the minimal detectable change of whole sessions is not
+    that of trials.
+    """
     first = rows[0]
-    return effects(rows, trials, detectable.get((first.measure, first.side, first.unit)), _unlike_times(rows, trials))
+    if not grows_with_time(first):
+        return effects(rows, trials, detectable.get((first.measure, first.side, first.unit)))
+    return effects(rows, trials, untested=_unlike_times(rows, session, trials))
 
 
-def _unlike_times(rows: Sequence[Measure], trials: Trials) -> str | None:
-    """Return why a measure that grows with time is not tested: the trials that have a value differ in duration. None if
-    it is tested.
+def _unlike_times(rows: Sequence[Measure], session: Session, trials: Trials) -> dict[str, str]:
+    """Return, by condition, why a measure that grows with time is not tested: the trials that have a value differ in
+    duration, or the condition's mean time with known posture differs from that of the reference.
     """
     known = {row.trial for row in rows if row.value is not None}
     lasting = [trial.duration_s for trial in trials.rows if trial.number in known]
-    if not lasting or not grows_with_time(rows[0]) or max(lasting) - min(lasting) <= ALIKE * max(lasting):
-        return None
-    return f"it grows with time, and trials last {min(lasting):g} to {max(lasting):g} s"
+    if not lasting:
+        return {}
+    if max(lasting) - min(lasting) > ALIKE * max(lasting):
+        why = f"it grows with time, and trials last {min(lasting):g} to {max(lasting):g} s"
+        return dict.fromkeys(trials.conditions, why)
+    means = condition_measures(trials, [row for row in session.trial_measures if row.trial in known])
+    measures_of = {name: [mean for mean in means if mean.condition == name] for name in trials.conditions}
+    reference = measures_of[trials.conditions[0]]
+    found = {name: unlike_time(rows[0], reference, measures) for name, measures in measures_of.items()}
+    return {name: f"it grows with time ({why})" for name, why in found.items() if why}
 
 
 def _about(trials: Trials) -> list[str]:

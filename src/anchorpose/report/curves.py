@@ -1,8 +1,8 @@
 """Draw curves of a quantity over time, left and right in one picture, as SVG paths with whole numbers.
 
 A line is thick where the quantity was seen and thin where it was inferred. The line of the left side is solid, that of
-the right side dashed, and each curve has a letter at its end. The band around a line is expected to contain the true
-value 95 times in 100. Where a group of frames is drawn as one point, the line runs midway between the group's lowest
+the right side dashed, and each curve has a letter at its end. The band around a line is ± 1.96
+sigma. Where a group of frames is drawn as one point, the line runs midway between the group's lowest
 and highest value, and a darker band reaches from one to the other. Below the picture, each curve has a row of columns,
 of half height where the curve was inferred and of full height where it is lost. No information depends on colour alone.
 """

@@ -14,7 +14,7 @@ from anchorpose.report.still_chart import Line, Points, StillChart, across, stil
 from anchorpose.report.words import decimals_for, number
 from anchorpose.results.condition_effect import CONFIDENCE
 from anchorpose.results.records import Measure, MeasureKey
-from anchorpose.results.uncertainty import NORMAL_95, SYSTEMATIC_SHARE
+from anchorpose.results.uncertainty import NORMAL_95, systematic_share
 
 LEAST_LEVELS: Final = 2
 MOST_TICKS: Final = 9
@@ -31,19 +31,22 @@ class Level(NamedTuple):
     half: float
 
 
-def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray) -> list[Level]:
+def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray, share: float) -> list[Level]:
     """Return, for each distinct value of the parameter in ascending order, the mean of the trials with this value.
 
-    at, value, sigma (n,): of each trial the parameter, the measure's value and its sigma, NaN where unknown. The mean's
-    interval covers the scatter of the trials, which is never taken to be smaller than their random errors; for a single
-    trial it covers only the random error. The systematic error, which would shift all levels alike, is left out.
+    at, value, sigma (n,): of each trial the parameter, the measure's value and its sigma, NaN where unknown. share: the
+    systematic share of the sigmas' variance. The mean's interval covers the scatter of the trials, which is never taken
+    to be smaller than their random errors; for a single trial it covers only the random error. The systematic error,
+    which would shift all levels alike, is left out.
     """
-    return [_level(float(place), value[at == place], sigma[at == place]) for place in np.unique(at)]
+    return [
+        _level(float(place), value[at == place], np.sqrt(1.0 - share) * sigma[at == place]) for place in np.unique(at)
+    ]
 
 
-def _level(at: float, value: np.ndarray, sigma: np.ndarray) -> Level:
+def _level(at: float, value: np.ndarray, random_sigma: np.ndarray) -> Level:
     count = len(value)
-    random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum(sigma**2)) / count**2
+    random = float(np.sum(random_sigma**2)) / count**2
     if count == 1:
         return Level(at, 1, float(value[0]), NORMAL_95 * float(np.sqrt(random)))
     variance = float(np.fmax(value.var(ddof=1) / count, random))
@@ -76,7 +79,7 @@ def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure
         at = np.array([cells[row.trial or 0] for row in known], dtype=np.float64)
         value = times * np.array([row.value for row in known], dtype=np.float64)
         sigma = times * np.array([np.nan if row.sigma is None else row.sigma for row in known])
-        levels, side = levels_of(at, value, sigma), rows[0].side or ""
+        levels, side = levels_of(at, value, sigma, systematic_share(rows[0].unit)), rows[0].side or ""
         if len(levels) < LEAST_LEVELS:
             continue
         points.append(Points(side=side, x=at, y=value, reach=NORMAL_95 * sigma))

@@ -170,8 +170,7 @@ def _quality(session: Session) -> Markup:
     typical = figure(known_median(session.joints.sigma_m), reach)
     return Markup(
         "{} Of all joint positions {} were seen, {} were inferred from the rest of the body and from movement, and {} "
-        "are lost. A typical position is accurate to {} along each axis, 95 times in 100, by the program's own "
-        "estimate.{}{}"
+        "are lost. A typical position has {} along each axis (1.96 sigma), by the program's own estimate.{}{}"
     ).format(_verdict(session), seen, inferred, lost, typical, _weak(session), _problems(session))
 
 

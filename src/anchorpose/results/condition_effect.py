@@ -4,7 +4,7 @@ or why there is no test.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -24,7 +24,7 @@ from anchorpose.results.permutation import (
     usable,
 )
 from anchorpose.results.records import Measure
-from anchorpose.results.uncertainty import NORMAL_95, SYSTEMATIC_SHARE
+from anchorpose.results.uncertainty import NORMAL_95, systematic_share
 
 CONFIDENCE: Final = 0.95
 
@@ -41,9 +41,10 @@ class Effect:
     reference, condition: their names; counts: how many trials of each were compared. difference: condition minus
     reference; low, high: its 95 % interval, None if there are too few trials. p: p value of the permutation test,
     adjusted for the number of conditions; exact: whether p comes from all assignments of conditions to trials, not from
-    a sample. detectable: the difference that errors of measurement alone exceed only 5 times in 100; None if the sigma
-    of a trial's value is unknown. repeated: whether detectable is an MDC95 (minimal detectable change) from repeated
-    sessions. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: why the difference is not tested; then p is None.
+    a sample. detectable: the difference that errors of measurement alone exceed only 5 times in 100, or the MDC95
+    (minimal detectable change) of repeated sessions if this is larger; None if neither is known. repeated: whether
+    detectable is an MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: why the difference is not tested; then p is
+    None.
     """
 
     reference: str
@@ -68,20 +69,26 @@ class Effect:
 
 
 def effects(
-    rows: Sequence[Measure], trials: Trials, repeated: float | None = None, why: str | None = None
+    rows: Sequence[Measure], trials: Trials, repeated: float | None = None, untested: Mapping[str, str] | None = None
 ) -> list[Effect]:
     """Return the effect of every condition but the reference on one measure.
 
     rows: the measure in each trial. The reference is the first of ``trials.conditions``. repeated: the measure's MDC95
-    if it is known from repeated sessions. why: why the measure is not tested at all; None if it is tested.
+    if it is known from repeated sessions. untested: by condition, why its effect on this measure is not tested.
     """
     by_number = {row.trial: row for row in rows}
     reference, *others = trials.conditions
     found = [_effect(by_number, trials, (reference, name), len(others)) for name in others]
     if repeated is not None:
-        found = [replace(each, detectable=repeated, repeated=True) for each in found]
-    if why is not None:
-        return [replace(each, p=None, why=each.why or why) for each in found]
+        found = [
+            each if (each.detectable or 0.0) > repeated else replace(each, detectable=repeated, repeated=True)
+            for each in found
+        ]
+    reasons = untested or {}
+    found = [
+        replace(each, p=None, why=each.why or reasons[each.condition]) if each.condition in reasons else each
+        for each in found
+    ]
     tested = [each for each in found if each.p is not None]
     adjusted = dict(zip([t.condition for t in tested], holm([t.p for t in tested if t.p is not None]), strict=True))
     return [replace(each, p=adjusted.get(each.condition)) for each in found]
@@ -102,7 +109,7 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
     value = np.array([row.value for row in used], dtype=np.float64)
     sigma = np.array([np.nan if row.sigma is None else row.sigma for row in used])
     blocks = Blocks(treated[chosen], block[chosen])
-    spread = spread_of(value, sigma, blocks)
+    spread = spread_of(value, sigma, blocks, systematic_share(used[0].unit))
     difference = float(blocks.weights @ value)
     reach = None if spread.half is None else (difference - spread.half, difference + spread.half)
     effect = replace(empty, difference=difference, detectable=spread.detectable)
@@ -159,9 +166,9 @@ class Spread:
     detectable: float | None
 
 
-def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
+def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float) -> Spread:
     """Return the uncertainty of the difference between conditions. value (n,): the measure in each trial; sigma (n,):
-    the standard deviations of these values, NaN where unknown.
+    the standard deviations of these values, NaN where unknown; share: the systematic share of their variance.
 
     The scatter of the trials includes their random errors of measurement, so the variance of the scatter is never taken
     to be smaller than that of these errors. The systematic errors of a session's trials are fully correlated, so they
@@ -169,8 +176,8 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks) -> Spread:
     scatter.
     """
     weights = blocks.weights
-    random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum((weights * sigma) ** 2))
-    systematic = SYSTEMATIC_SHARE * float(weights @ sigma) ** 2
+    random = (1.0 - share) * float(np.sum((weights * sigma) ** 2))
+    systematic = share * float(weights @ sigma) ** 2
     stated = bool(np.isfinite(sigma).all())
     detectable = NORMAL_95 * float(np.sqrt(random + systematic)) if stated else None
     scatter, freedom = scatter_of(value, blocks)

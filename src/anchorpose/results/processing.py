@@ -19,7 +19,7 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, STATE_CODE, JointState
 from anchorpose.results.frame_time import longest_even_step_s, runs_of, unbroken_runs, usual_step_s
 from anchorpose.results.joint_angles import ANGLE_GROUPS, joint_angles
 from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
-from anchorpose.results.uncertainty import random_sigma, systematic_sigma
+from anchorpose.results.uncertainty import JOINT_SHARE, random_sigma, systematic_sigma
 from anchorpose.settings import Positive, settings
 
 FIRST_SPEED_M_S: Final = 1.0  # m/s and, below, m/s2: standard deviations assumed at the first frame
@@ -36,9 +36,9 @@ def smooth_stretch(
     Smoothing reduces only the random part of sigma; the systematic part is added again, so sigma never falls below it.
     """
     course, variance = _smoothed_backwards(
-        np.diff(time_s), np.ascontiguousarray(position_m), random_sigma(sigma_m) ** 2, jerk
+        np.diff(time_s), np.ascontiguousarray(position_m), random_sigma(sigma_m, JOINT_SHARE) ** 2, jerk
     )
-    return course, np.sqrt(np.maximum(variance, 0.0) + systematic_sigma(sigma_m) ** 2)
+    return course, np.sqrt(np.maximum(variance, 0.0) + systematic_sigma(sigma_m, JOINT_SHARE) ** 2)
 
 
 @njit(cache=True)

@@ -19,7 +19,7 @@ from anchorpose.results.frame_time import frame_seconds
 from anchorpose.results.records import EPISODE_KINDS, Contact, Episode, Measure, MeasureKey
 from anchorpose.results.stand_training.stance import Session
 from anchorpose.results.trial_table import CONTACT, EPISODE, TrialInterval, trial_rows
-from anchorpose.results.uncertainty import SYSTEMATIC_SHARE
+from anchorpose.results.uncertainty import systematic_share
 
 Table = TypeVar("Table")
 Found = TypeVar("Found")
@@ -180,7 +180,7 @@ def _mean(rows: Sequence[Measure]) -> Measure:
     return replace(
         first,
         value=float(np.mean([row.value for row in known if row.value is not None])),
-        sigma=sigma_of_trial_mean([row.sigma for row in known]),
+        sigma=sigma_of_trial_mean([row.sigma for row in known], systematic_share(first.unit)),
         frames=sum(row.frames for row in known),
         inferred_share=_inferred(known),
         why=None,
@@ -195,13 +195,14 @@ def _inferred(rows: Sequence[Measure]) -> float | None:
     return sum(share * count for share, count in shares) / frames if frames else None
 
 
-def sigma_of_trial_mean(sigma: Sequence[float | None]) -> float | None:
+def sigma_of_trial_mean(sigma: Sequence[float | None], share: float) -> float | None:
     """Return sigma of the mean over trials of one recording; None if a trial has no sigma.
 
-    The systematic share of the variance is common to all trials; only the random share decreases with their number.
+    ``share`` of the variance, the systematic share, is common to all trials; only the random share decreases with their
+    number.
     """
     known = np.array([each for each in sigma if each is not None])
     if len(known) < len(sigma):
         return None
-    random = (1.0 - SYSTEMATIC_SHARE) * float(np.sum(known**2)) / len(known) ** 2
-    return float(np.sqrt(SYSTEMATIC_SHARE * float(np.mean(known)) ** 2 + random))
+    random = (1.0 - share) * float(np.sum(known**2)) / len(known) ** 2
+    return float(np.sqrt(share * float(np.mean(known)) ** 2 + random))

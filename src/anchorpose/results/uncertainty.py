@@ -12,40 +12,50 @@ import numpy as np
 NORMAL_95: Final = 1.96
 """Half width, in standard deviations, of the interval that holds 95 of 100 values of a normal distribution."""
 
-SYSTEMATIC_SHARE: Final = 0.7
-"""Share of an error's variance that stays the same through a recording: errors of the learnt body's lengths, of
-clothes, and of the joints' places in the body. On simulated recordings it is 0.6 for angles and 0.8 for joints
-(docs/measures.md); 0.7 is used for both.
+ANGLE_SHARE: Final = 0.5
+"""Share of the variance of an angle's error that stays the same through a recording: errors of the learnt body's
+lengths, of clothes, and of the joints' places in the body. It is the mean of the column "lasting share" of the measured
+table in docs/angles.md, rounded.
+"""
+
+JOINT_SHARE: Final = 0.7
+"""The same share for joints and for what is computed from their positions. It is lower than the 0.8 that was found once
+on simulated recordings, which no table repeats.
 """
 
 CORRELATION_S: Final = 1.5
 """Time in s after which the autocorrelation of the random part of an error has fallen to about a third."""
 
 
-def sigma_of_mean(sigma: np.ndarray, seconds: float) -> float:
+def systematic_share(unit: str) -> float:
+    """Return the systematic share of the variance of values in this unit: that of angles for ``deg``."""
+    return ANGLE_SHARE if unit == "deg" else JOINT_SHARE
+
+
+def sigma_of_mean(sigma: np.ndarray, seconds: float, share: float) -> float:
     """Return sigma of the mean of values (k,) that are spread over ``seconds`` and have the standard deviations
-    ``sigma``.
+    ``sigma``. share: ``ANGLE_SHARE`` or ``JOINT_SHARE``.
 
     Averaging does not reduce the systematic share of the variance; it reduces the random share as if every two
     correlation times gave one independent value.
     """
     averaged = min(1.0, 2.0 * CORRELATION_S / seconds) if seconds > 0 else 1.0
-    return float(np.sqrt(np.mean(sigma**2) * (SYSTEMATIC_SHARE + (1.0 - SYSTEMATIC_SHARE) * averaged)))
+    return float(np.sqrt(np.mean(sigma**2) * (share + (1.0 - share) * averaged)))
 
 
-def systematic_sigma(sigma: np.ndarray) -> np.ndarray:
+def systematic_sigma(sigma: np.ndarray, share: float) -> np.ndarray:
     """Return the systematic part of sigma, which stays the same through a recording."""
-    return np.sqrt(SYSTEMATIC_SHARE) * sigma
+    return np.sqrt(share) * sigma
 
 
-def random_sigma(sigma: np.ndarray) -> np.ndarray:
+def random_sigma(sigma: np.ndarray, share: float) -> np.ndarray:
     """Return the random part of sigma, which differs from time to time."""
-    return np.sqrt(1.0 - SYSTEMATIC_SHARE) * sigma
+    return np.sqrt(1.0 - share) * sigma
 
 
-def sigma_of_difference(first: float, second: float) -> float:
+def sigma_of_difference(first: float, second: float, share: float) -> float:
     """Return sigma of the difference between values at two times of one recording, from the sigma of each value.
 
     The systematic errors are common to both values, so they cancel completely if both sigmas are equal, else in part.
     """
-    return float(np.sqrt(first**2 + second**2 - 2.0 * SYSTEMATIC_SHARE * first * second))
+    return float(np.sqrt(first**2 + second**2 - 2.0 * share * first * second))

@@ -20,7 +20,14 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import BUCKLE_LEFT, BUCKLE_RIGHT, STAND_TO_SIT
-from anchorpose.results.stand_training.event import CHANGE_SHARE, Event, EventConfig, fast_enough, onset_row
+from anchorpose.results.stand_training.event import (
+    BRIEF_SHARE,
+    CHANGE_SHARE,
+    Event,
+    EventConfig,
+    fast_enough,
+    onset_row,
+)
 from anchorpose.results.stand_training.stance import Session
 from anchorpose.results.stand_training.steps import SHORTEST_M
 from anchorpose.results.uncertainty import sigma_of_difference
@@ -150,7 +157,8 @@ def _rise(values: np.ndarray, flexion: Flexion) -> float:
 
 
 def _sigma(knee: Knee, flexion: Flexion, first: int) -> float:
-    return sigma_of_difference(*(float(knee.sigma_deg[first + row]) for row in (flexion.onset, flexion.deepest)))
+    before, after = (float(knee.sigma_deg[first + row]) for row in (flexion.onset, flexion.deepest))
+    return sigma_of_difference(before, after, BRIEF_SHARE)
 
 
 def _gives_way(session: Session, side: str, frames: slice) -> bool:

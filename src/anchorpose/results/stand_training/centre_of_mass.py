@@ -19,7 +19,7 @@ from anchorpose.results.processing import low_pass
 from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.stance import Session, known, unknown
 from anchorpose.results.tables import JointTable
-from anchorpose.results.uncertainty import random_sigma
+from anchorpose.results.uncertainty import JOINT_SHARE, random_sigma
 from anchorpose.settings import NotNegative, Positive, settings
 
 
@@ -195,7 +195,7 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
         for name, scale in (("path_m", 1000.0), ("noise_m", 1000.0), ("seconds", 1.0))
     )
     sigma_m = np.concatenate([session.posture.com_sigma_m[bout.frames] for bout in bouts])
-    error = 1000.0 * float(np.sqrt(np.mean(random_sigma(sigma_m) ** 2)))
+    error = 1000.0 * float(np.sqrt(np.mean(random_sigma(sigma_m, JOINT_SHARE) ** 2)))
     covariance = deviation.T @ deviation / (len(deviation) - 1)
     rms = np.sqrt(np.diag(covariance))
     axes = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))

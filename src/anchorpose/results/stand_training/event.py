@@ -18,7 +18,6 @@ from anchorpose.joints import JointState
 from anchorpose.results.frame_time import usual_step_s
 from anchorpose.results.records import Episode
 from anchorpose.results.tables import JointTable
-from anchorpose.results.uncertainty import SYSTEMATIC_SHARE
 from anchorpose.settings import Positive, settings
 
 LEAST_HZ: Final = 10.0
@@ -29,9 +28,14 @@ TOO_SLOW: Final = f"events need {LEAST_HZ:g} frames a second or more"
 ONSET_SIGMA_S: Final = 0.04
 """Standard deviation in s of the error of an event's onset, measured on constructed events (docs/measures.md)."""
 
-CHANGE_SHARE: Final = float(np.sqrt(2.0 * (1.0 - SYSTEMATIC_SHARE)))
-"""Ratio of the sigma of a change between two frames to the sigma of a single value. It is below sqrt(2), since both
-values have the same systematic error.
+BRIEF_SHARE: Final = 0.7
+"""Share of the variance of an angle's error that two frames of a buckle, about 0.4 s apart, have in common: the
+systematic half, and of the random half, which lasts for ``CORRELATION_S``, what does not change from frame to frame.
+"""
+
+CHANGE_SHARE: Final = float(np.sqrt(2.0 * (1.0 - BRIEF_SHARE)))
+"""Ratio of the sigma of an angle's change between two frames to the sigma of the angle. It is below sqrt(2), since both
+values have most of their error in common.
 """
 
 

@@ -16,7 +16,14 @@ from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.centre_of_mass import CentreOfMass
 from anchorpose.results.stand_training.stance import Session, known, unknown
 from anchorpose.results.tables import JointTable
-from anchorpose.results.uncertainty import NORMAL_95, sigma_of_difference, sigma_of_mean, systematic_sigma
+from anchorpose.results.uncertainty import (
+    ANGLE_SHARE,
+    JOINT_SHARE,
+    NORMAL_95,
+    sigma_of_difference,
+    sigma_of_mean,
+    systematic_sigma,
+)
 from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
@@ -59,7 +66,7 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
     value, seconds = degrees[used], float(session.seconds[used].sum())
     least, greatest = np.percentile(value, [LEAST_PERCENTILE, 100.0 - LEAST_PERCENTILE])
     found = (
-        ("mean", float(value.mean()), sigma_of_mean(sigma, seconds)),
+        ("mean", float(value.mean()), sigma_of_mean(sigma, seconds, ANGLE_SHARE)),
         ("least", float(least), _sigma_near(sigma, value <= least)),
         ("greatest", float(greatest), _sigma_near(sigma, value >= greatest)),
     )
@@ -84,7 +91,7 @@ def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
     if not used.any():
         return unknown("knee_straight_time", "s", NOT_UPRIGHT_WITH, side)
     column = session.angles.column(name)
-    error = systematic_sigma(session.angles.sigma_deg[used, column])
+    error = systematic_sigma(session.angles.sigma_deg[used, column], ANGLE_SHARE)
     straight_s = [
         float(session.seconds[used][np.abs(degrees[used]) + shift * error <= straight_deg].sum())
         for shift in (0.0, -1.0, 1.0)
@@ -121,7 +128,9 @@ def _difference(session: Session, angle: str) -> Measure:
         float(np.mean(left[used] - right[used])),
         session.angles.state_code[used][:, columns].max(axis=1),
     )
-    return known(measure, "deg", value, state_code, sigma_of_mean(sigma, float(session.seconds[used].sum())))
+    return known(
+        measure, "deg", value, state_code, sigma_of_mean(sigma, float(session.seconds[used].sum()), ANGLE_SHARE)
+    )
 
 
 class FeetLoad(NamedTuple):
@@ -164,7 +173,7 @@ def _load_shares(session: Session) -> list[Measure]:
     if not used.any():
         return [unknown("load_share", "1", NO_STANCE, side) for side, _ in names]
     along = float(load.rightwards[used].mean())
-    sigma = sigma_of_mean(load.sigma[used], float(session.seconds[used].sum()))
+    sigma = sigma_of_mean(load.sigma[used], float(session.seconds[used].sum()), JOINT_SHARE)
     return [known("load_share", "1", 0.5 + sign * along, load.state_code[used], sigma, side) for side, sign in names]
 
 
@@ -205,7 +214,7 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
     state_code = session.angles.state_code[rows, column]
     if value <= NORMAL_95 * np.hypot(first, second):  # without movement, the extremes are two independent errors
         return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
-    return known(measure, "deg", value, state_code, sigma_of_difference(first, second), side)
+    return known(measure, "deg", value, state_code, sigma_of_difference(first, second, ANGLE_SHARE), side)
 
 
 def _held(degrees: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from anchorpose.results.stand_training.upright import (
     posture_stretches,
     settled_postures,
 )
-from anchorpose.results.uncertainty import sigma_of_difference
+from anchorpose.results.uncertainty import JOINT_SHARE, sigma_of_difference
 
 
 def find_failed_stands(session: Session, config: TransitionConfig, events: EventConfig) -> list[Event]:
@@ -77,7 +77,8 @@ def _rises(
         base = float(np.median(way[settled : run.start]))
         onset, depth = onset_row(time_s, way, base, slice(settled, highest + 1)), float(way[highest]) - base
         frames = slice(block.start + onset, block.start + highest + 1)
-        sigma = sigma_of_difference(*stance.height_sigma[[frames.start, frames.stop - 1]].tolist()) / (1.0 - seat)
+        seated, raised = stance.height_sigma[[frames.start, frames.stop - 1]].tolist()
+        sigma = sigma_of_difference(seated, raised, JOINT_SHARE) / (1.0 - seat)
         brief = time_s[run.stop - 1] - time_s[run.start] <= config.longest_s
         if brief and depth >= max(events.failed_rise, events.times_sigma * sigma):
             yield Event(FAILED_STAND, frames, depth, sigma, "1", int(stance.state_code[frames].max()))

@@ -30,7 +30,7 @@ from anchorpose.results.stand_training.touch import (
     touch_of,
 )
 from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT
-from anchorpose.results.uncertainty import systematic_sigma
+from anchorpose.results.uncertainty import ANGLE_SHARE, systematic_sigma
 from anchorpose.settings import settings
 
 NOT_KNOWN: Final = "the patient was never known to be upright with this part's angle known"
@@ -134,7 +134,7 @@ def _extended(session: Session, part: _Part, config: IndependenceConfig) -> _Ext
         column = session.angles.column(part.angle)
         degrees, sigma = session.angles.degrees[:, column], session.angles.sigma_deg[:, column]
         codes = session.angles.state_code[:, column]
-    is_known, error = session.upright & np.isfinite(degrees), systematic_sigma(sigma)
+    is_known, error = session.upright & np.isfinite(degrees), systematic_sigma(sigma, ANGLE_SHARE)
     less, frames, more = (_held_extended(degrees + shift * error, config) & is_known for shift in (1.0, 0.0, -1.0))
     sigma_s = 0.5 * float(session.seconds[more].sum() - session.seconds[less].sum())
     decided = is_known | (session.posture.upright == NOT_UPRIGHT)

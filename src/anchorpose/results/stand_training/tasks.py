@@ -18,7 +18,7 @@ from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import SIT_TO_STAND, Measure
 from anchorpose.results.stand_training.stance import Session, facing, known, unknown
 from anchorpose.results.stand_training.upright import Transition, TransitionConfig, transitions
-from anchorpose.results.uncertainty import NORMAL_95, systematic_sigma
+from anchorpose.results.uncertainty import JOINT_SHARE, NORMAL_95, systematic_sigma
 from anchorpose.rotations import unit
 
 SIDES: Final = ("left", "right")
@@ -173,7 +173,9 @@ def single_leg_stance(session: Session, side: str) -> Measure:
     measure, time_s = "single_leg_stance", session.joints.time_s
     stands, lifted = (JOINT_INDEX[f"Ankle{name.capitalize()}"] for name in (side, _OTHER[side]))
     height = session.joints.position_m[:, lifted, 1] - session.joints.position_m[:, stands, 1]
-    error = systematic_sigma(np.hypot(session.joints.sigma_m[:, lifted], session.joints.sigma_m[:, stands]))
+    error = systematic_sigma(
+        np.hypot(session.joints.sigma_m[:, lifted], session.joints.sigma_m[:, stands]), JOINT_SHARE
+    )
     runs = [
         _longest_on_one_leg(session, height + shift * error, stands) for shift in (0.0, -1.0, 1.0)
     ]  # heights as measured, then lower, then higher by their systematic sigma

@@ -14,7 +14,7 @@ from anchorpose.results.frame_time import frame_seconds, recorded_seconds, runs_
 from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, UPRIGHT_EPISODE, Episode, Measure
 from anchorpose.results.stand_training.stance import Session, Stance, UprightConfig, hold, known, unknown, upright
 from anchorpose.results.tables import UPRIGHT, JointTable
-from anchorpose.results.uncertainty import random_sigma
+from anchorpose.results.uncertainty import JOINT_SHARE, random_sigma
 from anchorpose.settings import Positive, settings
 
 NO_TIME: Final = "the recording has a single frame, which has no duration"
@@ -245,7 +245,7 @@ def _transition(
     end_level = _level(time_s, stance.height, after, config.settle_s, last_percentile, last=False)
     way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
     middle = before.stop - before.start
-    noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1])))
+    noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1], JOINT_SHARE)))
     noise /= abs(end_level - start_level)  # as a share of the height's change, like ``edge``
     shake = min(noise, 0.5 * config.edge)  # keeps ``edge - shake`` above 0
     lengths = list[float]()
