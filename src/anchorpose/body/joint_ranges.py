@@ -53,8 +53,6 @@ _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 HIP_EXTENSION: Final = 25.0 * DEGREE
 # minimum share of a joint's variance that is independent of other joints, so that raising only one leg stays probable
 OWN_VARIANCE: Final = 0.5
-# rad, extension of a knee beyond the straight leg; more is genu recurvatum (Loudon, Goist and Loudon 1998)
-KNEE_EXTENSION: Final = 5.0 * DEGREE
 SEEN_SPREAD: Final = 35.0 * DEGREE
 """Upper limit (rad) of a visible bone's range: the textbooks' standard deviations are doubled, but not beyond this
 limit, since a person may hold a limb to one side for minutes.
@@ -170,7 +168,7 @@ def _textbook(asset: BodyAsset) -> _Textbook:
             axes, bend = hinge_axes(asset, name)
             covariance[own, own] = axes.T @ np.diag((np.array(_HINGE_SPREAD_DEG[limb]) * DEGREE) ** 2) @ axes
             hinge[row] = axes[0]
-            limit[row] = -bend - (KNEE_EXTENSION if limb == "Leg" else 0.0)  # both are already bent in the rest pose
+            limit[row] = -bend  # the straight limb; in the rest pose, elbows and knees are bent
         elif limb in _SPREAD_DEG:
             covariance[own, own] = np.diag((np.array(_SPREAD_DEG[limb]) * DEGREE) ** 2)
             if limb == "UpLeg":
