@@ -42,6 +42,13 @@ def rotate(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.einsum("...ij,...j->...i", matrices, vectors)
 
 
+def rigid(turn: np.ndarray, shift_m: np.ndarray) -> np.ndarray:
+    """Return the transform (4, 4) that rotates by ``turn`` (3, 3), then shifts by ``shift_m`` (3,)."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turn, shift_m
+    return T
+
+
 def turns(vectors: np.ndarray) -> np.ndarray:
     """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3), computed by numpy.
 
@@ -165,7 +172,5 @@ def fit_rigid_transform(source_m: np.ndarray, target_m: np.ndarray, weight: np.n
     if spread[1] <= max(COLLINEAR_RATIO * spread[0], ONE_PLACE_M2):
         raise DegenerateGeometry(f"{len(source_m)} points are collinear; rotation undefined")
     handedness = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
-    T_target_source = np.eye(4)
-    T_target_source[:3, :3] = u @ handedness @ vt
-    T_target_source[:3, 3] = target_mean - T_target_source[:3, :3] @ source_mean
-    return T_target_source
+    turn = u @ handedness @ vt
+    return rigid(turn, target_mean - turn @ source_mean)

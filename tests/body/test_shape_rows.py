@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from body_builder import adult, asset, points, random_pose, standing
+from body_builder import adult, asset, points, random_pose, shape_jacobian, standing
 
 from anchorpose.body.constraints import Constraints, no_constraints
 from anchorpose.body.pose import POSE_SIZE, Pose
@@ -15,7 +15,6 @@ from anchorpose.body.skin_points import (
     build_body,
     pose_jacobian,
     pose_points,
-    shape_jacobian,
 )
 
 BENT = standing(LeftLeg=(0.0, 0.0, -80.0), RightForeArm=(0.0, 60.0, 20.0), Spine=(10.0, 20.0, -15.0))

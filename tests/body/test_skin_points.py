@@ -2,7 +2,17 @@
 
 import numpy as np
 import pytest
-from body_builder import adult, adult_body, asset, points, random_pose, standing, turned_about_y, winding_numbers
+from body_builder import (
+    adult,
+    adult_body,
+    asset,
+    points,
+    random_pose,
+    shape_jacobian,
+    standing,
+    turned_about_y,
+    winding_numbers,
+)
 from scipy.spatial import cKDTree
 
 from anchorpose.body.asset import joint_bones
@@ -21,7 +31,6 @@ from anchorpose.body.skin_points import (
     joint_jacobian,
     pose_jacobian,
     pose_points,
-    shape_jacobian,
     skin_points,
 )
 

@@ -16,12 +16,15 @@ from anchorpose.body.segments import load_body_asset
 from anchorpose.body.shape_prior import child_belief, shape_of_height
 from anchorpose.body.skin_points import (
     CLOTHES,
+    OFFSETS,
     Body,
     FittedShape,
+    PosedPoints,
     SkinPoints,
     build_body,
     even_clothes,
     pose_points,
+    shape_offsets,
     skin_points,
 )
 from anchorpose.camera import Camera, transform_points
@@ -224,3 +227,20 @@ def turned_about_y(degrees: float, shift_m: Sequence[float]) -> Motion:
     T[:3, :3] = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
     T[:3, 3] = shift_m
     return Motion(T)
+
+
+def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int) -> np.ndarray:
+    """Return (n, count + OFFSETS), like ``pose_jacobian``: derivatives by ``count`` coefficients, then by all
+    offsets.
+    """
+    asset, transforms = body.points.asset, posed.transforms
+    offset = shape_offsets(asset, posed, count)
+    weights = body.points.weights[index]
+    blended = (weights @ transforms[:, :3, :3].reshape(-1, 9)).reshape(-1, 3, 3)
+    local = np.einsum("nij,ni->nj", blended, direction)
+    jacobian = np.empty((len(index), count + OFFSETS))
+    jacobian[:, :count] = np.einsum("nj,knj->nk", local, asset.vertex_basis[:count, body.points.vertex[index]])
+    jacobian[:, :count] += np.einsum("nki,ni->nk", np.einsum("nb,bki->nki", weights, offset), direction)
+    outward = (posed.normals[index] * direction).sum(axis=1)
+    jacobian[:, count:] = body.points.covered[index] * outward[:, None]
+    return jacobian

@@ -253,7 +253,7 @@ def standing_with(moves: dict[str, tuple[float, float, float]]) -> np.ndarray:
 
 def coordinates_of(joints: np.ndarray) -> dict[str, float]:
     found = opensim_coordinates(joints, RAJAGOPAL)
-    return dict(zip(found.names, found.values[0].tolist(), strict=True))
+    return {name: float(values[0]) for name, values in found.items()}
 
 
 def test_pelvis_lumbar_and_ankle_are_zero_in_the_mean_body_that_stands_upright():
@@ -316,7 +316,7 @@ def test_coordinates_follow_from_our_angles_as_the_docs_say(tmp_path):
     assert {"knee_flexion_right", "knee_flexion_left", "elbow_flexion_right", "elbow_flexion_left"} <= set(compared)
     for name in compared:
         coordinate, sign, added = OURS[name]
-        found, ours = theirs.values[:, theirs.names.index(coordinate)], sign * angle_of(results, name) + added
+        found, ours = theirs[coordinate], sign * angle_of(results, name) + added
         # the turns of pelvis and trunk are taken in another order than ours, which shows as far as they are combined
         tolerance = 2.0 if name.startswith(("pelvis", "trunk")) else 1e-6
         assert np.abs(found - ours)[np.isfinite(ours)].max() < tolerance, name
@@ -362,8 +362,8 @@ def test_a_patient_who_turns_past_minus_x_turns_on_and_does_not_leap(osim, tmp_p
     assert np.abs(rotation - turned_deg).max() < 15.0
     assert rotation[-1] > 185.0
     straight = opensim_coordinates(joints, CoordinateModel.RAJAGOPAL)
-    for place, name in enumerate(straight.names):
-        away = rows[:, names.index(name)] - straight.values[:, place]
+    for name, values in straight.items():
+        away = rows[:, names.index(name)] - values
         assert np.abs(away - 360.0 * np.rint(away / 360.0)).max() < 1e-5
     with inside(results / "exports" / "trc"):
         assert osim.InverseKinematicsTool("ik_setup.xml").run()

@@ -15,8 +15,8 @@ from anchorpose.errors import InputError
 from anchorpose.recording.document import read_document
 from anchorpose.recording.recording_file import RecordingDocument
 from anchorpose.results.run_record import RUN_FILE, hash_files
-from anchorpose.sync.reading import read_other
 from anchorpose.sync.streams import distinct
+from anchorpose.sync.synchronising import read_other
 
 FIRST_S, COUNT = 100.0, 600
 

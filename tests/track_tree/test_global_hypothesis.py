@@ -51,7 +51,7 @@ def test_a_hypothesis_that_no_anchor_supports_says_so_and_the_run_counts_it():
         links = link(now, seen(common), HypothesisConfig(), GateConfig())
         tree = best_branches([links.all().match], [now.surface.points_m], nodes[:, None], TreeConfig())
         where = np.arange(len(nodes))
-        hypothesis = GlobalHypothesis(where, where, where, np.full_like(nodes, np.nan), nodes[:, None], tree)
+        hypothesis = GlobalHypothesis(where, where, where, np.full_like(nodes, np.nan), tree)
         shares.append(hypothesis.matched_share)
     assert shares[0] > 0.9
     assert shares[1] == 0.0

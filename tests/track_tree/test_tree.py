@@ -43,7 +43,6 @@ def test_the_best_branch_is_that_of_brute_force(seed, depth):
     result = best_branches(matches, positions, predicted, TreeConfig(missed_cost_m=0.1, max_branches=10**6))
     expected = brute_force(matches, positions, predicted, 0.1)
     assert result.score == pytest.approx([score for score, _ in expected], abs=1e-5)
-    assert result.pruned == 0
     for source, (_, subset) in enumerate(expected):
         found = matches[0][source, subset] if subset >= 0 else -1
         assert result.match[source] == found
@@ -113,12 +112,12 @@ def test_an_unknown_prediction_gives_no_match_and_no_score():
     assert np.isfinite(np.delete(result.score, 2)).all()
 
 
-def test_a_pruned_tree_says_so_and_is_never_better_than_the_optimum():
+def test_a_pruned_tree_is_never_better_than_the_optimum():
     matches, positions, predicted = small_tree(5, nodes=40, subsets=10)
     exact = best_branches(matches, positions, predicted, TreeConfig(missed_cost_m=1.0, max_branches=10**6))
     pruned = best_branches(matches, positions, predicted, TreeConfig(missed_cost_m=1.0, max_branches=5))
-    assert pruned.pruned > 0
     assert (pruned.score >= exact.score - 1e-6).all()
+    assert (pruned.score > exact.score + 1e-6).any()
 
 
 def test_shapes_that_do_not_fit_are_refused():

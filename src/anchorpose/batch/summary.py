@@ -31,7 +31,7 @@ from anchorpose.report.page import REPORT_FILE
 from anchorpose.report.words import render_page
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.parquet import RecordTable, refuse_unreadable
-from anchorpose.results.records import MEASURES_FILE, Measure, read_measures
+from anchorpose.results.records import MEASURES_FILE, Measure, MeasureKey, read_measures
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
@@ -264,15 +264,8 @@ def _clock(seconds: float | None) -> str:
     return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
 
 
-Key = tuple[str, str | None, str | None]
-
-
-def _key(measure: Measure) -> Key:
-    return measure.measure, measure.side, measure.part
-
-
-def _titles(rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]) -> dict[Key, str]:
-    return {_key(one): title_of(one) for row in rows for one in measures[row.session] if one.part is None}
+def _titles(rows: Sequence[SessionRow], measures: dict[str, tuple[Measure, ...]]) -> dict[MeasureKey, str]:
+    return {one.key: title_of(one) for row in rows for one in measures[row.session] if one.part is None}
 
 
 def _measure_rows(
@@ -280,7 +273,7 @@ def _measure_rows(
 ) -> list[tuple[Markup, list[Markup]]]:
     """Return the rows of the page's table of measures: the session's name, and a cell per measure."""
     keys = list(_titles(rows, measures))
-    found = [{_key(one): one for one in measures[row.session]} for row in rows]
+    found = [{one.key: one for one in measures[row.session]} for row in rows]
     return [(_name(row), [_value(own.get(key)) for key in keys]) for row, own in zip(rows, found, strict=True)]
 
 

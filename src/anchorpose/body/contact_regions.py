@@ -76,17 +76,15 @@ def region_of_skin(asset: BodyAsset, part: np.ndarray, place_m: np.ndarray, head
     part (p,): bone that moves each point most; place_m (p, 3): each point in the rest pose; heads_m (b, 3): the first
     end of each bone in the rest pose.
     """
-    whole = {bone: k for k, (name, bones) in enumerate(REGION_BONES.items()) if not _is_knee(name) for bone in bones}
+    whole = {
+        bone: k for k, (name, bones) in enumerate(REGION_BONES.items()) if not name.startswith("knee") for bone in bones
+    }
     region = np.array([whole[name] for name in asset.bone_names])[part]
     for side in ("Left", "Right"):
         leg = np.isin(part, [asset.bone(f"{side}UpLeg"), asset.bone(f"{side}Leg")])
         near = np.linalg.norm(place_m - heads_m[asset.bone(f"{side}Leg")], axis=1) < KNEE_RADIUS_M
         region[leg & near] = REGIONS.index(f"knee_{side.lower()}")
     return region
-
-
-def _is_knee(region: str) -> bool:
-    return region.startswith("knee")
 
 
 @cache
@@ -181,7 +179,10 @@ class StandingFeet:
 
     def __init__(self, points: SkinPoints) -> None:
         region = region_of_points(points)
-        self._skin = {side: _spread(np.flatnonzero(region == REGIONS.index(f"foot_{side.lower()}"))) for side in SIDES}
+        self._skin = {}
+        for side in SIDES:
+            foot = np.flatnonzero(region == REGIONS.index(f"foot_{side.lower()}"))
+            self._skin[side] = foot[np.linspace(0, len(foot) - 1, PLACES).astype(np.int64)]
         self._recent = {side: deque() for side in SIDES}
         self._stand = {}
 
@@ -253,7 +254,3 @@ class StandingFeet:
         places = np.array([place for _, place in recent])
         long = abs(recent[-1][0] - recent[0][0]) >= 0.75 * STILL_S
         return bool(long and np.linalg.norm(places - places[-1], axis=1).max() < STILL_M)
-
-
-def _spread(index: np.ndarray) -> np.ndarray:
-    return index[np.linspace(0, len(index) - 1, PLACES).astype(np.int64)]

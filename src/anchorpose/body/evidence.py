@@ -248,17 +248,13 @@ def standing_rows(body: Body, posed: PosedPoints, floor_m: float, rows_per_obser
     """Return a row for each foot that pulls its lowest skin point to the floor. The row counts as one observation, or
     as less if the foot is far above the floor. By this row, a leg that no camera sees keeps its foot on the floor.
     """
-    feet = [_lowest(posed, foot) for foot in _feet(body.points, body.shape.missing) if len(foot)]
+    feet = [foot[posed.points_m[foot, 1].argmin()] for foot in _feet(body.points, body.shape.missing) if len(foot)]
     target = posed.points_m[feet].copy()
     target[:, 1] = floor_m
     up = np.tile((0.0, 1.0, 0.0), (len(feet), 1))
     return Constraints.alike(
         np.array(feet, np.int64), target, up, _STANDING_M / rows_per_observation**0.5, _IN_THE_AIR_M
     )
-
-
-def _lowest(posed: PosedPoints, of: np.ndarray) -> int:
-    return int(of[np.argmin(posed.points_m[of, 1])])
 
 
 @cache

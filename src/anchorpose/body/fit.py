@@ -91,7 +91,7 @@ def prior_equations(
     the hidden bones, as in ``joint_range``.
     """
     ranges = joint_range_at(points.asset, pose, hidden)
-    hessian, gradient, cost = _range_equations(pose.rotation_vectors(points.moving), ranges, HINGE_LIMIT_SIGMA)
+    hessian, gradient, cost = _range_equations(pose.rotation_vectors(points.moving), ranges)
     if predicted is not None:
         expected, information = predicted
         away = expected.change_to(pose, points.moving)
@@ -118,9 +118,7 @@ def _coupled(information: np.ndarray, m: int, n: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _range_equations(
-    vectors: np.ndarray, ranges: JointRange, hinge_limit_sigma: float
-) -> tuple[np.ndarray, np.ndarray, float]:
+def _range_equations(vectors: np.ndarray, ranges: JointRange) -> tuple[np.ndarray, np.ndarray, float]:
     """Return hessian, gradient and cost of the joint range: squared deviations of the moving bones from their mean, and
     squared bends beyond hinge limits.
 
@@ -152,13 +150,13 @@ def _range_equations(
         past = ranges.hinge_limit[m]
         for j in range(3):
             past -= vectors[m, j] * ranges.hinge[m, j]
-        past /= hinge_limit_sigma
+        past /= HINGE_LIMIT_SIGMA
         if past > 0.0:
             cost += past * past
             for i in range(3):
                 bend[i] = 0.0
                 for j in range(3):
-                    bend[i] -= ranges.hinge[m, j] * change[m, j, i] / hinge_limit_sigma
+                    bend[i] -= ranges.hinge[m, j] * change[m, j, i] / HINGE_LIMIT_SIGMA
             for i in range(3):
                 gradient[3 * m + i] += bend[i] * past
                 for j in range(3):

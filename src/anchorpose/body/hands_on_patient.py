@@ -40,7 +40,7 @@ def find_hands(
     points, owners = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
-            depth_m, labels = (_thinned(image) for image in (view.depth_m, view.labels))
+            depth_m, labels = (np.ascontiguousarray(each[::STEP_PX, ::STEP_PX]) for each in (view.depth_m, view.labels))
             place_m, row, column = _beside_people(depth_m, labels, camera)
             if len(place_m):
                 off = _stands_off(posed, place_m)
@@ -48,10 +48,6 @@ def find_hands(
                 points.append(place_m[off][owner > 0])
                 owners.append(owner[owner > 0])
     return np.concatenate(points), np.concatenate(owners)
-
-
-def _thinned(image: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(image[::STEP_PX, ::STEP_PX])
 
 
 def _beside_people(

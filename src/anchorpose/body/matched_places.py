@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from anchorpose.body.constraints import Constraints, thin
 from anchorpose.body.fit import damped_step
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, Pose
+from anchorpose.body.pose_probability import places
 from anchorpose.body.shape_prior import shape_of_height
 from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera, transform_points
@@ -147,7 +148,7 @@ def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.nd
     """
     chosen = thin(len(matches), MATCHES)
     sigma_m = np.maximum(matches.error[chosen] * np.ptp(body.rest_m[:, 1]), LEAST_SIGMA_M)
-    return _skin_at(body.points, matches.place[chosen]), matches.target_m[chosen], sigma_m
+    return np.asarray(_tree(body.points).query(matches.place[chosen])[1]), matches.target_m[chosen], sigma_m
 
 
 def _rows(
@@ -165,14 +166,7 @@ def _rows(
 @cache
 def _tree(points: SkinPoints) -> cKDTree:
     """Return a KD-tree of the skin points on the standing mean adult, in statures as ``Matches.place``."""
-    skin = points.asset.vertices
-    place = skin[points.vertex] - [0.0, skin[:, 1].min(), 0.0]
-    return cKDTree(place / np.ptp(skin[:, 1]))
-
-
-def _skin_at(points: SkinPoints, place: np.ndarray) -> np.ndarray:
-    """Return the skin point (n,) nearest to each place (n, 3)."""
-    return np.asarray(_tree(points).query(place)[1])
+    return cKDTree(places(points))
 
 
 def _aligned(body: Body, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray) -> Pose:

@@ -1,7 +1,7 @@
 """Compute derivatives of constraint rows with respect to pose, shape and clothes together. The code is compiled, since
 learning needs them for every node of many frames.
 
-``skin_points.pose_jacobian`` and ``skin_points.shape_jacobian`` are the reference implementation.
+The reference implementations are ``skin_points.pose_jacobian`` and, in the tests, ``shape_jacobian``.
 """
 
 from __future__ import annotations

@@ -230,23 +230,6 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
     return jacobian
 
 
-def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int) -> np.ndarray:
-    """Return (n, count + OFFSETS), like ``pose_jacobian``: derivatives by ``count`` coefficients, then by all
-    offsets.
-    """
-    asset, transforms = body.points.asset, posed.transforms
-    offset = shape_offsets(asset, posed, count)
-    weights = body.points.weights[index]
-    blended = (weights @ transforms[:, :3, :3].reshape(-1, 9)).reshape(-1, 3, 3)
-    local = np.einsum("nij,ni->nj", blended, direction)
-    jacobian = np.empty((len(index), count + OFFSETS))
-    jacobian[:, :count] = np.einsum("nj,knj->nk", local, asset.vertex_basis[:count, body.points.vertex[index]])
-    jacobian[:, :count] += np.einsum("nki,ni->nk", np.einsum("nb,bki->nki", weights, offset), direction)
-    outward = (posed.normals[index] * direction).sum(axis=1)
-    jacobian[:, count:] = body.points.covered[index] * outward[:, None]
-    return jacobian
-
-
 def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarray:
     """Return (b, count, 3): how far one unit of each coefficient moves the posed points of each bone, in addition to
     the change of the points at rest.

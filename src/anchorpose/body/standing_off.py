@@ -94,7 +94,7 @@ def points_of_segments(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
     bones: dict[CoveredPart, tuple[str, ...]] = {"trunk": TRUNK}
     for segment, (bone, _) in _LIMBS.items():
         bones |= {f"{segment}_{side}": (f"{side.capitalize()}{bone}",) for side in SIDES}  # type: ignore[misc]
-    return {name: np.isin(points.part, _rows(points.asset, chosen)) for name, chosen in bones.items()}
+    return {name: np.isin(points.part, [points.asset.bone(bone) for bone in chosen]) for name, chosen in bones.items()}
 
 
 @cache
@@ -105,7 +105,3 @@ def patches_of(points: SkinPoints, part: str) -> np.ndarray:
     if mine is None:
         return np.zeros(0, dtype=np.int64)
     return np.flatnonzero(patches[mine].sum(axis=0) > 0.5 * patches.sum(axis=0))
-
-
-def _rows(asset: BodyAsset, names: tuple[str, ...]) -> list[int]:
-    return [asset.bone(name) for name in names]

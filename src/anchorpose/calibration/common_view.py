@@ -20,6 +20,7 @@ import numpy as np
 
 from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane, level_of_pose
 from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.rotations import rigid
 
 NEARER_M: Final = 0.12  # m, minimum distance of people from the room behind them
 SURFACE_STEP_M: Final = 0.07  # m, maximum depth difference between neighbouring pixels of one surface
@@ -118,10 +119,7 @@ def level_frame(floor: FloorPlane) -> np.ndarray:
     ahead = np.array([0.0, 0.0, 1.0])
     forward = ahead - (floor.up @ ahead) * floor.up
     forward /= np.linalg.norm(forward)
-    T_level_camera = np.eye(4)
-    T_level_camera[:3, :3] = np.stack([forward, floor.up, np.cross(forward, floor.up)])
-    T_level_camera[1, 3] = floor.height_m
-    return T_level_camera
+    return rigid(np.stack([forward, floor.up, np.cross(forward, floor.up)]), np.array([0.0, floor.height_m, 0.0]))
 
 
 def _smoothed(depth_m: np.ndarray) -> np.ndarray:
@@ -272,10 +270,7 @@ def paired_rows(
 
 def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Return T followed by the rotation step[:3] about the origin and the shift step[3:]."""
-    motion = np.eye(4)
-    motion[:3, :3], _ = cv2.Rodrigues(step[:3])
-    motion[:3, 3] = step[3:]
-    return np.asarray(motion @ T)
+    return np.asarray(rigid(cv2.Rodrigues(step[:3])[0], step[3:]) @ T)
 
 
 # m, maximum distance of paired points in each iteration; with wrong intrinsics, they are 5 cm apart even at the end

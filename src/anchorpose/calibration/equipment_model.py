@@ -10,6 +10,7 @@ import numpy as np
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel, Mesh
+from anchorpose.rotations import rigid
 
 MARGIN_PX: Final = 6  # pixels, rim around the equipment that is rendered too, so that readings there are compared
 SUBPIXEL: Final = 8  # number of rays between two pixels; the outline is then precise to a sixteenth of a pixel
@@ -309,10 +310,8 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
 
 def _turn_about(centre_m: np.ndarray, angle_rad: float) -> np.ndarray:
     """Return the rotation (4, 4) about the vertical (Y) through a point."""
-    T = np.eye(4)
-    T[:3, :3] = rotation_about_y(angle_rad)
-    T[:3, 3] = centre_m - T[:3, :3] @ centre_m
-    return T
+    turn = rotation_about_y(angle_rad)
+    return rigid(turn, centre_m - turn @ centre_m)
 
 
 def rotation_about_y(angle_rad: float) -> np.ndarray:

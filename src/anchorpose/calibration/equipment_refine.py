@@ -12,6 +12,7 @@ import numpy as np
 from anchorpose.calibration.equipment_model import Equipment, Outline, Rendering
 from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane, what_stays
 from anchorpose.camera import Camera, transform_points
+from anchorpose.rotations import rigid
 
 # minimum share of the frames in which a pixel on the equipment must read the equipment; an edge pixel of a thin bar
 # reads the bar in six of ten frames
@@ -346,10 +347,7 @@ def _solve(rows: list[Rows]) -> tuple[np.ndarray, np.ndarray]:
 def _moved(T: np.ndarray, centre: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Return T followed by the rotation step[:3] about ``centre`` and the shift step[3:6]."""
     turn = cv2.Rodrigues(step[:3])[0]
-    moved = np.eye(4)
-    moved[:3, :3] = turn @ T[:3, :3]
-    moved[:3, 3] = turn @ (T[:3, 3] - centre) + centre + step[3:6]
-    return moved
+    return rigid(turn @ T[:3, :3], turn @ (T[:3, 3] - centre) + centre + step[3:6])
 
 
 def _rms(values: np.ndarray) -> float:

@@ -13,6 +13,7 @@ from anchorpose.calibration.equipment_refine import StillView
 from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane
 from anchorpose.camera import Camera
 from anchorpose.lens import lens_array, pixel_of_ray
+from anchorpose.rotations import rigid
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3  # states of a map cell; BROAD: only broad flat surfaces fill the cell
 LEAST_Z_M: Final = 0.3  # m; nearer than this, no depth camera measures
@@ -284,18 +285,13 @@ def ground_frame(floor: FloorPlane) -> np.ndarray:
     away = np.array([0.0, 0.0, 1.0])
     away = away - (away @ floor.up) * floor.up
     away /= np.linalg.norm(away)
-    T_camera_ground = np.eye(4)
-    T_camera_ground[:3, :3] = np.stack([np.cross(floor.up, away), floor.up, away], axis=1)
-    T_camera_ground[:3, 3] = -floor.height_m * floor.up
-    return T_camera_ground
+    return rigid(np.stack([np.cross(floor.up, away), floor.up, away], axis=1), -floor.height_m * floor.up)
 
 
 def _placed(T_camera_ground: np.ndarray, place: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
     """Return T_camera_model for (yaw, x, y, z): direction, and position of the centre in the ground frame."""
-    T_ground_model = np.eye(4)
-    T_ground_model[:3, :3] = rotation_about_y(place[0])
-    T_ground_model[:3, 3] = place[1:] - T_ground_model[:3, :3] @ centre_m
-    return np.asarray(T_camera_ground @ T_ground_model)
+    turn = rotation_about_y(place[0])
+    return np.asarray(T_camera_ground @ rigid(turn, place[1:] - turn @ centre_m))
 
 
 def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:

@@ -22,6 +22,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.document import Entry, Pose, Version, Whole, read_document
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.regular_file import read_image
+from anchorpose.rotations import rigid
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 SMALLEST_M: Final = 1e-3
@@ -341,8 +342,7 @@ def _candidates(seen: SeenMarkers, camera: Camera) -> list[tuple[float, np.ndarr
         return []
     poses = []
     for turn, shift in zip(turns[:count], shifts[:count], strict=True):
-        T_camera_world = np.eye(4)
-        T_camera_world[:3, :3], T_camera_world[:3, 3] = Rotation.from_rotvec(turn.ravel()).as_matrix(), shift.ravel()
+        T_camera_world = rigid(Rotation.from_rotvec(turn.ravel()).as_matrix(), shift.ravel())
         if transform_points(T_camera_world, seen.world_m)[:, 2].min() > 0:
             poses.append(_refined(T_camera_world, seen, camera))
     poses.sort(key=lambda pose: pose[0])
@@ -363,9 +363,7 @@ def _refined(start: np.ndarray, seen: SeenMarkers, camera: Camera) -> tuple[floa
 
 def _moved(T_camera_world: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return the pose after a small rotation x[:3] and shift x[3:] of the camera frame."""
-    step = np.eye(4)
-    step[:3, :3], step[:3, 3] = Rotation.from_rotvec(x[:3]).as_matrix(), x[3:]
-    return np.asarray(step @ T_camera_world)
+    return np.asarray(rigid(Rotation.from_rotvec(x[:3]).as_matrix(), x[3:]) @ T_camera_world)
 
 
 def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.ndarray:

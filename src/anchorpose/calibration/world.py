@@ -31,6 +31,7 @@ from anchorpose.calibration.first_frames import (
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording, depths_of
+from anchorpose.rotations import rigid
 
 # rad (two degrees); if a measured floor is tilted by more in the world, a doubt is noted; such a tilt displaces a point
 # 1 m away by 3.5 cm
@@ -234,7 +235,4 @@ def _world_at(origin_camera_m: np.ndarray, up_camera: np.ndarray) -> np.ndarray:
     towards = -origin_camera_m + (up_camera @ origin_camera_m) * up_camera
     forward = towards / np.linalg.norm(towards)
     R_world_camera = np.stack([forward, up_camera, np.cross(forward, up_camera)])
-    T_world_camera = np.eye(4)
-    T_world_camera[:3, :3] = R_world_camera
-    T_world_camera[:3, 3] = -R_world_camera @ origin_camera_m
-    return T_world_camera
+    return rigid(R_world_camera, -R_world_camera @ origin_camera_m)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -41,11 +41,6 @@ class Level(IntEnum):
     GREEN = 0  # the value is in the expected range
     YELLOW = 1  # results will be less accurate, or have gaps
     RED = 2  # results will be wrong or missing
-
-    @property
-    def word(self) -> str:
-        """Return the word for the level."""
-        return self.name.lower()
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,14 +204,9 @@ def _thinned(recording: Recording) -> Recording:
 def _thinned_stream(stream: DepthStream) -> DepthStream:
     period_s = nominal_period_s(stream)
     nth = max(1, int(1.0 / (ENOUGH_HZ * period_s))) if period_s else 1
-    return replace(
-        stream,
-        files=stream.files[::nth],
-        time_s=stream.time_s[::nth],
-        frame=stream.frame[::nth],
-        duplicate=None if stream.duplicate is None else stream.duplicate[::nth],
-        listed=None if stream.listed is None else stream.listed[::nth],
-    )
+    by_frame = {name: getattr(stream, name) for name in ("files", "time_s", "frame", "duplicate", "listed")}
+    thinned: dict[str, Any] = {name: None if rows is None else rows[::nth] for name, rows in by_frame.items()}
+    return replace(stream, **thinned)
 
 
 def _successive(recording: Recording) -> tuple[tuple[FrameSet, FrameSet], ...]:

@@ -76,7 +76,7 @@ def _print_findings(findings: Sequence[Finding]) -> None:
     from rich.text import Text
 
     worst_first = sorted(findings, key=lambda one: -one.level)
-    words = [Text(finding.level.word, style=COLOURS[finding.level]) for finding in worst_first]
+    words = [Text(finding.level.name.lower(), style=COLOURS[finding.level]) for finding in worst_first]
     cells = ((word, one.check, one.measured, one.remedy) for word, one in zip(words, worst_first, strict=True))
     show_table(("", "check", "measured", "what to do"), cells)
     counts = [sum(finding.level == level for finding in findings) for level in range(len(COLOURS))]

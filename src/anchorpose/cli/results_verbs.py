@@ -84,14 +84,15 @@ def measure(
     from anchorpose.cli.console import log_event
     from anchorpose.report.measure_section import measure_rows
     from anchorpose.results.folder import naming_place
-    from anchorpose.results.measuring import WRITTEN, MeasureConfig, processing_sentence, write_measured
+    from anchorpose.results.measuring import MeasureConfig, processing_sentence, write_measured
     from anchorpose.results.trial_input import read_trials_of
+    from anchorpose.results.verify import MEASURED
 
     given = options or MeasureOptions()
     trials, hashes = (None, {}) if events is None else read_trials_of(results, events)
     with naming_place(results):
         measured = write_measured(results, given.settings(), MeasureConfig(), trials)
-    log_event(results, "measure", WRITTEN, by, {"smooth": given.smooth, "fill": given.fill, **hashes})
+    log_event(results, "measure", MEASURED, by, {"smooth": given.smooth, "fill": given.fill, **hashes})
     show_table(("", "value ± 95 %", "inferred", "why not"), measure_rows(measured.measures))
     say(f"Everything is in {results / 'measures.parquet'}; docs/measures.md explains each number.")
     if measured.trials is not None:

@@ -25,7 +25,7 @@ from anchorpose.exports.formats import (
     write_rows,
     write_text,
 )
-from anchorpose.exports.regular_time import nominal_rate_hz, without_gaps
+from anchorpose.exports.regular_time import near_in_time, nominal_rate_hz
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import ExportConfig
 from anchorpose.recording.events import Trial, TrialColumn, Trials
@@ -240,7 +240,7 @@ def _motion_sidecar(time_s: np.ndarray, channels: list[Channel], config: ExportC
         "SamplingFrequency": nominal_rate_hz(time_s),
         "SamplingFrequencyEffective": round((len(time_s) - 1) / span_s, 6),
         "RecordingDuration": round(span_s, 6),
-        "RecordingType": "continuous" if without_gaps(time_s) else "discontinuous",
+        "RecordingType": "continuous" if near_in_time(time_s).all() else "discontinuous",
         "TrackingSystemName": TRACKING_SYSTEM,
         "TrackedPointsCount": len(JOINT_NAMES),
         "SoftwareVersions": f"anchorpose {__version__}",

@@ -149,19 +149,11 @@ SHIFTS: Final = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 """The coordinates that are lengths, not angles."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Coordinates:
-    """OpenSim's coordinates in all frames. values (n, c): degrees for rotations and metres for ``SHIFTS``; NaN where a
-    joint is missing.
-    """
-
-    names: tuple[str, ...]
-    values: np.ndarray
-
-
-def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None) -> Coordinates:
-    """Compute OpenSim's coordinates from joints (n, 21, 3), world, metres; leave out those that joints do not
-    determine.
+def opensim_coordinates(
+    position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None
+) -> dict[str, np.ndarray]:
+    """Compute OpenSim's coordinates, by name, from joints (n, 21, 3), world, metres; leave out those that joints do not
+    determine. Each is (n,) in degrees for rotations and metres for ``SHIFTS``, NaN where a joint is missing.
 
     hinges: the knee and elbow axes of the patient's learnt body model, from which hip_rotation and arm_rot are
     computed; None leaves both out. The model that ``opensim_model`` writes has the same axes and zeros, so with these
@@ -181,7 +173,7 @@ def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: 
             upper_arm = joint(position_m, f"Elbow{side}") - joint(position_m, f"Shoulder{side}")
             named[f"hip_rotation_{end}"] = _axial_rotation_deg(pelvis, thigh, hinges.knee[:, index], sign)
             named[f"arm_rot_{end}"] = _axial_rotation_deg(torso, upper_arm, hinges.elbow[:, index], sign)
-    return Coordinates(tuple(named), np.stack(list(named.values()), axis=1))
+    return named
 
 
 def _leg(
@@ -237,16 +229,18 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     """
     hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)
     coordinates = opensim_coordinates(source.samples.position_m, config.model, hinges)
-    stretches = stretches_of(np.isfinite(coordinates.values), near_in_time(source.samples.time_s))
+    names = tuple(coordinates)
+    whole = np.stack([coordinates.pop(name) for name in names], axis=1)  # popped, since long results need the memory
+    stretches = stretches_of(np.isfinite(whole), near_in_time(source.samples.time_s))
     if not stretches.runs:
         raise AnchorposeError("No two frames in a row have the joints that a MOT needs; export with --to csv instead.")
-    kept = tuple(name for name, keep in zip(coordinates.names, stretches.kept, strict=True) if keep)
+    kept = tuple(name for name, keep in zip(names, stretches.kept, strict=True) if keep)
     for number, (first, last) in enumerate(stretches.runs):
         name = stretch_name(STEM, ".mot", number, len(stretches.runs))
-        values = _unwrapped(kept, coordinates.values[first:last, stretches.kept])
+        values = _unwrapped(kept, whole[first:last, stretches.kept])
         write_mot_file(folder / name, source.samples.time_s[first:last], kept, values)
     frames = sum(last - first for first, last in stretches.runs)
-    left_out = [name for name in coordinates.names if name not in kept]
+    left_out = [name for name in names if name not in kept]
     return Product(
         axes=f"OpenSim's coordinates of the model {config.model}; X forward, Y up, Z to the patient's right",
         units="degrees; pelvis_tx, pelvis_ty, pelvis_tz metres; seconds",

@@ -119,11 +119,6 @@ def near_in_time(time_s: np.ndarray) -> np.ndarray:
     return np.asarray(np.diff(time_s) <= LONGEST_STEP / nominal_rate_hz(time_s))
 
 
-def without_gaps(time_s: np.ndarray) -> bool:
-    """Return whether no frame is missing between any two successive frames (``near_in_time``)."""
-    return bool(near_in_time(time_s).all())
-
-
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
     """Return the frame rate (Hz) with the fewest decimals on whose grid all samples lie, each sample's index on this
     grid, and True; if no rate has such a grid, a rounded rate, indices counted by the usual step, and False.

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -16,8 +15,7 @@ JUMP_GATE: Final = 4.0
 STEEPEST_SLOPE_RAD: Final = 1.40  # rad (80 degrees); steeper surfaces return no reading
 
 
-@dataclass(frozen=True, slots=True)
-class JumpLimit:
+class JumpLimit(NamedTuple):
     """Largest depth difference between neighbouring pixels of one surface: ``square z^2 + slope z`` m at depth z."""
 
     square: float  # 1/m, factor of z^2, due to noise
@@ -35,39 +33,35 @@ def jump_limit(noise_per_m: float, focal_px: float) -> JumpLimit:
     return JumpLimit(float(JUMP_GATE * np.sqrt(2.0) * noise_per_m), float(np.tan(STEEPEST_SLOPE_RAD) / focal_px))
 
 
+@njit(cache=True, nogil=True)
+def unite(root: np.ndarray, one: Any, other: Any) -> None:
+    """Join the sets of two nodes under the smaller root. root (n,) int32: a union-find forest."""
+    one, other = find_root(root, one), find_root(root, other)
+    if one < other:
+        root[other] = one
+    else:
+        root[one] = other
+
+
+@njit(cache=True, nogil=True)
+def find_root(root: np.ndarray, node: Any) -> Any:
+    """Return the root of a node's set, and shorten the path to it. Callers give int64, so that it is compiled once."""
+    while root[node] != node:
+        root[node] = root[root[node]]
+        node = root[node]
+    return node
+
+
+@njit(cache=True, nogil=True)
 def label_components(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> tuple[np.ndarray, int]:
     """Return the pieces of ``mask`` in which neighbouring pixels (8-neighbourhood) differ in depth by at most the
     limit.
 
     depth_m (height, width) float32 metres; mask (height, width) bool. For two pixels, the limit at the greater depth
     applies. Return labels (height, width) int32, 0 outside the mask, else from 1 in the order of the pieces' first
-    pixels; and the number of pieces.
+    pixels; and the number of pieces. A piece's root is the smallest index of its pixels.
     """
-    return _label(depth_m, mask, limit.square, limit.slope)
-
-
-def without_flying_pixels(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> np.ndarray:
-    """Return ``mask`` without flying pixels: pixels with fewer than three neighbours at their depth.
-
-    Time-of-flight cameras report such mixed depths, between two surfaces, along every silhouette.
-    """
-    return _supported(depth_m, mask, limit.square, limit.slope)
-
-
-@njit(cache=True, nogil=True)
-def _root(parent: np.ndarray, node: int) -> int:
-    while parent[node] != node:
-        parent[node] = parent[parent[node]]
-        node = parent[node]
-    return node
-
-
-@njit(cache=True, nogil=True)
-def _label(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> tuple[np.ndarray, int]:
-    """Label the pieces by union-find. A piece's root is the smallest index of its pixels, so pieces are numbered by
-    their first pixels.
-    """
-    height, width = depth.shape
+    height, width = depth_m.shape
     parent = np.empty(height * width, dtype=np.int32)
     for row in range(height):
         for column in range(width):
@@ -79,21 +73,16 @@ def _label(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> 
                 r, c = row + d_row, column + d_column
                 if r < 0 or c < 0 or c >= width or not mask[r, c]:
                     continue
-                far = max(depth[row, column], depth[r, c])
-                if abs(depth[row, column] - depth[r, c]) > square * far * far + slope * far:
-                    continue
-                a, b = _root(parent, here), _root(parent, r * width + c)
-                if a < b:
-                    parent[b] = a
-                elif b < a:
-                    parent[a] = b
+                far = max(depth_m[row, column], depth_m[r, c])
+                if abs(depth_m[row, column] - depth_m[r, c]) <= limit.square * far * far + limit.slope * far:
+                    unite(parent, here, r * width + c)
     labels = np.zeros((height, width), dtype=np.int32)
     count = 0
     for row in range(height):
         for column in range(width):
             if mask[row, column]:
                 here = row * width + column
-                root = _root(parent, here)
+                root = find_root(parent, here)
                 if root == here:
                     count += 1
                     labels[row, column] = count
@@ -103,26 +92,29 @@ def _label(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> 
 
 
 @njit(cache=True, nogil=True)
-def _supported(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> np.ndarray:
-    height, width = depth.shape
+def without_flying_pixels(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> np.ndarray:
+    """Return ``mask`` without flying pixels: pixels with fewer than three neighbours at their depth.
+
+    Time-of-flight cameras report such mixed depths, between two surfaces, along every silhouette.
+    """
+    height, width = depth_m.shape
     kept = np.zeros((height, width), dtype=np.bool_)
     for row in range(height):
         for column in range(width):
-            if not mask[row, column]:
-                continue
-            kept[row, column] = _has_support(depth, mask, row, column, square, slope)
+            if mask[row, column]:
+                kept[row, column] = _has_support(depth_m, mask, row, column, limit)
     return kept
 
 
 @njit(cache=True, nogil=True)
-def _has_support(depth: np.ndarray, mask: np.ndarray, row: int, column: int, square: float, slope: float) -> bool:
+def _has_support(depth: np.ndarray, mask: np.ndarray, row: int, column: int, limit: JumpLimit) -> bool:
     height, width = depth.shape
     z = depth[row, column]
-    limit = square * z * z + slope * z
+    largest = limit.square * z * z + limit.slope * z
     support = 0
     for r in range(max(row - 1, 0), min(row + 2, height)):
         for c in range(max(column - 1, 0), min(column + 2, width)):
-            if mask[r, c] and abs(z - depth[r, c]) <= limit:
+            if mask[r, c] and abs(z - depth[r, c]) <= largest:
                 support += 1
         if support > SUPPORT:  # the count includes the pixel itself
             return True

@@ -33,7 +33,6 @@ from anchorpose.pages.stage_drawing import (
     draw_arrows,
     draw_bar,
     draw_crosses,
-    draw_depth,
     draw_layers,
     draw_values,
     fill_blocks,
@@ -52,16 +51,6 @@ SEEN_TWICE: Final = (255.0, 200.0, 130.0)  # colour of surface that is linked wi
 
 Projection = Callable[[np.ndarray], np.ndarray]
 SurfaceDrawing = Callable[[InspectedCamera, Observation, np.ndarray], np.ndarray | None]
-
-
-def draw_reading(one: InspectedCamera) -> np.ndarray:
-    """Draw the depth as recorded."""
-    return draw_depth(one.depth_m, one.camera)
-
-
-def draw_background(one: InspectedCamera) -> np.ndarray:
-    """Draw the depth of the empty room, with which the frame is compared to find the foreground."""
-    return draw_depth(one.scene.background.depth_m, one.camera)
 
 
 def draw_foreground(one: InspectedCamera) -> np.ndarray:
@@ -141,7 +130,8 @@ def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.nd
 def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
     """Draw the distance along the skin from the body's centre, with a contour line every ``ISO_M``."""
     picture, to_pixel = _canvas(one)
-    field, centre = _field(seen)
+    whole = center_field(seen.whole)
+    field, centre = whole.distance_m[: len(seen.surface)], whole.center
     reached = field[np.isfinite(field)]
     highest = float(reached.max()) if len(reached) else 1.0
     draw_values(picture, one.camera, seen.surface.pixel[own], field[own], highest, ISO_M)
@@ -227,12 +217,6 @@ def _canvas(one: InspectedCamera) -> tuple[np.ndarray, Projection]:
     """Return the dimmed depth image to draw on, and the projection of world points onto it."""
     picture = enlarge(shade(one.depth_m) // 2, scale_of(one.camera))
     return picture, projector(one.camera, scale_of(one.camera))
-
-
-def _field(seen: Observation) -> tuple[np.ndarray, int]:
-    """Return each node's distance (n,) from the body's centre along the skin, and the index of the centre's node."""
-    whole = center_field(seen.whole)
-    return whole.distance_m[: len(seen.surface)], whole.center
 
 
 def person_name(label: int) -> str:

@@ -15,6 +15,7 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES
 from anchorpose.pages import inspection_drawing
 from anchorpose.pages.canvas import Ink, as_hex, as_png
+from anchorpose.pages.stage_drawing import draw_depth
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import with_height
 from anchorpose.report.words import render_page
@@ -97,13 +98,13 @@ STAGES: Final = (
     Stage(
         key="depth",
         title="What the camera recorded",
-        draw=inspection_drawing.draw_reading,
+        draw=lambda one: draw_depth(one.depth_m, one.camera),
         caption="Distance from the camera: yellow is near, blue is far, black has no reading.",
     ),
     Stage(
         key="background",
         title="The empty room",
-        draw=inspection_drawing.draw_background,
+        draw=lambda one: draw_depth(one.scene.background.depth_m, one.camera),
         caption="What the camera sees when nobody is there ({rooms}).",
     ),
     Stage(

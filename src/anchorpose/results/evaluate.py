@@ -15,7 +15,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.recording import half_period_s, nearest_within
 from anchorpose.results.contact_scores import ContactEvaluation, score_contacts
-from anchorpose.results.frame_time import runs_of
+from anchorpose.results.frame_time import runs_of, usual_step_s
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE
 from anchorpose.results.revolute_joints import REVOLUTE_JOINTS, revolute_axes
@@ -296,14 +296,10 @@ def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -
     """Raise InputError if the truth's times are in minutes or hours; it may have fewer frames than the results."""
     if min(len(truth_s), len(results_s)) < 2:
         return
-    steps, spans = ((each(results_s) / each(truth_s)) for each in (_median_step, np.ptp))
+    steps, spans = ((each(results_s) / each(truth_s)) for each in (usual_step_s, np.ptp))
     if min(steps, spans) > CLOSER:
         problem = f"has frames {steps:.3g} times closer than the results, as where its times are in minutes"
         raise InputError(path, problem, "write seconds")
-
-
-def _median_step(time_s: np.ndarray) -> float:
-    return float(np.median(np.diff(time_s)))
 
 
 def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frames: int) -> None:

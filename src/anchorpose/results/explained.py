@@ -133,10 +133,6 @@ def _reason(table: ExplainedTable, row: int) -> str:
         reasons.append(f"{uncovered_cm2:.0f} cm² of the patient's surface is covered by no limb")
     for name, share in zip(PART_NAMES, table.seen_past[row].tolist(), strict=True):
         if share >= SEEN_PAST:
-            reasons.append(f"the {_words(name)} lies in front of what a camera sees: {100.0 * share:.0f} %")
+            limb = " ".join(reversed(name.split("_")))  # such as "left arm" for ``arm_left``
+            reasons.append(f"the {limb} lies in front of what a camera sees: {100.0 * share:.0f} %")
     return "; ".join(reasons)
-
-
-def _words(part: str) -> str:
-    """Return a limb in words, such as "left arm" for ``arm_left``."""
-    return " ".join(reversed(part.split("_")))

@@ -147,14 +147,10 @@ def free_name(path: Path) -> Path:
     return next(name for name in names if not os.path.lexists(name))
 
 
-def _is_own_file(file: str, own: Sequence[str]) -> bool:
-    return any(fnmatch(file, pattern) for pattern in own)
-
-
 def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
     """Delete the files in ``old`` that the command wrote, and move the folder to ``kept`` if other files remain."""
     for file in [file for file in old.rglob("*") if not file.is_dir() or file.is_symlink()]:
-        if _is_own_file(file.relative_to(old).as_posix(), own):
+        if any(fnmatch(file.relative_to(old).as_posix(), pattern) for pattern in own):
             file.unlink()
     for folder in [*sorted((folder for folder in old.rglob("*") if folder.is_dir()), reverse=True), old]:
         with suppress(OSError):  # not empty

@@ -254,19 +254,6 @@ def _measures(
     ]
 
 
-WRITTEN: Final = (
-    ANGLES_FILE,
-    AXES_FILE,
-    POSTURE_FILE,
-    EPISODES_FILE,
-    MEASURES_FILE,
-    PROCESSED_FILE,
-    TRIALS_FILE,
-    INTERVALS_FILE,
-)
-"""Files that ``write_measured`` writes, or removes if there is nothing to write to them."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureResult:
     """The result of measuring a folder. measures: measures of the whole recording; policy: as in ``ProcessedAngles``,

@@ -87,11 +87,6 @@ def _reader(path: Path, start: int, shape: tuple[int, ...], kind: np.dtype[Any])
     return read
 
 
-def _is_array(path: Path, head: bytes) -> bool:
-    """Return whether a file is an array of NumPy."""
-    return head.startswith(_NPY)
-
-
 def _open_array(path: Path) -> ImageArray:
     """Open an array of NumPy; raises InputError if it does not hold depth images."""
     with open_regular(path) as file:
@@ -324,4 +319,8 @@ def _raw_files(folder: Path) -> list[Path]:
     return [file for file in folder.iterdir() if file.suffix.lower() in {".raw", ".bin"} and file.name[0] != "."]
 
 
-READERS: Final = (Reader(_is_array, _open_array), Reader(_is_raw_dump, _open_raw), Reader(_is_images, _open_images))
+READERS: Final = (
+    Reader(lambda _, head: head.startswith(_NPY), _open_array),
+    Reader(_is_raw_dump, _open_raw),
+    Reader(_is_images, _open_images),
+)

@@ -113,11 +113,6 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
             place += -place % 8
 
 
-def _is_mat(path: Path, head: bytes) -> bool:
-    """Return whether a file is a MATLAB file of level 5."""
-    return head.startswith(b"MATLAB 5.0")
-
-
 def _open_mat(path: Path) -> ImageArray:
     """Open a MATLAB file, which cannot be read in part: the whole array is held in memory.
 
@@ -140,4 +135,4 @@ def _open_mat(path: Path) -> ImageArray:
     return image_array(path, (count, height, width), images.dtype, lambda position: images[:, :, position])
 
 
-READERS: Final = (Reader(_is_mat, _open_mat),)
+READERS: Final = (Reader(lambda _, head: head.startswith(b"MATLAB 5.0"), _open_mat),)

@@ -13,6 +13,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.lens import COEFFICIENTS, Intrinsics, LensModel
+from anchorpose.rotations import rigid
 from anchorpose.sources.bag_file import Bag, Channel, DamagedBag
 from anchorpose.sources.grey_images import scale_of
 from anchorpose.sources.ros_messages import (
@@ -312,11 +313,9 @@ def _matrix(values: np.ndarray) -> np.ndarray | None:
     if not 0.99 < length < 1.01:  # tolerance of ROS for a unit quaternion
         return None
     x, y, z, w = values[3:] / length
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
+    turn = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    matrix[:3, 3] = values[:3]
-    return matrix
+    return rigid(np.array(turn), values[:3])

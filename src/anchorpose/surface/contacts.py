@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numba import njit
 
-from anchorpose.surface.links import find_root, unite
+from anchorpose.isolation.components import find_root, unite
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
 # 1/rad, cost of a fold: in a path, an edge over a fold of 3 degrees counts as twice as long

@@ -5,11 +5,10 @@ A link connects the nodes of two cameras, the two sides of a bar or a gap, or no
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import njit
 
+from anchorpose.isolation.components import find_root, unite
 from anchorpose.surface.surface import MeshArrays, Surface
 
 
@@ -125,22 +124,3 @@ def _connected_pieces(mesh: MeshArrays) -> np.ndarray:
         else:
             piece[node] = piece[first]
     return piece
-
-
-@njit(cache=True, nogil=True)
-def unite(root: np.ndarray, one: Any, other: Any) -> None:
-    """Join the sets of two nodes under the smaller root. root (n,) int32: a union-find forest."""
-    one, other = find_root(root, one), find_root(root, other)
-    if one < other:
-        root[other] = one
-    else:
-        root[one] = other
-
-
-@njit(cache=True, nogil=True)
-def find_root(root: np.ndarray, node: Any) -> Any:
-    """Return the root of a node's set, and shorten the path to it. Callers give int64, so that it is compiled once."""
-    while root[node] != node:
-        root[node] = root[root[node]]
-        node = root[node]
-    return node

@@ -18,12 +18,14 @@ from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocumen
 from anchorpose.results.run_record import RUN_FILE, hash_files, read_run
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.verify import require_own
+from anchorpose.sync.csv_file import read_csv
+from anchorpose.sync.edf_file import read_edf
 from anchorpose.sync.limb import SEGMENTS, SMOOTHING_S, angular_velocity, one_way_sigma_s, specific_force
 from anchorpose.sync.movement import SHORT_S, find_sensor_clock
 from anchorpose.sync.pulses import MOST_PULSES, find_pulse_clock, rising_onsets
-from anchorpose.sync.reading import read_other
 from anchorpose.sync.recorded_onsets import first_frame_s, recorded_onsets
 from anchorpose.sync.streams import OtherFile
+from anchorpose.sync.xdf_file import read_xdf
 
 MOVEMENT, PULSES, STAMPS = "movement", "pulses", "stamps"
 """The ways in which a clock can be found, as clock.json states them."""
@@ -57,6 +59,23 @@ def synchronise(results: Path, other: Path, settings: SyncSettings) -> Synchroni
     joints, read = read_joints(results / JOINTS_FILE), read_other(other, settings.time)
     found = WAYS[way](results, joints, read, settings)
     return replace(found, notes=(*read.notes, *found.notes))
+
+
+def read_other(path: Path, time_column: str | None = None) -> OtherFile:
+    """Read the signals of a .csv, .xdf, .edf or .bdf file; time_column: as in ``read_csv``. Raises InputError for other
+    endings.
+    """
+    ending = path.suffix.lower()
+    if time_column is not None and ending != ".csv":
+        raise InputError(path, "is not a CSV", "leave out --time")
+    match ending:
+        case ".csv":
+            return read_csv(path, time_column)
+        case ".xdf":
+            return read_xdf(path)
+        case ".edf" | ".bdf":
+            return read_edf(path)
+    raise InputError(path, f"ends in '{path.suffix}'", "give a .csv, .xdf, .edf or .bdf")
 
 
 def _way(settings: SyncSettings) -> str:

@@ -32,7 +32,7 @@ def read_xdf(path: Path) -> OtherFile:
         try:
             found = pyxdf.load_xdf(str(path))[0]
             streams = [each for each in found if len(each["time_stamps"])]
-            names = distinct([_name(each) for each in streams])
+            names = distinct([str(each["info"]["name"][0]) for each in streams])
             signals = [_signals(name, each) for name, each in zip(names, streams, strict=True) if _has_numbers(each)]
             markers = [
                 Markers(name, np.unique(np.asarray(each["time_stamps"], dtype=np.float64)))
@@ -76,10 +76,6 @@ def _complaints() -> Iterator[list[str]]:
     finally:
         logger.removeHandler(keeper)
         logger.propagate = before
-
-
-def _name(stream: Any) -> str:
-    return str(stream["info"]["name"][0])
 
 
 def _has_numbers(stream: Any) -> bool:

@@ -42,7 +42,6 @@ class GlobalHypothesis:
     part: np.ndarray  # (m,) number of the bone with which the node moves
     point: np.ndarray  # (m,) number of the skin point that is nearest to the node
     matched_m: np.ndarray  # (m, 3) place of the node's match in frame t + 1; NaN if missed
-    predicted_m: np.ndarray  # (m, depth, 3) place of the node in each later frame, as expected by the motion dynamics
     tree: TrackResult  # result of the tree search; ``support`` states which matches are missed, and why
 
     @property
@@ -109,7 +108,7 @@ def global_hypothesis(
     matched = np.full((len(chosen), 3), np.nan)
     found = tree.match >= 0
     matched[found] = window[1].surface.points_m[tree.match[found]]
-    return GlobalHypothesis(chosen, part, point, matched, places, tree)
+    return GlobalHypothesis(chosen, part, point, matched, tree)
 
 
 def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -191,5 +190,5 @@ def joints_by_parts(
     T_predicted = part_motion(now.transforms, body.transforms(predicted))
     matched = skin_places(now, hypothesis, window, T_predicted)
     skin = Oriented(now.points_m[point], now.normals[point])
-    found = register_parts(skin, part, matched, window[1].surface, T_predicted, iterations, robust)
-    return joints_of_parts(body.points.asset, body.mesh, found.T_next_now @ now.transforms)
+    T_next_now = register_parts(skin, part, matched, window[1].surface, T_predicted, iterations, robust)
+    return joints_of_parts(body.points.asset, body.mesh, T_next_now @ now.transforms)

@@ -6,7 +6,6 @@ In all arrays of points, the rows of a part are contiguous. Part k has the rows 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -38,15 +37,14 @@ ALIKE: Final = 0.5  # minimum cosine (60 degrees) between normals of skin and no
 @njit(cache=True)
 def fit_pairs(
     skin_m: np.ndarray, matched_m: np.ndarray, start: np.ndarray, transforms: np.ndarray, robust: bool
-) -> np.ndarray:
-    """Fit a motion to the pairs of each part, and replace the predicted motion in transforms (k, 4, 4) by it. Return
-    (k,) bool: whether the part has enough pairs for this.
+) -> None:
+    """Fit a motion to the pairs of each part that has enough, and replace the predicted motion in transforms (k, 4, 4)
+    by it.
 
     skin_m, matched_m (n, 3) float64, metres: the skin point of each pair, and its place in the next frame. robust:
     whether pairs are weighted by their residuals, at first those after the predicted motion, so that mismatches have
     little influence (``_weigh``).
     """
-    fitted = np.zeros(len(transforms), np.bool_)
     for k in range(len(transforms)):
         source, target = skin_m[start[k] : start[k + 1]], matched_m[start[k] : start[k + 1]]
         if len(source) < LEAST_PAIRS:
@@ -57,8 +55,7 @@ def fit_pairs(
                 _weigh(source, target, T, weight)
             known = known and _fit_rigid(source, target, weight / weight.sum(), T)
         if known:
-            transforms[k], fitted[k] = T, True
-    return fitted
+            transforms[k] = T
 
 
 @njit(cache=True)
@@ -187,14 +184,6 @@ ITERATIONS: Final = 5  # number of iterations of ICP, after the parts were fitte
 REACH_M: Final = 0.06  # m, maximum distance of a node from a part's skin: a limb's radius; beyond are other limbs
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PartRegistration:
-    """The motion of every part from frame t to frame t + 1."""
-
-    T_next_now: np.ndarray  # (b, 4, 4) motion of each bone's part of the body
-    registered: np.ndarray  # (b,) bool, whether the part was registered; False if it keeps the prediction
-
-
 def register_parts(
     skin: Oriented,
     part: np.ndarray,
@@ -203,39 +192,35 @@ def register_parts(
     T_predicted: np.ndarray,
     iterations: int = ITERATIONS,
     robust: bool = True,
-) -> PartRegistration:
+) -> np.ndarray:
     """Register each part, first by the matches of the global hypothesis, then to the nearest nodes by ICP (the paper's
-    equation for a part's motion, tau-hat = ICP(tau, phi)).
+    equation for a part's motion, tau-hat = ICP(tau, phi)). Return T_next_now (b, 4, 4): the motion of each bone's part.
 
     skin: n points of the body's skin in frame t; part (n,): number of each point's bone; matched_m (n, 3): each point's
     place in frame t + 1 by the track tree, NaN without a match; surface: surface of frame t + 1; T_predicted (b, 4, 4):
     predicted motion of each part; iterations: number of ICP iterations; robust: whether matches that do not fit lose
     their influence. The skin is registered instead of the last frame's nodes, whose errors would accumulate. A part
-    that is hardly seen keeps its prediction, and ``registered`` is False.
+    that is hardly seen keeps its prediction.
     """
     order = np.argsort(part, kind="stable")
     bones, first = np.unique(part[order], return_index=True)
     start, matched_m = np.append(first, len(part)), matched_m[order]
     own_skin = Oriented(*(np.ascontiguousarray(one[order], np.float64) for one in skin))
     paired = np.flatnonzero(np.isfinite(matched_m).all(axis=1))
-    transforms, registered = T_predicted.copy(), np.zeros(len(T_predicted), dtype=bool)
-    own = transforms[bones]
-    registered[bones] = fit_pairs(
-        own_skin.places_m[paired], matched_m[paired], np.searchsorted(paired, start), own, robust
-    )
-    registered[bones] |= _refine(own_skin, start, surface, own, iterations)
+    transforms, own = T_predicted.copy(), T_predicted[bones]
+    fit_pairs(own_skin.places_m[paired], matched_m[paired], np.searchsorted(paired, start), own, robust)
+    _refine(own_skin, start, surface, own, iterations)
     transforms[bones] = own
-    return PartRegistration(transforms, registered)
+    return transforms
 
 
-def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.ndarray, iterations: int) -> np.ndarray:
-    """Refine the parts' transforms (k, 4, 4) by ICP, in place; return (k,) bool: whether each part moved. start (k +
-    1,): first row of each part.
+def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.ndarray, iterations: int) -> None:
+    """Refine the parts' transforms (k, 4, 4) by ICP, in place. start (k + 1,): first row of each part.
 
     A part stops moving at the first step with too few nodes near it.
     """
     tree, nodes = cKDTree(surface.points_m), Oriented(surface.points_m, surface.normals)
-    refined, active = np.zeros(len(transforms), bool), np.ones(len(transforms), bool)
+    active = np.ones(len(transforms), bool)
     for _ in range(iterations):
         moved = carry(skin, start, transforms)
         distance, nearest = tree.query(moved.places_m, distance_upper_bound=REACH_M)
@@ -245,8 +230,6 @@ def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.nd
         step[:, :3, :3] = rotation_matrices(change[active, :3])
         step[:, :3, 3] = centre[active] - rotate(step[:, :3, :3], centre[active]) + change[active, 3:]
         transforms[active] = step @ transforms[active]
-        refined |= active
-    return refined
 
 
 def joints_of_parts(asset: BodyAsset, body: BodyMesh, T_world_rest: np.ndarray) -> np.ndarray:

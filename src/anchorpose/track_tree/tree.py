@@ -45,7 +45,6 @@ class TrackResult:
     score: np.ndarray
     subset: np.ndarray  # (m,) int32, column (subset) in which the match is found, -1 = missed
     support: np.ndarray  # (m,) int8 of ``Support``
-    pruned: int  # number of trees in which the search was cut off; the branch found is good, but another may be better
 
 
 def best_branches(
@@ -82,8 +81,8 @@ def best_branches(
         first_node,
     )
     predicted = np.ascontiguousarray(predicted_m, dtype=np.float32)
-    match, score, subset, pruned = _search(levels, predicted, np.float32(config.missed_cost_m), config.max_branches)
-    return TrackResult(match, score, subset, _support(matches[0], match, score), pruned)
+    match, score, subset = _search(levels, predicted, np.float32(config.missed_cost_m), config.max_branches)
+    return TrackResult(match, score, subset, _support(matches[0], match, score))
 
 
 def _as_wide(matches: Sequence[np.ndarray], dtype: type = np.int32) -> np.ndarray:
@@ -176,8 +175,8 @@ class _Branch(NamedTuple):
 @njit(cache=True)
 def _search(
     levels: _Levels, predicted: np.ndarray, missed_cost: np.float32, max_branches: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Return match, score and subset of each source node as in ``TrackResult``, and the number of pruned trees."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return match, score and subset of each source node as in ``TrackResult``."""
     m, depth, _ = predicted.shape
     width = levels.matches.shape[1]
     match, subset = np.full(m, -1, dtype=np.int32), np.full(m, -1, dtype=np.int32)
@@ -190,23 +189,21 @@ def _search(
         np.zeros(depth, dtype=np.int64),
         np.zeros(depth + 1, dtype=np.float32),
     )
-    pruned = 0
     for i in range(m):
         if not np.isfinite(predicted[i].sum()):
             continue
         _open_level(levels, branch, 0, i, predicted[i, 0])
-        chosen, score[i], visited = _best_branch(levels, branch, predicted[i], missed_cost, max_branches)
+        chosen, score[i] = _best_branch(levels, branch, predicted[i], missed_cost, max_branches)
         if chosen >= 0:
             match[i], subset[i] = branch.node[0, chosen], branch.subset[0, chosen]
-        pruned += visited >= max_branches
-    return match, score, subset, pruned
+    return match, score, subset
 
 
 @njit(cache=True)
 def _best_branch(
     levels: _Levels, branch: _Branch, predicted: np.ndarray, missed_cost: np.float32, max_branches: int
-) -> tuple[int, np.float32, int]:
-    """Return the index of the best branch's first child (-1: missed), its score, and the number of visited branches."""
+) -> tuple[int, np.float32]:
+    """Return the index of the best branch's first child (-1: missed), and its score."""
     depth = len(predicted)
     best = np.float32(depth * missed_cost)  # cost of a branch without any match
     chosen, visited, level = -1, 0, 0
@@ -228,7 +225,7 @@ def _best_branch(
             level += 1
             branch.so_far[level] = total
             _open_level(levels, branch, level, levels.first[level] + child, predicted[level])
-    return chosen, best, visited
+    return chosen, best
 
 
 @njit(cache=True)

@@ -25,6 +25,7 @@ from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import by_distance, first_free, label_people, separate
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
+from anchorpose.rotations import FORWARD, UP
 from anchorpose.surface.border import Border, border
 from anchorpose.surface.patient_surface import blank_view, patient_surface
 from anchorpose.surface.surface import seen_part
@@ -48,7 +49,7 @@ from anchorpose.tracker.observation import (
     is_described,
 )
 from anchorpose.tracker.one_patient import one_patient
-from anchorpose.tracker.room import FACING, UP, Run
+from anchorpose.tracker.room import Run
 from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
@@ -206,7 +207,7 @@ def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> S
 def see_anchors(surface: SeenSurface, expected: Expectation | None, height_m: float, run: Run) -> Anchors:
     """Find the anchors (head, hands and feet) on the patient's surface. height_m: as in ``observe``."""
     with run.stage("geodesics"):
-        facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
+        facing, places = (FORWARD, None) if expected is None else (expected.facing, expected.anchors_m)
         cut = surface.border == Border.CUT
         missing = missing_anchors(run.room.recording.subject.missing)
         return find_anchors(surface.whole, UP, facing, height_m, cut, places, run.config.anchors, missing)

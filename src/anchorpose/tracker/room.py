@@ -31,9 +31,7 @@ from anchorpose.tracker.other_statures import other_shape
 from anchorpose.tracker.sighting import Crowd
 from anchorpose.tracker.stopwatch import Stopwatch
 
-UP = np.array([0.0, 1.0, 0.0])
 NOBODY_SEEN: Final = "nobody was seen in the sampled frames"
-FACING = np.array([1.0, 0.0, 0.0])  # world convention: the patient faces along X
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -139,17 +139,13 @@ class RatingApi(ReviewApi):
         super().__init__(blinded.review)
         self.spans, self.scores = blinded.spans, scores
         self._get |= {"description": self._describe}
-        self._post |= {"score": lambda body: _scores(self.scores.give(body["shown"], body["score"]))}
+        self._post |= {"score": lambda body: json_response(_in_order(self.scores.give(body["shown"], body["score"])))}
 
     def _describe(self, query: Mapping[str, str]) -> Response:
         return json_response(
             {**describe_scene(self.review), "rater": self.scores.rater, "spans": self.spans, "best": BEST_SCORE}
             | _in_order(self.scores.current())
         )
-
-
-def _scores(ratings: Ratings) -> Response:
-    return json_response(_in_order(ratings))
 
 
 def _in_order(ratings: Ratings) -> dict[str, Any]:

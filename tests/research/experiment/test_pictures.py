@@ -24,7 +24,7 @@ COUNT = len(BODY)
 def said(match: np.ndarray) -> SimpleNamespace:
     """What a method says of every node, by one subset."""
     support = np.where(match >= 0, Support.MATCHED, Support.NO_HYPOTHESIS).astype(np.int8)
-    tree = TrackResult(match, np.zeros(COUNT, np.float32), np.zeros(COUNT, np.int32), support, 0)
+    tree = TrackResult(match, np.zeros(COUNT, np.float32), np.zeros(COUNT, np.int32), support)
     link = SimpleNamespace(subsets=np.empty((1, 0), np.int64), match=match[:, None])
     return SimpleNamespace(direct=match, links=(link,), tree=SimpleNamespace(node=np.arange(COUNT), tree=tree))
 

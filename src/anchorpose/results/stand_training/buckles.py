@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
@@ -28,12 +28,11 @@ from anchorpose.results.stand_training.event import (
     fast_enough,
     onset_row,
 )
-from anchorpose.results.stand_training.stance import Session
+from anchorpose.results.stand_training.stance import OTHER_SIDE, Angle, Session
 from anchorpose.results.stand_training.steps import SHORTEST_M
 from anchorpose.results.uncertainty import sigma_of_difference
 
 KINDS: Final = {"left": BUCKLE_LEFT, "right": BUCKLE_RIGHT}
-_OTHER: Final = {"left": "right", "right": "left"}
 
 HELD_S: Final = 0.1
 """Window in s of the running median of the angles: it removes errors of single frames, which are no flexions."""
@@ -54,19 +53,6 @@ the other knee flexes by more than two thirds as much, the movement is a squat.
 """
 
 
-class Knee(NamedTuple):
-    """A knee's flexion over time: degrees, sigma_deg, state_code (n,)."""
-
-    degrees: np.ndarray
-    sigma_deg: np.ndarray
-    state_code: np.ndarray
-
-
-def _knee(session: Session, side: str) -> Knee:
-    column, angles = session.angles.column(f"knee_flexion_{side}"), session.angles
-    return Knee(angles.degrees[:, column], angles.sigma_deg[:, column], angles.state_code[:, column])
-
-
 def find_buckles(session: Session, config: EventConfig) -> list[Event]:
     """Return the buckles of both knees in the order of time; an empty list if the frames are too far apart."""
     if not fast_enough(session.joints.time_s):
@@ -79,14 +65,14 @@ def buckle_watched(session: Session, side: str, config: EventConfig) -> np.ndarr
     """Return (n,) bool: frames in which a buckle of this knee that is ``buckle_deg`` deep could be distinguished from
     errors of measurement.
     """
-    own, other = _knee(session, side), _knee(session, _OTHER[side])
+    own, other = (session.angle(f"knee_flexion_{each}") for each in (side, OTHER_SIDE[side]))
     error = config.times_sigma * CHANGE_SHARE * np.hypot(own.sigma_deg, other.sigma_deg)
     return session.upright & np.isfinite(own.degrees + other.degrees) & (error <= config.buckle_deg)
 
 
 def _of_side(session: Session, side: str, config: EventConfig) -> Iterator[Event]:
-    own, other, time_s = _knee(session, side), _knee(session, _OTHER[side]), session.joints.time_s
-    step_s = usual_step_s(time_s)
+    own, other = (session.angle(f"knee_flexion_{each}") for each in (side, OTHER_SIDE[side]))
+    time_s, step_s = session.joints.time_s, usual_step_s(session.joints.time_s)
     for run in unbroken_runs(np.isfinite(own.degrees + other.degrees), time_s, 2.0 * step_s):
         knees = tuple(_calm(knee.degrees[run], step_s) for knee in (own, other))
         for flexion in _fast_flexions(time_s[run], knees[0], config):
@@ -156,7 +142,7 @@ def _rise(values: np.ndarray, flexion: Flexion) -> float:
     return float(values[flexion.onset : flexion.deepest + 1].max() - np.median(values[flexion.before]))
 
 
-def _sigma(knee: Knee, flexion: Flexion, first: int) -> float:
+def _sigma(knee: Angle, flexion: Flexion, first: int) -> float:
     before, after = (float(knee.sigma_deg[first + row]) for row in (flexion.onset, flexion.deepest))
     return sigma_of_difference(before, after, BRIEF_SHARE)
 

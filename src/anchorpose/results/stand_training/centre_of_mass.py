@@ -161,12 +161,12 @@ def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
     time_s = session.joints.time_s
     settled = session.upright & ~session.moving(config.settle_s)
     whole = settled & np.isfinite(session.posture.com_m).all(axis=1)
-    runs = [
-        run
+    return [
+        _bout(session, run, config)
         for run in unbroken_runs(whole, time_s, LONGEST_STEP / (STEPS_PER_PERIOD * config.cutoff_hz))
         if time_s[run.stop - 1] - time_s[run.start] >= config.shortest_bout_s
+        and usual_step_s(time_s[run]) * STEPS_PER_PERIOD * config.cutoff_hz <= 1.0
     ]
-    return [_bout(session, run, config) for run in runs if _fast_enough(time_s[run], config)]
 
 
 def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
@@ -229,10 +229,6 @@ def _row(name: str, value: float | None, sigma: float | None, state_code: np.nda
         why = f"{what} is less than {config.times_noise:g} times that of the joints' noise alone"
         return unknown(name, unit, why, state_code=state_code)
     return known(name, unit, value, state_code, sigma)
-
-
-def _fast_enough(time_s: np.ndarray, config: SwayConfig) -> bool:
-    return usual_step_s(time_s) * STEPS_PER_PERIOD * config.cutoff_hz <= 1.0
 
 
 def _bout(session: Session, run: slice, config: SwayConfig) -> Bout:

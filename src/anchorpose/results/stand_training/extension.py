@@ -10,11 +10,10 @@ import numpy as np
 from pydantic import Field
 from scipy.ndimage import median_filter
 
-from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.centre_of_mass import CentreOfMass
-from anchorpose.results.stand_training.stance import Session, known, unknown
+from anchorpose.results.stand_training.stance import ANKLES, Angle, Session, known, unknown
 from anchorpose.results.tables import JointTable
 from anchorpose.results.uncertainty import (
     ANGLE_SHARE,
@@ -49,21 +48,18 @@ def extension_measures(session: Session, config: ExtensionConfig) -> list[Measur
     return rows + [_straight_time(session, side, config.straight_deg) for side in ("left", "right")]
 
 
-def known_upright(session: Session, angle: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n,) bool: frames in which the patient stands and the angle is known; and the angle (n,) in degrees."""
-    degrees = session.angles.degrees[:, session.angles.column(angle)]
-    return session.standing & np.isfinite(degrees), degrees
+def known_upright(session: Session, name: str) -> tuple[np.ndarray, Angle]:
+    """Return (n,) bool: frames in which the patient stands and the angle is known; and the angle in all frames."""
+    angle = session.angle(name)
+    return session.standing & np.isfinite(angle.degrees), angle
 
 
 def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
-    name = f"{angle}_{side}"
-    used, degrees = known_upright(session, name)
+    used, series = known_upright(session, f"{angle}_{side}")
     if not used.any():
         names = (f"{angle}_upright_{which}" for which in ("mean", "least", "greatest"))
         return [unknown(measure, "deg", NOT_UPRIGHT_WITH, side) for measure in names]
-    column = session.angles.column(name)
-    sigma, state_code = session.angles.sigma_deg[used, column], session.angles.state_code[used, column]
-    value, seconds = degrees[used], float(session.seconds[used].sum())
+    (value, sigma, state_code), seconds = (rows[used] for rows in series), float(session.seconds[used].sum())
     least, greatest = np.percentile(value, [LEAST_PERCENTILE, 100.0 - LEAST_PERCENTILE])
     found = (
         ("mean", float(value.mean()), sigma_of_mean(sigma, seconds, ANGLE_SHARE)),
@@ -86,18 +82,16 @@ def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
     """Measure the time with a straight knee while upright. Its sigma is half of the difference between the times that
     result if all angles are smaller, or larger, by their systematic sigma.
     """
-    name = f"knee_flexion_{side}"
-    used, degrees = known_upright(session, name)
+    used, knee = known_upright(session, f"knee_flexion_{side}")
     if not used.any():
         return unknown("knee_straight_time", "s", NOT_UPRIGHT_WITH, side)
-    column = session.angles.column(name)
-    error = systematic_sigma(session.angles.sigma_deg[used, column], ANGLE_SHARE)
+    error = systematic_sigma(knee.sigma_deg[used], ANGLE_SHARE)
     straight_s = [
-        float(session.seconds[used][np.abs(degrees[used]) + shift * error <= straight_deg].sum())
+        float(session.seconds[used][np.abs(knee.degrees[used]) + shift * error <= straight_deg].sum())
         for shift in (0.0, -1.0, 1.0)
     ]
-    state_code, sigma = session.angles.state_code[used, column], 0.5 * (straight_s[1] - straight_s[2])
-    return known("knee_straight_time", "s", straight_s[0], state_code, sigma, side)
+    sigma = 0.5 * (straight_s[1] - straight_s[2])
+    return known("knee_straight_time", "s", straight_s[0], knee.state_code[used], sigma, side)
 
 
 LEAST_STANCE_M: Final = 0.08
@@ -122,15 +116,10 @@ def _difference(session: Session, angle: str) -> Measure:
     used = left_known & right_known
     if not used.any():
         return unknown(measure, "deg", NOT_UPRIGHT_WITH)
-    columns = [session.angles.column(f"{angle}_{side}") for side in ("left", "right")]
-    sigma = np.sqrt((session.angles.sigma_deg[used][:, columns] ** 2).sum(axis=1))
-    value, state_code = (
-        float(np.mean(left[used] - right[used])),
-        session.angles.state_code[used][:, columns].max(axis=1),
-    )
-    return known(
-        measure, "deg", value, state_code, sigma_of_mean(sigma, float(session.seconds[used].sum()), ANGLE_SHARE)
-    )
+    sigma = np.sqrt(left.sigma_deg[used] ** 2 + right.sigma_deg[used] ** 2)
+    sigma_deg = sigma_of_mean(sigma, float(session.seconds[used].sum()), ANGLE_SHARE)
+    value = float(np.mean(left.degrees[used] - right.degrees[used]))
+    return known(measure, "deg", value, np.maximum(left.state_code, right.state_code)[used], sigma_deg)
 
 
 class FeetLoad(NamedTuple):
@@ -151,16 +140,15 @@ def feet_load(joints: JointTable, com: CentreOfMass) -> FeetLoad:
     """Return the load on the feet by the place of the centre of mass between the ankles, seen from above: if it lies
     midway, each foot carries one half.
     """
-    ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
-    left, right = (joints.position_m[:, joint][:, [0, 2]] for joint in ankles)
+    left, right = (joints.position_m[:, joint][:, [0, 2]] for joint in ANKLES)
     width = np.linalg.norm(right - left, axis=1)
     width = np.where(width >= LEAST_STANCE_M, width, np.nan)
     off = com.position_m[:, [0, 2]] - 0.5 * (left + right)
     along = np.einsum("nk,nk->n", off, right - left) / width**2
     along = np.where(np.abs(along) <= 0.5, along, np.nan)
-    feet = joints.sigma_m[:, ankles]
+    feet = joints.sigma_m[:, ANKLES]
     sigma = np.hypot(com.sigma_m, 0.5 * np.hypot(feet[:, 0], feet[:, 1])) / width
-    state_code = np.maximum(com.state_code, joints.state_code[:, ankles].max(axis=1))
+    state_code = np.maximum(com.state_code, joints.state_code[:, ANKLES].max(axis=1))
     return FeetLoad(along, np.where(np.isnan(along), np.nan, sigma), state_code)
 
 
@@ -204,14 +192,13 @@ def range_measures(session: Session) -> list[Measure]:
 
 
 def _range(session: Session, angle: str, side: str | None) -> Measure:
-    measure, column = f"{angle}_range", session.angles.column(angle if side is None else f"{angle}_{side}")
-    degrees, sigma = session.angles.degrees[:, column], session.angles.sigma_deg[:, column]
-    rows, held = _held(degrees, session.joints.time_s)
+    measure, series = f"{angle}_range", session.angle(angle if side is None else f"{angle}_{side}")
+    rows, held = _held(series.degrees, session.joints.time_s)
     if not len(rows):
         return unknown(measure, "deg", f"the angle was never known for {LEAST_S:g} s without a break", side)
     low, high = int(np.argmin(held)), int(np.argmax(held))
-    value, (first, second) = float(held[high] - held[low]), sigma[rows[[low, high]]]
-    state_code = session.angles.state_code[rows, column]
+    value, (first, second) = float(held[high] - held[low]), series.sigma_deg[rows[[low, high]]]
+    state_code = series.state_code[rows]
     if value <= NORMAL_95 * np.hypot(first, second):  # without movement, the extremes are two independent errors
         return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
     return known(measure, "deg", value, state_code, sigma_of_difference(first, second, ANGLE_SHARE), side)

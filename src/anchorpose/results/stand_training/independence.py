@@ -131,9 +131,7 @@ def _extended(session: Session, part: _Part, config: IndependenceConfig) -> _Ext
         degrees, sigma = session.stance.trunk_deg, session.stance.trunk_sigma_deg
         codes = session.joints.state_code[:, [JOINT_INDEX["SpineBase"], JOINT_INDEX["SpineShoulder"]]].max(axis=1)
     else:
-        column = session.angles.column(part.angle)
-        degrees, sigma = session.angles.degrees[:, column], session.angles.sigma_deg[:, column]
-        codes = session.angles.state_code[:, column]
+        degrees, sigma, codes = session.angle(part.angle)
     is_known, error = session.upright & np.isfinite(degrees), systematic_sigma(sigma, ANGLE_SHARE)
     less, frames, more = (_held_extended(degrees + shift * error, config) & is_known for shift in (1.0, 0.0, -1.0))
     sigma_s = 0.5 * float(session.seconds[more].sum() - session.seconds[less].sum())

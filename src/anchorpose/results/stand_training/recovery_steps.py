@@ -18,7 +18,7 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import RECOVERY_LEFT, RECOVERY_RIGHT
 from anchorpose.results.stand_training.event import Event, EventConfig, fast_enough
-from anchorpose.results.stand_training.stance import Session
+from anchorpose.results.stand_training.stance import ANKLES, Session
 from anchorpose.results.stand_training.steps import Step
 
 KINDS: Final = {"left": RECOVERY_LEFT, "right": RECOVERY_RIGHT}
@@ -39,8 +39,7 @@ STILL_S: Final = 1.0
 WITHIN_S: Final = 1.2
 """Maximum time in seconds from the loss of balance to foot strike; a longer fall is not caught by a step."""
 
-_ANKLES: Final = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
-_FEET: Final = [*_ANKLES, JOINT_INDEX["FootLeft"], JOINT_INDEX["FootRight"]]
+_FEET: Final = [*ANKLES, JOINT_INDEX["FootLeft"], JOINT_INDEX["FootRight"]]
 
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
@@ -78,7 +77,7 @@ def _extrapolated(session: Session) -> np.ndarray:
     """Return the extrapolated centre of mass (n, 2) on the floor, NaN where unknown."""
     time_s, com_m = session.joints.time_s, session.posture.com_m
     step_s, found = usual_step_s(time_s), np.full((len(time_s), 2), np.nan)
-    ankles_m = session.joints.position_m[:, _ANKLES, 1].min(axis=1)
+    ankles_m = session.joints.position_m[:, ANKLES, 1].min(axis=1)
     known = np.isfinite(com_m).all(axis=1) & (com_m[:, 1] > ankles_m)
     for run in unbroken_runs(known, time_s, 2.0 * step_s):
         if run.stop - run.start > 2:

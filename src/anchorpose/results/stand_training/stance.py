@@ -73,11 +73,12 @@ def stance(joints: JointTable, mass_m: np.ndarray) -> Stance:
 
 def stance_state(joints: JointTable) -> np.ndarray:
     """Return the worst state code (n,) of the joints that ``stance`` uses."""
-    used = [JOINT_INDEX[name] for name in (*_INCLINATIONS.joints, *_ANKLES)]
+    used = [*(JOINT_INDEX[name] for name in _INCLINATIONS.joints), *ANKLES]
     return np.asarray(joints.state_code[:, used].max(axis=1))
 
 
-_ANKLES: Final = ("AnkleLeft", "AnkleRight")
+ANKLES: Final = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
+OTHER_SIDE: Final = {"left": "right", "right": "left"}
 
 
 def _inclinations(points: Points) -> tuple[Reading, ...]:
@@ -99,9 +100,8 @@ _INCLINATIONS: Final = AngleGroup(
 def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
     """Return the height (n,) in m of the pelvis above the lower ankle (its foot is on the floor), and its sigma."""
     height, variance = joints.position_m[..., 1], joints.sigma_m**2
-    hips, ankles = ([JOINT_INDEX[f"{name}{side}"] for side in ("Left", "Right")] for name in ("Hip", "Ankle"))
-    both_m = height[:, ankles]
-    sigma_m = np.sqrt(variance[:, hips].sum(axis=1) / 4.0 + variance[:, ankles].mean(axis=1))
+    hips, both_m = [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]], height[:, ANKLES]
+    sigma_m = np.sqrt(variance[:, hips].sum(axis=1) / 4.0 + variance[:, ANKLES].mean(axis=1))
     # min, not nanmin: if an ankle is lost, it is unknown which is lower
     return height[:, hips].mean(axis=1) - both_m.min(axis=1), sigma_m
 
@@ -115,7 +115,7 @@ def facing(position_m: np.ndarray) -> np.ndarray:
 
 
 def _behind_feet(position_m: np.ndarray, mass_m: np.ndarray) -> np.ndarray:
-    middle_m = position_m[:, [JOINT_INDEX[name] for name in _ANKLES]].mean(axis=1)
+    middle_m = position_m[:, ANKLES].mean(axis=1)
     return np.asarray(((middle_m - mass_m)[:, [0, 2]] * facing(position_m)).sum(axis=1))
 
 
@@ -201,6 +201,14 @@ def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
     return state
 
 
+class Angle(NamedTuple):
+    """One angle in all frames: columns (n,) of the ``AngleTable``."""
+
+    degrees: np.ndarray
+    sigma_deg: np.ndarray
+    state_code: np.ndarray
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
     """The inputs of the measures of a recording or a trial: joints, angles, posture and stance in the same frames; and
@@ -218,6 +226,13 @@ class Session:
     episodes: tuple[Episode, ...]
     contacts: tuple[Contact, ...] | None
     equipment: tuple[str, ...]
+
+    def angle(self, name: str) -> Angle:
+        """Return the angle with this name in all frames; raises ValueError for an unknown name."""
+        column = self.angles.column(name)
+        return Angle(
+            *(rows[:, column] for rows in (self.angles.degrees, self.angles.sigma_deg, self.angles.state_code))
+        )
 
     @property
     def helping(self) -> tuple[Contact, ...] | None:

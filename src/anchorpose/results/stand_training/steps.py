@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.joints import JOINT_INDEX, LOST
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Episode, Measure
-from anchorpose.results.stand_training.stance import Session, known, unknown
+from anchorpose.results.stand_training.stance import ANKLES, Session, known, unknown
 from anchorpose.results.stand_training.upright import episode
 from anchorpose.results.tables import JointTable
 
@@ -143,7 +143,7 @@ def _swing(path_m: np.ndarray, run: slice) -> slice | None:
 
 def step_episodes(joints: JointTable, steps: list[Step]) -> tuple[Episode, ...]:
     """Return the swings of steps as rows of episodes.parquet: they begin at foot off and end at foot strike."""
-    ankles = joints.state_code[:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]].max(axis=1)
+    ankles = joints.state_code[:, ANKLES].max(axis=1)
     kinds = {"left": STEP_LEFT, "right": STEP_RIGHT}
     return tuple(episode(kinds[step.side], joints, ankles, step.frames) for step in steps)
 
@@ -169,14 +169,13 @@ _NEVER: Final = "the ankles were never both known while upright"
 
 def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
     own, time_s = [step for step in steps if step.side == side], session.joints.time_s
-    ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
-    seen = session.upright & (session.joints.state_code[:, ankles] < LOST).all(axis=1)
+    seen = session.upright & (session.joints.state_code[:, ANKLES] < LOST).all(axis=1)
     frames, count = int(seen.sum()), unknown("step_count", "count", _NEVER, side)
     if frames:
         count = replace(count, value=float(len(own)), frames=frames, why=None)
     swings = [(float(time_s[step.frames.stop - 1] - time_s[step.frames.start]), step) for step in own]
     lengths = [(1000.0 * step.length_m, step) for step in own if step.length_m is not None]
-    error = session.joints.sigma_m[seen][:, ankles]
+    error = session.joints.sigma_m[seen][:, ANKLES]
     spread = 1000.0 * float(np.sqrt((error**2).sum(axis=1).mean())) if frames else 0.0
     return [
         count,
@@ -193,7 +192,6 @@ def _mean(
     """
     if not found:
         return unknown(name, unit, why, side)
-    ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
-    state_code = np.concatenate([session.joints.state_code[step.frames][:, ankles].max(axis=1) for _, step in found])
+    state_code = np.concatenate([session.joints.state_code[step.frames][:, ANKLES].max(axis=1) for _, step in found])
     value, spread = float(np.mean([value for value, _ in found])), float(sigma * np.sqrt(0.5 + 0.5 / len(found)))
     return known(name, unit, value, state_code, spread, side)

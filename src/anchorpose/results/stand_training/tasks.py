@@ -16,7 +16,7 @@ import numpy as np
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.records import SIT_TO_STAND, Measure
-from anchorpose.results.stand_training.stance import Session, facing, known, unknown
+from anchorpose.results.stand_training.stance import ANKLES, OTHER_SIDE, Session, facing, known, unknown
 from anchorpose.results.stand_training.upright import Transition, TransitionConfig, transitions
 from anchorpose.results.uncertainty import JOINT_SHARE, NORMAL_95, systematic_sigma
 from anchorpose.rotations import unit
@@ -150,7 +150,7 @@ def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
     """
     if not len(rows):
         return 0
-    ankles = position_m[rows][:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]]
+    ankles = position_m[rows][:, ANKLES]
     away = np.linalg.norm(ankles - ankles[0], axis=2).max(axis=1)
     left = np.flatnonzero(~(away <= BASE_M))
     return int(left[0]) if len(left) else len(rows)
@@ -171,7 +171,7 @@ def single_leg_stance(session: Session, side: str) -> Measure:
     upright and stays in place.
     """
     measure, time_s = "single_leg_stance", session.joints.time_s
-    stands, lifted = (JOINT_INDEX[f"Ankle{name.capitalize()}"] for name in (side, _OTHER[side]))
+    stands, lifted = (JOINT_INDEX[f"Ankle{name.capitalize()}"] for name in (side, OTHER_SIDE[side]))
     height = session.joints.position_m[:, lifted, 1] - session.joints.position_m[:, stands, 1]
     error = systematic_sigma(
         np.hypot(session.joints.sigma_m[:, lifted], session.joints.sigma_m[:, stands]), JOINT_SHARE
@@ -185,9 +185,6 @@ def single_leg_stance(session: Session, side: str) -> Measure:
         return unknown(measure, "s", why, side)
     sigma = float(np.hypot(0.5 * (runs[2][1] - runs[1][1]), usual_step_s(time_s) / np.sqrt(6.0)))
     return known(measure, "s", seconds, session.joints.state_code[run][:, [stands, lifted]].max(axis=1), sigma, side)
-
-
-_OTHER: Final = {"left": "right", "right": "left"}
 
 
 def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> tuple[slice | None, float]:

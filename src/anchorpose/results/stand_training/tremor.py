@@ -15,6 +15,7 @@ from pydantic import Field
 from anchorpose.joints import STATE_CODE, JointState
 from anchorpose.results.frame_time import recorded_seconds, unbroken_runs, usual_step_s
 from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Measure
+from anchorpose.results.stand_training.event import ROUNDING_S
 from anchorpose.results.stand_training.stance import Session, known, unknown
 from anchorpose.settings import Positive, settings
 
@@ -71,8 +72,7 @@ def tremor_measures(session: Session, config: TremorConfig) -> list[Measure]:
 
 def _of_joint(session: Session, joint: str, side: str, config: TremorConfig) -> list[Measure]:
     names = {f"tremor_{joint}_{what}": unit for what, unit in UNITS.items()}
-    column, time_s = session.angles.column(f"{JOINTS[joint]}_{side}"), session.joints.time_s
-    degrees, codes = session.angles.degrees[:, column], session.angles.state_code[:, column]
+    (degrees, _, codes), time_s = session.angle(f"{JOINTS[joint]}_{side}"), session.joints.time_s
     if not usual_step_s(time_s) <= 1.0 / LEAST_HZ + ROUNDING_S:
         return [unknown(name, unit, TOO_SLOW, side) for name, unit in names.items()]
     windows = list(_windows(time_s, degrees, np.isfinite(degrees) & (codes == SEEN) & ~_stepping(session)))
@@ -105,9 +105,6 @@ def _stepping(session: Session) -> np.ndarray:
 
 
 SEEN: Final = STATE_CODE[JointState.OBSERVED]
-
-ROUNDING_S: Final = 0.001
-"""Tolerance in s, since time stamps are often rounded to the millisecond."""
 
 
 def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Iterator[Window]:
