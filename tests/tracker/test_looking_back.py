@@ -37,7 +37,7 @@ def seen_back(monkeypatch):
         tracker.step = lambda frame_set: SimpleNamespace(frame_set=frame_set, result=next(answers))
         monkeypatch.setattr(looking_back, "turn_round", lambda *_: POSE)
         monkeypatch.setattr(looking_back, "PatientTracker", lambda *_: tracker)
-        monkeypatch.setattr(looking_back, "pass_result", lambda body, estimate, labels, usable: estimate.result)
+        monkeypatch.setattr(looking_back, "pass_result", lambda body, estimate, usable: estimate.result)
         run = SimpleNamespace(config=None, room=SimpleNamespace(review=SimpleNamespace(why_unusable=lambda _: None)))
 
         def frame(position):
