@@ -53,6 +53,10 @@ _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 HIP_EXTENSION: Final = 25.0 * DEGREE
 # minimum share of a joint's variance that is independent of other joints, so that raising only one leg stays probable
 OWN_VARIANCE: Final = 0.5
+# rad, flexion below which a knee is less probable. Knees stop at the straight leg, in different people with a standard
+# deviation of 3 degrees (Roaas and Andersson 1982). The cost is -2 log of the share of people whose knees extend so far;
+# it is about a parabola that begins one standard deviation before the straight leg
+KNEE_STOP: Final = 3.0 * DEGREE
 SEEN_SPREAD: Final = 35.0 * DEGREE
 """Upper limit (rad) of a visible bone's range: the textbooks' standard deviations are doubled, but not beyond this
 limit, since a person may hold a limb to one side for minutes.
@@ -168,7 +172,7 @@ def _textbook(asset: BodyAsset) -> _Textbook:
             axes, bend = hinge_axes(asset, name)
             covariance[own, own] = axes.T @ np.diag((np.array(_HINGE_SPREAD_DEG[limb]) * DEGREE) ** 2) @ axes
             hinge[row] = axes[0]
-            limit[row] = -bend  # the straight limb; in the rest pose, elbows and knees are bent
+            limit[row] = KNEE_STOP - bend if limb == "Leg" else -bend  # elbows and knees are bent in the rest pose
         elif limb in _SPREAD_DEG:
             covariance[own, own] = np.diag((np.array(_SPREAD_DEG[limb]) * DEGREE) ** 2)
             if limb == "UpLeg":
