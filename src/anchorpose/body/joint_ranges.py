@@ -54,8 +54,8 @@ HIP_EXTENSION: Final = 25.0 * DEGREE
 # minimum share of a joint's variance that is independent of other joints, so that raising only one leg stays probable
 OWN_VARIANCE: Final = 0.5
 # rad, flexion below which a knee is less probable. Knees stop at the straight leg, in different people with a standard
-# deviation of 3 degrees (Roaas and Andersson 1982). The cost, -2 log of the share of people whose knees extend so far, is
-# about a parabola that begins one standard deviation before the straight leg
+# deviation of 3 degrees (Roaas and Andersson 1982). The cost, -2 log of the share of people whose knees extend so
+# far, is about a parabola that begins one standard deviation before the straight leg
 KNEE_STOP: Final = 3.0 * DEGREE
 SEEN_SPREAD: Final = 35.0 * DEGREE
 """Upper limit (rad) of a visible bone's range: the textbooks' standard deviations are doubled, but not beyond this
