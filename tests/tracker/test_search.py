@@ -1,6 +1,7 @@
 """Looking for a lost patient: nobody who was beside him is taken for him, and he is found where he may have come."""
 
 from dataclasses import replace
+from io import BytesIO
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,8 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.following import Follower
+from anchorpose.tracker.journal import read_value, write_value
+from anchorpose.tracker.observation import Start
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import WALK_M_S, LastSeen, Search, seen_as_strip
@@ -68,6 +71,16 @@ def test_a_pass_that_begins_with_a_search_takes_nobody_who_was_beside_him():
     (estimate,) = follower.step(frame(LATER, THERAPIST))
     assert estimate.why_lost == NoStart.NOBODY_NEW.value
     assert follower.tracker is None
+
+
+def test_a_search_with_which_a_pass_back_begins_is_stored_and_read():
+    search, stream = lost_beside(THERAPIST), BytesIO()
+    write_value(stream, search, {})
+    stream.seek(0)
+    found = read_value(stream, Start | Search | None, {})
+    assert isinstance(found, Search)
+    np.testing.assert_array_equal(found.memory.points_m, search.memory.points_m)
+    assert looked(found, (THERAPIST,), first=LATER) == [NoStart.NOBODY_NEW]
 
 
 def test_the_last_label_stands_for_several_people_so_its_bearer_may_be_him():

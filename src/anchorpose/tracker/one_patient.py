@@ -74,7 +74,7 @@ def _patient_pixels(pixels: Pieces | None, view: View | None) -> Pieces | None:
 
 
 def _may_be_others(theirs: Sequence[Pieces | None], people: People, skin: cKDTree | None, moved: bool) -> np.ndarray:
-    """Return (k,) bool: people who are possibly somebody else than the patient. These are all people with enough
+    """Return (k,) bool: people who may not be the patient. These are all people with enough
     surface for a whole person, if there are at least two such people. If many pixels lie off the patient's predicted
     skin (``moved``), people who lie mostly off it are included, too.
     """
