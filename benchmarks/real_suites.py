@@ -19,6 +19,7 @@ def real(use: Use, quick: bool) -> Iterator[Case]:
     sequences = scores.labelled_sequences()
     for sequence in sequences[:: len(sequences) // 6] if quick else sequences:
         yield Case("MSR Action3D: labels", Real(f"msr_action3d/{sequence}"), scores.against_msr_labels)
+        yield Case("joint", Real(f"msr_action3d/{sequence}"), scores.by_joint)
     for exercise, clip in _thigh_clips(quick):
         yield Case(f"thigh sensor: {exercise}", clip, scores.against_inertial_sensor)
     for folder in PEOPLE[2:] if quick else PEOPLE:

@@ -8,6 +8,9 @@ from typing import ClassVar, Final
 
 import numpy as np
 from intervals import wilson
+from scipy.stats import median_abs_deviation
+
+from anchorpose.results.uncertainty import NORMAL_95
 
 Scores = Mapping[str, float]
 Measured = Sequence[Scores]
@@ -83,6 +86,14 @@ def _median(form: str, name: str) -> Callable[[Measured], str]:
     return words
 
 
+def _middle(name: str) -> Callable[[Measured], str]:
+    def words(measured: Measured) -> str:
+        known = known_values(name, measured)
+        return f"{np.median(known):.0f}" if known.size else ""
+
+    return words
+
+
 def _with_share(form: str, name: str, share: str) -> Callable[[Measured], str]:
     """Return the words for a median, and a mean share in per cent."""
 
@@ -109,6 +120,40 @@ def _sum(name: str) -> Callable[[Measured], str]:
     return words
 
 
+def _about_median(name: str, measured: Measured) -> np.ndarray:
+    values = values_of(name, measured)
+    return values - np.nanmedian(values)
+
+
+def _spread(measured: Measured) -> str:
+    """Return the standard deviation per axis of labelled joints about their median, by the median: few errors do not
+    change it."""
+    if not known_values("right_mm", measured).size:
+        return ""
+    away = np.concatenate([_about_median(name, measured) for name in ("right_mm", "below_mm")])
+    return f"{median_abs_deviation(away, scale='normal', nan_policy='omit'):.0f}"
+
+
+def label_sigma(measured: Measured) -> float:
+    """Return the standard deviation per axis, in millimetres, of the middle of two labels; NaN without labels."""
+    apart = known_values("apart_mm", measured)
+    return float(np.sqrt(np.mean(apart**2) / 2.0) / 2.0) if apart.size else np.nan
+
+
+def _of_labels(measured: Measured) -> str:
+    return f"{sigma:.0f}" if np.isfinite(sigma := label_sigma(measured)) else ""
+
+
+def _label_band(measured: Measured) -> str:
+    """Return the share of axes on which a joint is as near to its median place beside the label as its sigma and that
+    of the labels state together."""
+    if not known_values("right_mm", measured).size:
+        return ""
+    sigma = np.hypot(values_of("stated_mm", measured), label_sigma(measured))
+    ratio = np.concatenate([_about_median(name, measured) / sigma for name in ("right_mm", "below_mm")])
+    return f"{100 * np.mean(np.abs(ratio[np.isfinite(ratio)]) < NORMAL_95):.0f}"
+
+
 def _refused(measured: Measured) -> str:
     return f"{sum(one.get('refused', 0.0) for one in measured):.0f} of {len(measured)}"
 
@@ -120,7 +165,7 @@ REMARKS: Final = (
     Remark("limb_wrong", "limb wrong in view, at most s", _median("{1:.1f}", "wrong_s")),
     Remark("within", "within 60, 100 mm", _labels),
     Remark("confident_labels", "confident errors %", _confident_labels),
-    Remark("median_label", "median mm", _median("{:.0f}", "median_mm")),
+    Remark("median_label", "median mm", _middle("median_mm")),
     Remark("tracked_plain", "tracked, % of frames in plain view", _mean_percent("tracked")),
     Remark("another_person", "another person", _sum("another")),
     Remark("thigh", "thigh against sensor, degrees", _median("{:.1f}, worst {:.1f}", "tilt_deg")),
@@ -129,6 +174,11 @@ REMARKS: Final = (
     Remark("contacts_of", "contacts: precision / recall", _contacts),
     Remark("bones", "bones mm", _with_share("{:.0f}, {:.0f} % in band", "bone_mm", "bone_cover")),
     Remark("skin", "skin mm", _with_share("{:.1f}, {:.0f} % within 12 mm", "skin_mm", "skin_near")),
+    Remark("below", "below the label, mm", _middle("below_mm")),
+    Remark("spread", "spread per axis, mm", _spread),
+    Remark("labellers", "of the labels, mm", _of_labels),
+    Remark("stated", "stated sigma, mm", _middle("stated_mm")),
+    Remark("label_band", "within 1.96 sigma, %", _label_band),
     REFUSED,
 )
 

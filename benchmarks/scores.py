@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from recordings import Ready
@@ -21,10 +21,12 @@ from anchorpose.recording.recording import Recording
 from anchorpose.research.benchmark.labels import (
     LABELLERS,
     LabelledPerson,
+    apart_m,
     off_m,
     place_of,
     read_label_set,
     read_labels,
+    shift_m,
     trunk_pixel,
     within,
 )
@@ -202,30 +204,63 @@ def _in_camera(table: JointTable, results: Path) -> np.ndarray:
 # Real depth: labels by eye, and an inertial sensor.
 
 
+class LabelledFrame(NamedTuple):
+    """A labelled frame of a sequence of MSR Action3D, with the tracked joints: joints_m (21, 3) in the camera's frame,
+    sigma_m (21,); lost joints are NaN. people: one for each labeller; depth_m: the depth image; camera: at the origin.
+    """
+
+    people: tuple[LabelledPerson, LabelledPerson]
+    joints_m: np.ndarray
+    sigma_m: np.ndarray
+    depth_m: np.ndarray
+    camera: Camera
+
+    @property
+    def clear(self) -> LabelledPerson:
+        """The person half-way between the labellers, with the joints that are unclear to neither."""
+        one, other = self.people
+        both = (one.joints.keys() & other.joints.keys()) - one.unclear - other.unclear
+        middle = {
+            name: tuple(np.mean([one.joints[name], other.joints[name]], axis=0).tolist()) for name in sorted(both)
+        }
+        return replace(one, joints=middle)
+
+
 def against_msr_labels(ready: Ready, results: Path) -> Scores:
     """Compare the labelled frames of a sequence of MSR Action3D: joints that both labellers set and neither doubted."""
+    away = list[LabelError]()
+    for frame in _labelled_frames(ready, results):
+        away += _label_errors(frame.clear, frame.joints_m, frame.sigma_m, frame.depth_m, frame.camera)
+    return _label_scores(away)
+
+
+def by_joint(ready: Ready, results: Path) -> Iterator[tuple[str, Scores]]:
+    """Yield, for each label of ``against_msr_labels``, the joint's name without its side, how far right of and below
+    the label the tracked joint is, how far apart the labellers are, and the joint's stated sigma, in millimetres.
+    """
+    for frame in _labelled_frames(ready, results):
+        apart = apart_m(*frame.people, frame.depth_m, frame.camera)
+        for name, shift in shift_m(frame.clear, frame.joints_m, frame.depth_m, frame.camera).items():
+            found = (*shift[:2], apart.get(name, NAN), frame.sigma_m[JOINT_INDEX[name]])
+            names = ("right_mm", "below_mm", "apart_mm", "stated_mm")
+            scores = {score: 1e3 * float(one) for score, one in zip(names, found, strict=True)}
+            yield name.removesuffix("Left").removesuffix("Right"), scores
+
+
+def _labelled_frames(ready: Ready, results: Path) -> Iterator[LabelledFrame]:
     sequence = ready.recording.name
     first, second = (read_label_set(LABELS, "msr_action3d", labeller)[sequence] for labeller in LABELLERS)
     recording, table = open_recording(ready.recording), read_joints(results / JOINTS_FILE)
     camera, joints_m = replace(recording.cameras[0], T_world_camera=np.eye(4)), _in_camera(table, results)
-    away = list[LabelError]()
     for frame, (one, *_) in first.items():
-        clear = _between(one, second[frame][0])
         row = int(np.flatnonzero(table.frame == frame)[0])
-        away += _label_errors(clear, joints_m[row], table.sigma_m[row], _depth(recording, frame), camera)
-    return _label_scores(away)
+        depth_m = _depth(recording, frame)
+        yield LabelledFrame((one, second[frame][0]), joints_m[row], table.sigma_m[row], depth_m, camera)
 
 
 def labelled_sequences() -> tuple[str, ...]:
     """Return the sequences of MSR Action3D that have labels."""
     return tuple(read_label_set(LABELS, "msr_action3d", LABELLERS[0]))
-
-
-def _between(one: LabelledPerson, other: LabelledPerson) -> LabelledPerson:
-    """Return the person half-way between two labellers, with the joints that are unclear to neither."""
-    both = (one.joints.keys() & other.joints.keys()) - one.unclear - other.unclear
-    middle = {name: tuple(np.mean([one.joints[name], other.joints[name]], axis=0).tolist()) for name in sorted(both)}
-    return replace(one, joints=middle)
 
 
 LabelError = tuple[float, float]

@@ -14,6 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from intervals import paired_difference, wilson
 from probing import script_of
 from recordings import OneFrame, Simulated
+from remarks import REMARKS
 from room_suites import STARTS
 from scores import LABELS
 from suites import SUITES, cases_of, hard_scenes
@@ -86,6 +87,19 @@ def test_a_paired_difference_has_students_interval():
     assert (found.low, found.high) == pytest.approx((2.0 - 4.3027 / 3**0.5, 2.0 + 4.3027 / 3**0.5), abs=1e-4)
     assert paired_difference([1.0], [0.5]).low is None
     assert paired_difference([np.nan], [0.5]) is None
+
+
+def test_labels_of_a_joint_give_its_offset_spread_and_share_within_sigma():
+    random = np.random.default_rng(7)
+    tracked_mm, labels_mm = random.normal(0.0, 20.0, (4000, 2)), random.normal(0.0, 30.0, (2, 4000, 2))
+    away = tracked_mm + np.array([5.0, 60.0]) - labels_mm.mean(axis=0)
+    apart = np.linalg.norm(labels_mm[0] - labels_mm[1], axis=1)
+    names = ("right_mm", "below_mm", "apart_mm", "stated_mm")
+    measured = [dict(zip(names, (*one, between, 20.0), strict=True)) for one, between in zip(away, apart, strict=True)]
+    words = {remark.name: remark.words(measured) for remark in REMARKS}
+    found = [float(words[name]) for name in ("below", "labellers", "spread", "label_band")]
+    expected = [60.0, 30.0 / np.sqrt(2.0), np.hypot(20.0, 30.0 / np.sqrt(2.0)), 95.0]
+    np.testing.assert_allclose(found, expected, atol=1.5)
 
 
 def test_both_labelled_the_same_60_frames_twelve_of_each_subject():
