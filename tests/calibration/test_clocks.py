@@ -7,7 +7,8 @@ import pytest
 from moving_room import FRONT, LEFT, MovingRoom, standing
 from room_builder import unposed
 
-from anchorpose.calibration.clock_lags import MotionSignal, PairLag, motion_signal, signal_lags
+from anchorpose.calibration import clocks
+from anchorpose.calibration.clock_lags import MotionSignal, PairLag, RoughLag, motion_signal, signal_lags
 from anchorpose.calibration.clock_surfaces import make_clip, surface_lag
 from anchorpose.calibration.clocks import ClockConfig, ClockSource, NoClock, clock_notes, estimate_clocks, fit_clocks
 from anchorpose.calibration.first_frames import level_of_pose
@@ -135,3 +136,16 @@ def test_one_wrong_window_is_left_out():
     lags[4] = replace(lags[4], lag_s=lags[4].lag_s + 0.1)
     fit = fit_clocks(lags, 3)
     assert (len(fit.used), fit.ahead_s) == (len(lags) - 1, pytest.approx(OFFSETS_S, abs=0.003))
+
+
+@pytest.mark.parametrize(("scatter_s", "ahead_s"), [(0.0005, 0.0), (0.03, -2.95)])
+def test_time_stamps_win_over_a_lag_of_signals_only_if_surfaces_agree_at_them(room, monkeypatch, scatter_s, ahead_s):
+    def measured(_, rough, times_s):
+        off_s = scatter_s if rough[1].lag_s == 0.0 else 0.03
+        return [PairLag(0, 1, at_s, sign * off_s, 0.001) for at_s, sign in ((2.0, 1.0), (4.0, -1.0))]
+
+    repeating = [RoughLag(0.0, 0.0, certain=True), RoughLag(-2.95, 5.0, certain=True)]
+    monkeypatch.setattr(clocks, "fine_lags", measured)
+    monkeypatch.setattr(clocks, "rough_lags", lambda *_: repeating)
+    found = estimate_clocks(room, LEVELS, ClockConfig()).cameras[1]
+    assert found.clock.ahead_s == pytest.approx(ahead_s, abs=0.02)

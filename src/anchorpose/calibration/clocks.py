@@ -247,11 +247,16 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
     if not _is_confirmed(
         lags, count, len(first_s)
     ):  # not confirmed: the time stamps are from different clocks, or too little moves in common view
-        rough = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
-        lags = fine_lags(frames, rough, first_s)
+        by_signals = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
+        others = fine_lags(frames, by_signals, first_s)
+        # a movement that repeats fits itself at other lags, too; surfaces then agree only at the right one
+        if _agreeing(others, count) >= _agreeing(lags, count):
+            rough, lags = by_signals, others
     fit = _fit(frames, rough, lags, times_s[CONFIRMING:], span_s)
-    others = (_camera_clock(k, source.cameras[k].name, rough[k], fit, span_s) for k in range(1, count))
-    return Clocks((_reference(source.cameras), *others), fit.residual_s if fit is not None else None, frames.read_count)
+    corrected = (_camera_clock(k, source.cameras[k].name, rough[k], fit, span_s) for k in range(1, count))
+    return Clocks(
+        (_reference(source.cameras), *corrected), fit.residual_s if fit is not None else None, frames.read_count
+    )
 
 
 def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
@@ -260,11 +265,20 @@ def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
 
     tried: number of windows in which lags were searched; a short recording has fewer than ``CONFIRMING``.
     """
-    fit = fit_clocks(lags, count) if lags else None
-    if fit is None or not _agree(fit, lags):
+    if not _agreeing(lags, count):
         return False
-    windows = [len({lag.at_s for lag in fit.used if camera in (lag.first, lag.second)}) for camera in range(count)]
-    return min(windows) >= max(LEAST_WINDOWS, AGREEING * tried) and bool((np.abs(fit.ahead_s) < REACH_S / 2).all())
+    used = fit_clocks(lags, count).used
+    windows = [len({lag.at_s for lag in used if camera in (lag.first, lag.second)}) for camera in range(count)]
+    return min(windows) >= max(LEAST_WINDOWS, AGREEING * tried)
+
+
+def _agreeing(lags: Sequence[PairLag], count: int) -> int:
+    """Return how many lags agree with clocks that are fitted to them; 0 if they scatter, leave a camera without a
+    clock, or lie near the end of the range in which they were searched.
+    """
+    fit = fit_clocks(lags, count) if lags else None
+    near = fit is not None and _agree(fit, lags) and bool((np.abs(fit.ahead_s) < REACH_S / 2).all())
+    return len(fit.used) if fit is not None and near else 0
 
 
 def _agree(fit: ClockFit, lags: Sequence[PairLag]) -> bool:
