@@ -31,7 +31,9 @@ def _joints(rows: Sequence[Measured]) -> str:
 
 def _joints_and_confident(rows: Sequence[Measured]) -> str:
     share = 100.0 * known_values("confident", rows[0]).mean()
-    return f"{_joints(rows)}; {share:.1f} % of the joints are over 100 mm and four sigma off"
+    refused = sum(one.get("refused", 0.0) for one in rows[0])
+    also = f"; {refused:.0f} more refused" if refused else ""
+    return f"{_joints(rows)}; {share:.1f} % of the joints are over 100 mm and four sigma off{also}"
 
 
 def _thighs(rows: Sequence[Measured]) -> str:

@@ -186,11 +186,13 @@ def test_headlines_state_means_and_the_worst():
         "thigh sensor: walk": [{"tilt_deg": 6.0, "kinect_deg": 5.0}],
     }
     measured = {REAL: real, EASY: {}, HARD: {}} | {
-        wanted: {one.rows: joints for one in ROWS if one.wanted == wanted} for wanted in (EASY, HARD)
+        wanted: {one.rows: [*joints, {"refused": 1.0}] for one in ROWS if one.wanted == wanted}
+        for wanted in (EASY, HARD)
     }
     text = headline_table(measured)
     assert "4.0 degrees in 2 recordings; the Kinect's own skeleton 4.5 |" in text
     assert "85 % of 40 joints within 100 mm, the median 35 mm |" in text
-    assert "20.0 mm, the worst of 2 recordings 30.0; 0.1 % of the joints are over 100 mm and four sigma off |" in text
+    assert "20.0 mm, the worst of 2 recordings 30.0; 0.1 % of the joints are over 100 mm and" in text
+    assert "four sigma off; 1 more refused |" in text
     with pytest.raises(KeyError, match="one camera"):
         headline_table(measured | {EASY: {}})
