@@ -17,8 +17,10 @@ PEOPLE: Final = ("people_in_line", "iit_rehab_room", "five_people", "realsense_b
 def real(use: Use, quick: bool) -> Iterator[Case]:
     """Yield labelled sequences, recordings with a sensor on the thigh, and labelled people."""
     sequences = scores.labelled_sequences()
-    for sequence in sequences[:: len(sequences) // 6] if quick else sequences:
+    sequences = sequences[:: len(sequences) // 6] if quick else sequences
+    for sequence in sequences:
         yield Case("MSR Action3D: labels", Real(f"msr_action3d/{sequence}"), scores.against_msr_labels)
+    for sequence in sequences:  # not beside the case above: two processes would track one recording at the same time
         yield Case("joint", Real(f"msr_action3d/{sequence}"), scores.by_joint)
     for exercise, clip in _thigh_clips(quick):
         yield Case(f"thigh sensor: {exercise}", clip, scores.against_inertial_sensor)

@@ -5,7 +5,7 @@ import pytest
 from body_builder import adult, asset, random_pose, turned_about_y, winding_numbers
 from scipy.spatial import cKDTree
 
-from anchorpose.body.asset import joint_bones
+from anchorpose.body.asset import joint_bones, stored_asset
 from anchorpose.body.kinematics import BodyMesh, shape_body
 from anchorpose.body.shape_prior import shape_of_height
 from anchorpose.camera import transform_points
@@ -141,3 +141,18 @@ def test_a_taller_adult_has_longer_legs_and_arms():
 def test_more_coefficients_than_the_asset_has_are_refused():
     with pytest.raises(ValueError, match=f"{asset().shape_count + 1} shape coefficients"):
         shape_body(asset(), np.zeros(asset().shape_count + 1))
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "growth"),
+    [("UpLeg", "Leg", 1.08), ("Leg", "Foot", 0.88), ("Arm", "ForeArm", 1.04), ("ForeArm", "Hand", 1.23)],
+)
+def test_limbs_grow_with_stature_as_among_measured_adults(start, end, growth):
+    """Growth: percent of a segment's length per percent of stature, from 6,068 adults of ANSUR II."""
+    model = stored_asset()
+    drawn = np.random.default_rng(0).normal(0.0, model.adult_sigma, (500, model.shape_count))
+    people = [shape_body(model, coefficients) for coefficients in drawn]
+    stature = np.log([np.ptp(person.vertices[:, 1]) for person in people])
+    first, last = model.bone(f"Left{start}"), model.bone(f"Left{end}")
+    length = np.log([np.linalg.norm(person.bone_heads[last] - person.bone_heads[first]) for person in people])
+    assert np.polyfit(stature, length, 1)[0] == pytest.approx(growth, abs=0.08)

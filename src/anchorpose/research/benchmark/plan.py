@@ -11,7 +11,7 @@ from anchorpose.research.experiment.config import PAPER_HOLES_M
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
-VERSION: Final = 1
+VERSION: Final = 2
 """Version of the benchmark.
 
 It increases with every change of recordings, tasks or scores, since scores of different versions cannot be compared.
