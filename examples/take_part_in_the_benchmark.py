@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument("--part", default="test", choices=["development", "test"])
     given = parser.parse_args()
     given.answers.mkdir(parents=True, exist_ok=True)
-    about = {"format": "anchorpose-benchmark-answers", "version": 1, "method": "bending sheet", "source": "an example"}
+    about = {"format": "anchorpose-benchmark-answers", "version": 2, "method": "bending sheet", "source": "an example"}
     (given.answers / "answers.json").write_text(json.dumps(about))
     with (given.benchmark / "pairs.csv").open(newline="") as pairs, (given.answers / "matches.csv").open("w") as out:
         out.write("task,pair,node,match\n")

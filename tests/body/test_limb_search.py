@@ -69,7 +69,7 @@ def test_a_sure_and_wrong_pose_is_corrected_by_what_is_seen(wrong):
     assert joint_errors_m(BODY, wrong, TRUTH).max() > 0.2
     search = searched(wrong, TRUTH)
     assert search.taken
-    assert joint_errors_m(BODY, search.registration.belief.pose, TRUTH).max() < 0.08
+    assert joint_errors_m(BODY, search.registration.belief.pose, TRUTH).max() < 0.10
 
 
 def test_a_right_pose_leaves_nothing_uncovered_and_no_limb_is_seen_past():

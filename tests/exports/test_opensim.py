@@ -259,7 +259,7 @@ def coordinates_of(joints: np.ndarray) -> dict[str, float]:
 def test_pelvis_lumbar_and_ankle_are_zero_in_the_mean_body_that_stands_upright():
     zeros = coordinates_of(standing_with({}))
     for name in ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "lumbar_extension", "lumbar_bending"):
-        assert zeros[name] == pytest.approx(0.0, abs=0.1)
+        assert zeros[name] == pytest.approx(0.0, abs=0.2)
     shank = standing_with({})[0, column("AnkleRight")] - standing_with({})[0, column("KneeRight")]
     leaning = np.degrees(np.arctan2(-shank[0], -shank[1]))  # the foot is flat, the shank is not quite upright
     assert zeros["ankle_angle_r"] == pytest.approx(leaning, abs=1.5)

@@ -127,7 +127,7 @@ def spread_sources(surface: Surface, count: int = 4) -> np.ndarray:
 def test_on_a_body_fast_marching_and_heat_agree_with_the_exact_distance(body):
     """From the centre to the millimetre; from a tip over 2 m of narrow limbs less well, and no better than this."""
     centre, tips = [surface_center(body)], spread_sources(body)
-    assert_close(body, centre, Solver.FAST_MARCHING, mean_m=0.004, most_m=0.015)
+    assert_close(body, centre, Solver.FAST_MARCHING, mean_m=0.004, most_m=0.020)
     assert_close(body, tips, Solver.FAST_MARCHING, mean_m=0.010, most_m=0.035)
     assert_close(body, centre, Solver.HEAT, mean_m=0.012, most_m=0.060)
     assert_close(body, tips, Solver.HEAT, mean_m=0.015, most_m=0.060)

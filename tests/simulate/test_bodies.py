@@ -61,9 +61,10 @@ def test_clothes_stand_off_the_dressed_skin_and_leave_hands_and_head_bare():
     bare = draw_person(np.random.default_rng(4), 0.0)
     bones = np.tile(np.eye(4), (31, 1, 1))
     outward = ((person.skin(bones, 1.0) - bare.skin(bones, 1.0)) * person.normals).sum(axis=1)
-    dressed = person.clothes.cover > 0.99
-    assert 0.005 < outward[dressed].mean() < 0.009
-    assert outward[dressed].max() < 0.018
+    dressed = person.clothes.cover > 0.01
+    assert 0.005 < outward[dressed].mean() < 0.012
+    assert outward[dressed].std() > 0.005, "the gap differs from place to place"
+    assert outward[dressed].max() < 0.08
     hands = on_hand(person, 0) | on_hand(person, 1)
     assert (person.clothes.cover[hands] < 0.01).mean() > 0.9, "a sleeve ends at the wrist"
     assert np.abs(outward[person.clothes.cover < 0.01]).max() < 2e-4

@@ -34,7 +34,7 @@ SHORTEST_M, TALLEST_M = 1.5, 1.9
 COEFFICIENT_SPREAD = 0.8  # standard deviation of each drawn coefficient, divided by that in the shape space
 BUMPS = 14  # number of bumps on the skin of a body
 FOLDS = 7  # number of waves whose sum gives the folds of clothes
-# standard deviation of the logarithm of the gap between skin and clothes; wavelengths of the gap, in those of the folds.
+# standard deviation of the logarithm of the gap between skin and clothes; wavelengths of the gap, in those of folds.
 # With them, the surface of simulated people lies 14 mm (root mean square over patches of 14 cm) off the body that is
 # learnt with a prior of 20 mm. In twelve real recordings it is 17 mm, and with the same gap everywhere it was 5 mm.
 GAP_SPREAD, GAP_PER_FOLD = 0.8, 4.0

@@ -45,7 +45,7 @@ def made(tmp_path_factory, _short) -> make.Benchmark:
     folder = tmp_path_factory.mktemp("b") / "benchmark"
     make.make_group(GROUP, folder)
     shutil.copytree(folder / GROUP.name, folder / OTHER.name)
-    (folder / make.DOCUMENT).write_text(json.dumps({"format": make.FORMAT, "version": 1, "recordings": {}}))
+    (folder / make.DOCUMENT).write_text(json.dumps({"format": make.FORMAT, "version": make.VERSION, "recordings": {}}))
     return make.make_benchmark(folder, [GROUP, OTHER], 1, lambda done, total: None)
 
 
@@ -63,7 +63,9 @@ def joint_table(made: make.Benchmark, shift_m: float = 0.0, groups=(GROUP, OTHER
 
 def write_answers(folder: Path, name: str = "joints", table: pa.Table | str | None = None) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "answers.json").write_text(json.dumps({"format": answers.FORMAT, "version": 1, "method": "mine"}))
+    (folder / "answers.json").write_text(
+        json.dumps({"format": answers.FORMAT, "version": make.VERSION, "method": "mine"})
+    )
     if isinstance(table, str):
         (folder / f"{name}.csv").write_text(table)
     elif table is not None:

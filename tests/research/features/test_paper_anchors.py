@@ -17,7 +17,7 @@ FOOT = ANCHOR_NAMES.index("FootLeft")
 
 @pytest.fixture(scope="module")
 def surface() -> Surface:
-    return seen_body(standing(LeftArm=(30.0, 0.0, 0.0), RightArm=(-30.0, 0.0, 0.0)), BODY, (FRONT,)).surface
+    return seen_body(standing(LeftArm=(20.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0)), BODY, (FRONT,)).surface
 
 
 def named(surface: Surface) -> Anchors:
