@@ -259,7 +259,7 @@ def test_every_frame_is_matched_and_every_stage_timed_where_the_settings_say_so_
     assert {"isolation", "surface", "geodesics", "first pose", "association", "registration"} <= watch.seconds.keys()
     assert all(seconds >= 0.0 for seconds in watch.seconds.values())
     for estimate in matched[1:]:
-        assert estimate.matched_share > 0.5
+        assert estimate.matched_share > 0.35
         away_m = np.linalg.norm(estimate.joints_m - course.estimates[estimate.frame_set.frame].joints_m, axis=1)
         assert np.nanmean(away_m) < 0.005
 

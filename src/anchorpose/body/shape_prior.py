@@ -19,9 +19,9 @@ from anchorpose.joints import JOINT_INDEX
 
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003  # m, standard deviation of the thickness of clothes
-# m, standard deviation of the offset of a patch of skin, due to muscles, fat and loose clothes that no coefficient
-# describes; with a prior of 20 mm, those learnt in twelve real recordings have 12 mm (robust standard deviation)
-PATCH_SIGMA_M: Final = 0.010
+# m, standard deviation of the offset of a patch of skin, due to muscles, fat and folds that no coefficient describes.
+# Loose clothes have 12 mm in real recordings, but with 10 mm patches explain what is due to stature and limb lengths.
+PATCH_SIGMA_M: Final = 0.0035
 THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
 # degrees of freedom of Student's t distribution, the prior of a segment: 1 in 20 segments deviates by over 2.8 sigma
 TAILS: Final = 4.0
