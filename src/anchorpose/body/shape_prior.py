@@ -20,7 +20,7 @@ from anchorpose.joints import JOINT_INDEX
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003  # m, standard deviation of the thickness of clothes
 # m, standard deviation of the offset of a patch of skin, due to muscles, fat and folds that no coefficient describes.
-# Loose clothes have 12 mm in real recordings, but with 10 mm patches explain what is due to stature and limb lengths.
+# Learnt offsets in real recordings were larger, but with 10 mm joints were farther from the labels of MSR Action3D.
 PATCH_SIGMA_M: Final = 0.0035
 THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
 # degrees of freedom of Student's t distribution, the prior of a segment: 1 in 20 segments deviates by over 2.8 sigma
