@@ -67,9 +67,10 @@ def test_clothes_stand_off_the_dressed_skin_and_leave_hands_and_head_bare():
     assert outward[dressed].max() < 0.08
     hands = on_hand(person, 0) | on_hand(person, 1)
     assert (person.clothes.cover[hands] < 0.01).mean() > 0.9, "a sleeve ends at the wrist"
-    assert np.abs(outward[person.clothes.cover < 0.01]).max() < 2e-4
+    assert np.abs(outward[person.clothes.cover < 0.01]).max() < 4e-4
     later = ((person.skin(bones, 3.0) - person.skin(bones, 1.0)) * person.normals).sum(axis=1)
     assert np.abs(later[dressed]).max() > 0.002, "folds move"
+    assert np.abs(later).max() < 0.018, "wide clothes have no higher folds"
 
 
 def test_skinning_agrees_with_the_plain_version():

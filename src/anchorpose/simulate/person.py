@@ -34,6 +34,7 @@ SHORTEST_M, TALLEST_M = 1.5, 1.9
 COEFFICIENT_SPREAD = 0.8  # standard deviation of each drawn coefficient, divided by that in the shape space
 BUMPS = 14  # number of bumps on the skin of a body
 FOLDS = 7  # number of waves whose sum gives the folds of clothes
+MEAN_HEIGHT, FOLD_HEIGHT = 0.75, 0.32  # mean and standard deviation of clothes' height, in ``Clothes.amplitude_m``
 # standard deviation of the logarithm of the gap between skin and clothes; wavelengths of the gap, in those of folds.
 # Learnt with a prior of 20 mm, offsets of skin patches were 5 mm (root mean square) in a simulated recording without
 # such gaps, 14 mm in three with them and 17 mm in twelve real ones, which include coarser sensors and other bodies.
@@ -48,7 +49,8 @@ BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # a bone is 
 class Clothes:
     """Folds of clothes: a sum of waves over the skin at rest, with phases that change with time and with the pose."""
 
-    cover: np.ndarray  # (v,) height of the clothes above each vertex, divided by ``amplitude_m``; 0 = bare
+    cover: np.ndarray  # (v,) factor on the height of the clothes above each vertex; 0 = bare
+    gap: np.ndarray  # (v,) factor on their mean height; folds are as high in wide clothes as in ordinary ones
     waves: np.ndarray  # (k, 3) rad/m, wave vectors
     phase: np.ndarray  # (k,) rad
     drift: np.ndarray  # (k,) rad/s, change of phase with time
@@ -77,6 +79,7 @@ class Person:
         )
         folds = _Folds(
             clothes.cover.astype(np.float32),
+            clothes.gap.astype(np.float32),
             clothes.waves.astype(np.float32),
             (clothes.phase + clothes.drift * time_s).astype(np.float32),
             clothes.bend_gain.astype(np.float32),
@@ -176,7 +179,8 @@ def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tupl
     """Return points and normals of the dressed skin, (t, n, 3) each, at ``vertices`` (n,); folds have mean height."""
     asset, clothes = person.body.asset, person.clothes
     normals = person.normals[vertices]
-    rest = person.body.vertices[vertices] + 0.75 * clothes.amplitude_m * clothes.cover[vertices, None] * normals
+    height_m = MEAN_HEIGHT * clothes.amplitude_m * clothes.cover[vertices] * clothes.gap[vertices]
+    rest = person.body.vertices[vertices] + height_m[:, None] * normals
     moved = bones[:, asset.skin_bones[vertices]]
     weights = asset.skin_weights[vertices]
     place = np.einsum("nw,tnwij,nj->tni", weights, moved[..., :3, :3], rest)
@@ -236,7 +240,8 @@ def _draw_clothes(rng: np.random.Generator, asset: BodyAsset, amplitude_m: float
     wavelength_m = rng.uniform(0.06, 0.25, FOLDS)
     waves, phase = direction * (2.0 * np.pi / wavelength_m)[:, None], rng.uniform(0.0, 2.0 * np.pi, FOLDS)
     return Clothes(
-        cover=_dressed(asset) * np.exp(GAP_SPREAD * _smooth(asset.vertices, waves / GAP_PER_FOLD, 2.0 * phase)),
+        cover=_dressed(asset),
+        gap=np.exp(GAP_SPREAD * _smooth(asset.vertices, waves / GAP_PER_FOLD, 2.0 * phase)),
         waves=waves,
         phase=phase,
         drift=rng.normal(0.0, 0.6, FOLDS),
@@ -263,6 +268,7 @@ class _Folds(NamedTuple):
     """``Clothes`` at one moment, float32."""
 
     cover: np.ndarray
+    gap: np.ndarray
     waves: np.ndarray
     phase: np.ndarray
     bend_gain: np.ndarray
@@ -285,7 +291,7 @@ def _dress_and_skin(rest: _RestSkin, folds: _Folds, transforms: np.ndarray, bend
             for i in range(3):
                 for j in range(4):
                     blend[i, j] += weight * transforms[bone, i, j]
-        off = _fold_m(folds, rest.vertices[v], folds.cover[v], bent)
+        off = _height_m(folds, rest.vertices[v], folds.cover[v], folds.gap[v], bent)
         x = rest.vertices[v, 0] + off * rest.normals[v, 0]
         y = rest.vertices[v, 1] + off * rest.normals[v, 1]
         z = rest.vertices[v, 2] + off * rest.normals[v, 2]
@@ -294,7 +300,7 @@ def _dress_and_skin(rest: _RestSkin, folds: _Folds, transforms: np.ndarray, bend
 
 
 @nb.njit(cache=True)
-def _fold_m(folds: _Folds, place: np.ndarray, cover: np.float32, bent: np.float32) -> float:
+def _height_m(folds: _Folds, place: np.ndarray, cover: np.float32, gap: np.float32, bent: np.float32) -> float:
     """Return the height of the clothes above one place of the skin at rest, metres."""
     if not (cover > 0.0 and folds.amplitude_m > 0.0):
         return 0.0
@@ -303,5 +309,6 @@ def _fold_m(folds: _Folds, place: np.ndarray, cover: np.float32, bent: np.float3
         argument = folds.waves[k, 0] * place[0] + folds.waves[k, 1] * place[1] + folds.waves[k, 2] * place[2]
         wave += np.sin(argument + folds.phase[k] + folds.bend_gain[k] * bent)
     scale = np.float32(np.sqrt(2.0 / len(folds.phase)))
-    # height as a share of the amplitude: mean 0.75, 95 % from 0.1 to 1.4, so nearly all cloth lies above the skin
-    return float(folds.amplitude_m * cover * (np.float32(0.75) + np.float32(0.32) * scale * wave))
+    # tight clothes have lower folds: then nearly all cloth lies above the skin
+    fold = np.float32(FOLD_HEIGHT) * min(gap, np.float32(1.0)) * scale * wave
+    return float(folds.amplitude_m * cover * (np.float32(MEAN_HEIGHT) * gap + fold))
