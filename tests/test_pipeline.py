@@ -309,4 +309,4 @@ def test_a_height_that_the_images_do_not_show_is_noted():
     assert not _unknown_height(run(), learnt[1])
     assert not _unknown_height(run().with_learnt(prior), None)
     fixed = replace(run(), config=TrackConfig(learning=LearningConfig(own_shape=False)))
-    assert fixed.with_learnt(prior).other_body is None
+    assert fixed.with_learnt(prior).shape is None

@@ -62,6 +62,7 @@ from anchorpose.results.verify import add_event
 from anchorpose.track_inputs import ReviewFile, TrackInputs
 from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.learning_pass import LearntPatient
+from anchorpose.tracker.prior_shape import SYSTEMATIC_M
 from anchorpose.tracker.room import Room, Run
 
 
@@ -327,11 +328,13 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
 
 def _unknown_height(run: Run, learnt: LearntPatient | None) -> list[str]:
     """Return a note if the images hardly show how tall the patient is, and no height that agrees with them is given."""
-    if learnt is None or run.other_body is None:
+    if learnt is None or run.shape is None:
         return []
     if run.room.recording.subject.height_m is not None and not learnt.contradiction:
         return []
     height_m, sigma_m = _height(body_points().asset, learnt.belief)
+    if sigma_m <= SYSTEMATIC_M:
+        return []
     return [
         f"the images do not show the patient's height well ({height_m:.2f} m, sigma {100 * sigma_m:.0f} cm), so sigma "
         "of the joints includes the error of a taller or shorter body: measure the height (--height), and place the "

@@ -283,20 +283,3 @@ def test_a_belief_that_includes_other_shapes_has_the_spread_of_the_mixture_and_t
     np.testing.assert_allclose(gradient, 0.0, atol=1e-7 * np.abs(wide.seen @ wide.vector(wide.shape)).max())
     impossible = seen.including(others, np.zeros(2))
     np.testing.assert_allclose(impossible.information, seen.information, rtol=1e-6, atol=1e-6 * seen.information.max())
-
-
-def test_the_shape_one_sigma_away_displaces_the_joints_most():
-    """The oracle is the spread of the joints of drawn shapes."""
-    other, away_m = ADULT.one_sigma_away(asset())
-
-    def joints_m(shape: FittedShape) -> np.ndarray:
-        joints = shape.mesh(asset()).rest_joints()
-        return joints - shape.mesh(asset()).bone_heads[0]
-
-    # the head is no end of a bone: its joint lies inside the skull
-    np.testing.assert_allclose(joints_m(other) - joints_m(ADULT.shape), away_m, atol=0.005)
-    draw = np.random.default_rng(8).multivariate_normal(ADULT.mean, COVARIANCE, 1500)
-    drawn = np.array([joints_m(shape_at(one)).ravel() for one in draw])
-    variance = np.linalg.eigvalsh(np.cov(drawn.T))[-1]
-    assert float((away_m**2).sum()) == pytest.approx(variance, rel=0.15)
-    assert abs(standing_height(asset(), other)[0] - standing_height(asset(), ADULT.shape)[0]) > 0.05

@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 from body_builder import TrueImage, asset, points, seen_body, standing
 
+from anchorpose.body.belief import vague_belief
 from anchorpose.body.learning import learn_body
+from anchorpose.body.registration import descend
 from anchorpose.body.shape_prior import ShapeBelief, adult_belief, shape_of_height, standing_height
 from anchorpose.body.skin_points import build_body
+from anchorpose.body.uncertainty import shape_sigma
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import UNKNOWN
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.other_statures import PosedFrame, frames_nats, other_shape, shape_sigma, with_other_statures
+from anchorpose.tracker.other_statures import PosedFrame, frames_nats, with_other_statures
 
 TRUE_M = 1.62
 PERSON = build_body(points(), shape_of_height(asset(), TRUE_M))
@@ -71,36 +74,38 @@ def test_a_body_of_another_stature_is_less_likely_the_more_of_it_is_seen():
     assert 0.0 < lead[0] < 0.8 * lead[1]
 
 
-def sigma_of(cut: bool, height_m: float) -> np.ndarray:
-    """Sigma of the joints if the body may as well have another height."""
-    other, frame = build_body(points(), shape_of_height(asset(), height_m)), frames(cut)[0]
-    return shape_sigma(PERSON, other, frame.pose, frame.evidence, CONFIG.registration)
+def between(one_m: float, other_m: float) -> ShapeBelief:
+    """The belief that a body has one height, or as well another one; everything else is certain."""
+    shape, sure = shape_of_height(asset(), one_m), 1e8 * ADULT.prior
+    known = replace(ADULT, shape=shape).having_seen(shape, sure, sure @ ADULT.vector(shape))
+    return known.including([shape_of_height(asset(), other_m)], np.ones(1))
 
 
-def test_another_stature_makes_joints_uncertain_where_no_skin_is_seen():
-    foot, head = JOINT_INDEX["FootLeft"], JOINT_INDEX["Head"]
-    seen, hidden = sigma_of(False, 1.70), sigma_of(True, 1.70)
-    assert seen[[foot, head]].max() < 0.018
-    assert hidden[foot] > 2.0 * seen[foot]
-    assert hidden[foot] > 3.0 * hidden[head]
-    assert sigma_of(True, TRUE_M).max() == 0.0  # the same body
+@pytest.fixture(scope="module", params=[False, True], ids=["whole", "feet cut off"])
+def of_stature(request: pytest.FixtureRequest) -> tuple[bool, np.ndarray, np.ndarray]:
+    """Sigma of the joints if the height is uncertain, and how far they lie apart if both bodies are registered."""
+    frame, other_m = frames(request.param)[0], 1.65
+    sigma_m = shape_sigma(PERSON, frame.pose, frame.evidence, between(TRUE_M, other_m), CONFIG.registration)
+    bodies = (PERSON, build_body(points(), shape_of_height(asset(), other_m)))
+    places = [
+        body.joints(descend(body, frame.pose, vague_belief(frame.pose), frame.evidence, CONFIG.registration))
+        for body in bodies
+    ]
+    return request.param, sigma_m, np.linalg.norm(places[1] - places[0], axis=1) / np.sqrt(3.0)
 
 
-def test_a_shape_counts_as_another_if_its_joints_differ_by_more_than_their_systematic_errors():
-    sure = 1e6 * ADULT.prior
-    known = ADULT.having_seen(PERSON.shape, sure, sure @ ADULT.vector(PERSON.shape))
-    assert other_shape(known) is None
-    other = shape_of_height(asset(), 1.75)
-    taller = other_shape(known.including([other], np.array([0.5])))
-    away_m = standing_height(asset(), taller)[0] - TRUE_M
-    assert away_m == pytest.approx(0.13 * np.sqrt(0.5), rel=0.1)
+def test_joints_of_an_uncertain_stature_have_the_sigma_by_which_registered_bodies_differ(of_stature):
+    _, sigma_m, apart_m = of_stature
+    np.testing.assert_allclose(sigma_m, apart_m, atol=0.0015)
 
 
-def test_what_a_person_lacks_makes_no_shape_another():
-    without = replace(PERSON.shape, missing=("leg_left", "leg_right"))
-    sure = 1e6 * ADULT.prior
-    legs = [asset().own_row(f"{segment}_length_{side}") for segment in ("thigh", "shank") for side in ("left", "right")]
-    sure[legs] = sure[:, legs] = 0.0  # only the lengths of the legs are unknown
-    for shape, differs in ((PERSON.shape, True), (without, False)):
-        known = replace(ADULT, shape=shape).having_seen(shape, sure, sure @ ADULT.vector(shape))
-        assert (other_shape(known) is not None) == differs
+def test_another_stature_makes_joints_uncertain_where_no_skin_is_seen(of_stature):
+    cut, sigma_m, _ = of_stature
+    foot, head = sigma_m[JOINT_INDEX["FootLeft"]], sigma_m[JOINT_INDEX["Head"]]
+    assert foot > 2.5 * head if cut else foot < 0.009
+
+
+def test_a_certain_shape_adds_nothing():
+    frame = frames(cut=True)[0]
+    certain = between(TRUE_M, TRUE_M)
+    assert shape_sigma(PERSON, frame.pose, frame.evidence, certain, CONFIG.registration).max() < 1e-4

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from anchorpose.body.asset import BodyAsset, joint_bones
-from anchorpose.body.kinematics import missing_joints
+from anchorpose.body.asset import BodyAsset
 from anchorpose.body.segments import END_SIGMA, GIRTH_SIGMA, LENGTH_SIGMA, SIDES
 from anchorpose.body.shape_rows import FreeShape
 from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, even_clothes, skin_points
 from anchorpose.body.standing_off import patches_of
-from anchorpose.joints import JOINT_INDEX
 
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003  # m, standard deviation of the thickness of clothes
@@ -67,6 +66,11 @@ class ShapeBelief:
         """Return the inverse covariance (s, s) of the parameters, at the most likely shape."""
         return self._prior_at(self.shape) + self.seen
 
+    @property
+    def covariance(self) -> np.ndarray:
+        """Return the covariance (s, s) of the parameters, at the most likely shape."""
+        return _covariance(self)
+
     def equations(self, shape: FittedShape) -> tuple[np.ndarray, np.ndarray]:
         """Return hessian (s, s) and gradient (s,) of the cost at a shape. The cost is half the sum of the squared
         deviations from prior and observations.
@@ -104,24 +108,8 @@ class ShapeBelief:
         """
         at, prior = self.vector(self.shape), self._prior_at(self.shape)
         away = np.array([self.vector(other) for other in others]) - at
-        seen = np.linalg.inv(np.linalg.inv(self.information) + (away.T * shares) @ away) - prior
+        seen = np.linalg.inv(self.covariance + (away.T * shares) @ away) - prior
         return replace(self, seen=seen, pull=seen @ at + prior @ (at - self.mean))
-
-    def one_sigma_away(self, asset: BodyAsset) -> tuple[FittedShape, np.ndarray]:
-        """Return the shape one standard deviation away in the direction that displaces the joints of the resting body
-        most, and these displacements (21, 3), metres, relative to the pelvis. Of the two opposite shapes it is the one
-        with the higher head. Joints on missing parts do not count; their displacement is 0.
-        """
-        count, bones = self.free.coefficients, joint_bones(asset)
-        rows = asset.bone_head_basis[:count, bones] - asset.bone_head_basis[:count, :1]  # (k, 21, 3)
-        rows[:, missing_joints(asset, self.shape.missing)] = 0.0
-        rows = rows.reshape(count, -1).T
-        covariance = np.linalg.inv(self.information)[:, :count]
-        variance, axes = np.linalg.eigh(rows @ covariance[:count] @ rows.T)
-        away_m = (np.sqrt(variance[-1]) * axes[:, -1]).reshape(-1, 3)
-        upwards = 1.0 if away_m[JOINT_INDEX["Head"], 1] >= 0.0 else -1.0
-        change = covariance @ rows.T @ axes[:, -1] / np.sqrt(variance[-1])
-        return self.moved(self.shape, upwards * change), upwards * away_m
 
     def cost(self, shape: FittedShape) -> float:
         """Return the sum of a shape's squared deviations from the prior's mean, in standard deviations."""
@@ -135,7 +123,7 @@ class ShapeBelief:
     def variance(self, rows: np.ndarray) -> np.ndarray:
         """Return the variances (m,) of m quantities. rows (m, n): their derivatives by the n free coefficients."""
         count = self.free.coefficients
-        covariance = np.linalg.inv(self.information)[:count, :count]
+        covariance = self.covariance[:count, :count]
         return np.asarray(((rows @ covariance) * rows).sum(axis=1))
 
     def lacking(self, parts: tuple[str, ...]) -> ShapeBelief:
@@ -156,7 +144,7 @@ class ShapeBelief:
         """Return this belief as a prior with only whole-body coefficients and clothes free; the rest is fixed."""
         free = FreeShape(asset.common_count, len(CLOTHES))
         kept = np.r_[: free.coefficients, self.free.coefficients : self.free.coefficients + free.offsets]
-        information = np.linalg.inv(np.linalg.inv(self.information)[np.ix_(kept, kept)])
+        information = np.linalg.inv(self.covariance[np.ix_(kept, kept)])
         return _only_prior(self.shape, free, self.vector(self.shape)[kept], information)
 
     def standing(self, asset: BodyAsset, height_m: float, sigma_m: float) -> ShapeBelief:
@@ -171,6 +159,11 @@ class ShapeBelief:
             hessian, gradient = belief.equations(shape)
             belief = replace(belief, shape=self.moved(shape, -np.linalg.solve(hessian, gradient)))
         return belief
+
+
+@lru_cache(maxsize=2)  # cached, since every frame needs it
+def _covariance(belief: ShapeBelief) -> np.ndarray:
+    return np.linalg.inv(belief.information)
 
 
 def _directions_of(part: str) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.asset import BodyAsset
+from anchorpose.body.asset import BodyAsset, joint_bones
 from anchorpose.body.kinematics import (
     BodyMesh,
     joint_derivative,
@@ -241,6 +241,13 @@ def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarra
             step = head_basis[:, bone] - head_basis[:, parent]
             shift[bone] = shift[parent] + step @ transforms[parent, :3, :3].T
     return shift - np.einsum("bij,kbj->bki", transforms[:, :3, :3], head_basis)
+
+
+def joints_by_shape(body: Body, posed: PosedPoints, count: int) -> np.ndarray:
+    """Return the derivative (21, 3, count) of the joints in the world by the first coefficients; the pose is fixed."""
+    asset, bones = body.points.asset, joint_bones(body.points.asset)
+    at_rest = np.einsum("nij,knj->nik", posed.transforms[bones, :3, :3], asset.bone_head_basis[:count, bones])
+    return np.asarray(at_rest + shape_offsets(asset, posed, count)[bones].transpose(0, 2, 1))
 
 
 def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints_m: np.ndarray) -> np.ndarray:

@@ -27,9 +27,18 @@ from anchorpose.body.explanation import (
 from anchorpose.body.fit import hidden_bones, limited, pose_equations, prior_equations
 from anchorpose.body.likelihood import likelihood, most_nats
 from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
-from anchorpose.body.pose import LIMB_OF_JOINTS, SEGMENT_OF_JOINTS, TRUNK, Pose
+from anchorpose.body.pose import LIMB_OF_JOINTS, POSE_SIZE, SEGMENT_OF_JOINTS, TRUNK, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
-from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, place_variance, pose_jacobian, pose_points
+from anchorpose.body.shape_prior import ShapeBelief
+from anchorpose.body.skin_points import (
+    Body,
+    PosedPoints,
+    joint_jacobian,
+    joints_by_shape,
+    place_variance,
+    pose_jacobian,
+    pose_points,
+)
 from anchorpose.body.standing_off import standing_off_sigma_m
 from anchorpose.body.visibility import SkinReason, distance_of, skin_reasons
 from anchorpose.isolation.depth_noise import DepthNoise
@@ -271,6 +280,30 @@ def frame_alone_sigma(
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
     sigma[mine] = np.maximum(sigma[mine], alone[mine])
     return sigma
+
+
+def shape_sigma(
+    body: Body, pose: Pose, evidence: Evidence, shape: ShapeBelief, config: RegistrationConfig
+) -> np.ndarray:
+    """Return the joints' sigma (21,) per axis, metres, that follows from the uncertainty of the body's shape.
+
+    Pose and shape are parameters of the same normal equations, so another shape would have been registered in another
+    pose. The joints of both then hardly differ where skin is seen, even if the bones do.
+    """
+    used = replace(config, node_count=min(config.node_count, NODES // 2))  # more change this sigma by under a tenth
+    posed = pose_points(body, pose)
+    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], used)
+    nodes = max(len(evidence.surface), 1)
+    alike = config.rows_per_observation * min(used.node_count, nodes) / min(config.node_count, nodes)
+    known = (pose, vague_belief(pose).information)
+    prior = prior_equations(body.points, pose, known, hidden_bones(body.points, rows, alike))
+    both = pose_equations(body, pose, posed, rows, prior, alike, shape.free).hessian
+    follows = -np.linalg.solve(both[:POSE_SIZE, :POSE_SIZE], both[:POSE_SIZE, POSE_SIZE:])  # pose, by the shape
+    joints = body.mesh.joints(posed.transforms)
+    moved = joint_jacobian(body, posed.transforms, joint_bones(body.points.asset), joints) @ follows
+    count = shape.free.coefficients
+    moved[..., :count] += joints_by_shape(body, posed, count)
+    return np.sqrt(place_variance(moved, shape.covariance))
 
 
 def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:

@@ -16,6 +16,7 @@ from anchorpose.body.kinematics import missing_joints
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
 from anchorpose.body.rivals import Rival, with_rivals
+from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_points
 from anchorpose.body.uncertainty import (
     before_lost_ends,
@@ -24,6 +25,7 @@ from anchorpose.body.uncertainty import (
     joint_sigma,
     lost_ends,
     noise_covariance,
+    shape_sigma,
     smeared_sigma,
     unexplained_sigma,
 )
@@ -34,7 +36,6 @@ from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
-from anchorpose.tracker.other_statures import shape_sigma
 
 TOO_UNCERTAIN: Final = "every joint is more uncertain than a forearm's length"
 
@@ -69,7 +70,7 @@ class Earlier(NamedTuple):
     rivals: Sequence[Rival] = ()  # other poses that fit the images almost as well as the registered pose
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
     unseen_s: np.ndarray | None = None  # (PARTS, 2) s, time since a limb's halves (cut at elbow or knee) were last seen
-    other_body: Body | None = None  # as ``Run.other_body``
+    shape: ShapeBelief | None = None  # as ``Run.shape``
 
 
 _NOTHING_OPEN: Final = Earlier()
@@ -157,8 +158,8 @@ def _sigma(
     sigma = frame_alone_sigma(
         body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
     )
-    if earlier.other_body is not None:
-        sigma = np.hypot(sigma, shape_sigma(body, earlier.other_body, belief.pose, evidence, config.registration))
+    if earlier.shape is not None:
+        sigma = np.hypot(sigma, shape_sigma(body, belief.pose, evidence, earlier.shape, config.registration))
     if earlier.rivals:
         sigma = with_rivals(body, body.joints(belief.pose), sigma, earlier.rivals)
     sigma = unexplained_sigma(body, belief.pose, evidence, explanation, sigma)

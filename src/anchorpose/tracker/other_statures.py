@@ -1,4 +1,4 @@
-"""Try taller and shorter bodies on the frames from which the body was learnt, and include them in the joints' sigma.
+"""Try taller and shorter bodies on the frames from which the body was learnt, and include them in what is believed.
 
 Gauss-Newton steps end in the minimum nearest to their start, and the covariance there does not include other minima.
 The feet are often cut off or inside wide trousers. Bodies 10 % taller or shorter then explain the images equally well.
@@ -13,17 +13,14 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.body.belief import vague_belief
-from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.kinematics import missing_joints
 from anchorpose.body.learning import REACHES_M, learn_body, most_different
 from anchorpose.body.pose import PARTS, Pose
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.registration import descend
 from anchorpose.body.rivals import OWN_BODY_ERROR, believed
 from anchorpose.body.shape_prior import ShapeBelief, standing_height
-from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
-from anchorpose.body.uncertainty import systematic_m
+from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.recording.recording import Subject
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.prior_shape import TRIED_SIGMA_M, shape_cost
@@ -88,26 +85,3 @@ def _learnt_at(
         config.registration,
         REACHES_M,
     ).belief.shape
-
-
-def other_shape(belief: ShapeBelief) -> FittedShape | None:
-    """Return the shape one standard deviation away that displaces the joints most (``ShapeBelief.one_sigma_away``).
-
-    Return None if the sum of the squared displacements is less than that of the joints' systematic errors, which sigma
-    includes for every body.
-    """
-    asset = body_points().asset
-    other, away_m = belief.one_sigma_away(asset)
-    present = ~missing_joints(asset, belief.shape.missing)
-    return other if float((away_m**2).sum()) > 3.0 * float((systematic_m()[present] ** 2).sum()) else None
-
-
-def shape_sigma(body: Body, other: Body, pose: Pose, evidence: Evidence, config: RegistrationConfig) -> np.ndarray:
-    """Return the joints' sigma (21,) per axis, metres, that follows from the uncertainty of the body's shape.
-
-    Both bodies are registered to the frame, and sigma is the distance between their joints. So joints at visible skin
-    hardly differ, even if the bones do. other: the body one standard deviation away (``other_shape``).
-    """
-    expected = vague_belief(pose)
-    own_m, other_m = (one.joints(descend(one, pose, expected, evidence, config)) for one in (body, other))
-    return np.asarray(np.linalg.norm(other_m - own_m, axis=1) / np.sqrt(3.0))

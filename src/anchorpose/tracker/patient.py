@@ -174,7 +174,7 @@ class PatientTracker:
             if corrected is not None and contradicted(self.body, registration.belief, corrected):
                 honoured = None
             unseen_s = self._unseen_s(registration, seen)
-            earlier = Earlier(self.rivals, self.ends, unseen_s, self.run.other_body)
+            earlier = Earlier(self.rivals, self.ends, unseen_s, self.run.shape)
             estimate = estimate_of(self.body, registration, seen, share, self.config, honoured, earlier)
             self.ends = estimate.ends
             estimate = displaced(estimate, self.run.room.calibration.displaced_m)

@@ -13,7 +13,6 @@ import numpy as np
 from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.pose import LIMB_OF_JOINTS
 from anchorpose.body.shape_prior import ShapeBelief
-from anchorpose.body.skin_points import Body, body_points, build_body
 from anchorpose.calibration.calibration import Calibration
 from anchorpose.calibration.clocks import Clocks
 from anchorpose.camera import Camera
@@ -27,7 +26,6 @@ from anchorpose.results.corrections import Corrections, JointCorrection
 from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Start
-from anchorpose.tracker.other_statures import other_shape
 from anchorpose.tracker.sighting import Crowd
 from anchorpose.tracker.stopwatch import Stopwatch
 
@@ -169,9 +167,7 @@ class Run:
     motions: MotionDatabase | None = None  # reference movements; None if the prediction needs none
     stopwatch: Stopwatch = field(default_factory=Stopwatch)
     associate: Callable[..., Matcher] | None = None  # function to match nodes (``Associate``); None = ``link``
-    # the patient's body one standard deviation from the learnt one (``other_shape``); None before learning, or if their
-    # joints hardly differ
-    other_body: Body | None = None
+    shape: ShapeBelief | None = None  # belief in the patient's shape; None before learning, or if it is not learnt
 
     def without_patient(self, why: str) -> Run:
         """Return the run without a patient, because the person who was found is not to be tracked. why: the reason."""
@@ -179,8 +175,7 @@ class Run:
 
     def with_learnt(self, belief: ShapeBelief) -> Run:
         """Return the run with the uncertainty of the learnt shape; unchanged if the settings leave learning out."""
-        other = other_shape(belief) if self.config.learning.own_shape else None
-        return replace(self, other_body=None if other is None else build_body(body_points(), other))
+        return replace(self, shape=belief if self.config.learning.own_shape else None)
 
     def stage(self, name: str) -> AbstractContextManager[None]:
         """Add the time spent in the enclosed block to the stage of this name."""
