@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "builders
 
 from event_builder import tracked
 from intervals import wilson
+from session_suite import clonus_scores
 from suite import Use
 
 from anchorpose.recording.events import Trial, TrialColumn, Trials
@@ -32,6 +33,7 @@ from anchorpose.results.session_scores import score_events, score_times, true_jo
 from anchorpose.results.stand_training.extension import extension_measures
 from anchorpose.results.stand_training.independence import independence_measures
 from anchorpose.results.stand_training.stance import Session
+from anchorpose.results.stand_training.tremor import tremor_measures
 from anchorpose.results.tables import JointTable
 from anchorpose.results.trial_measures import measures_by_trial
 from anchorpose.results.true_session import TrueEvent
@@ -42,7 +44,7 @@ from anchorpose.simulate.sessions.preset import stimulation
 from anchorpose.simulate.sessions.truth import true_events
 
 FIRST_SEED: Final[dict[Use, int]] = {"tuning": 81_100, "held-out": 91_100}
-HZ: Final = 15.0
+HZ: Final = 20.0  # the least with which tremor is looked for
 MEANS_HZ: Final = 5.0  # where only means over trials are asked for
 PART: Final = 300  # frames that are posed at once
 KNEE: Final = "knee_flexion_upright_mean"
@@ -97,12 +99,16 @@ def _contact(part: str, trial: PlannedTrial, hz: float, **who: Any) -> Contact:
 
 
 def measures_of(joints: JointTable, clinic: Clinic) -> tuple[Session, list[Measure]]:
-    """The session, and extension and independence of all of it and of every trial."""
+    """The session, and extension, independence and tremor of all of it and of every trial."""
     config, contacts = MeasureConfig(), contacts_of(clinic.plan, clinic.config.fps)
     session, _ = measure_session(joints, joint_angles(joints), contacts, config, equipment=("rail-left", "rail-right"))
 
     def measure(part: Session, rows: slice) -> list[Measure]:
-        return [*extension_measures(part, config.extension), *independence_measures(part, config.independence)]
+        return [
+            *extension_measures(part, config.extension),
+            *independence_measures(part, config.independence),
+            *tremor_measures(part, config.tremor),
+        ]
 
     whole = measure(session, slice(0, len(joints.frame)))
     by_trial = measures_by_trial(session, trials_of(clinic.plan), whole, config.sway.settle_s, measure)
@@ -146,17 +152,20 @@ def conditions(seeds: range, sigma_m: float) -> None:
 def events(seeds: range, sigma_m: float) -> None:
     """Print events found, and times of independence within 1.96 sigma."""
     counts, late_s, seconds = dict.fromkeys(EVENT_KINDS, (0, 0, 0, 0)), list[float](), 0.0
-    compared, within = 0, 0
+    compared, within, clonus = 0, 0, dict.fromkeys(("true", "found", "false"), 0.0)
     for seed in seeds:
         one = simulated(seed, SessionConfig(incidents=INCIDENTS), sigma_m, HZ)
         (session, found), (_, exact) = (measures_of(joints, one.clinic) for joints in one[1:])
         for kind, score in score_events(session, known_events(one.clinic)):
             counts[kind] = tuple(np.add(counts[kind], (score.true, score.found, score.in_time, score.false)).tolist())
             late_s += [] if score.late_s is None else [score.late_s]
-        times = score_times(found, exact)
+        times, trials = score_times(found, exact), trials_of(one.clinic.plan)
+        for name, count in clonus_scores(found, known_events(one.clinic), trials).items():
+            clonus[name] += count
         compared, within, seconds = compared + times.compared, within + times.within, seconds + session.seconds.sum()
     for kind, (true, found_, in_time, false) in counts.items():
         print(f"{kind}: found {share(found_, true)}, with the onset within 0.1 s {in_time}; {false} false")
+    print(f"clonus: found {share(int(clonus['found']), int(clonus['true']))}; {clonus['false']:.0f} other knees shake")
     print(f"onset late by {np.mean(late_s):+.3f} s, false in ten minutes {false_rate(counts, seconds):.2f}")
     print(f"times of independence within 1.96 sigma: {share(within, compared)}")
 
