@@ -32,6 +32,7 @@ from typing import Any, Final, get_args
 
 from blocks import Wanted
 from documents import PAGES, fill
+from filelock import FileLock
 from measurements import Rows
 from probing import run_probe
 from recordings import Ready, digest_of
@@ -94,10 +95,12 @@ def results_folder(ready: Ready, named: dict[str, Any], version: Version, cache:
 
 def tracked(results: Path, ready: Ready, named: dict[str, Any], version: Version, again: bool = False) -> Cost:
     """Return the cost of the kept results, or of tracking now; a folder without a cost was left by a stopped run."""
-    if again or not (results / COST_FILE).is_file():
-        shutil.rmtree(results, ignore_errors=True)
-        return track(version.source, ready.recording, results, named)
-    return read_cost(results)
+    results.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(results.parent / f".{results.name}.lock"):  # another case may need the same results
+        if again or not (results / COST_FILE).is_file():
+            shutil.rmtree(results, ignore_errors=True)
+            return track(version.source, ready.recording, results, named)
+        return read_cost(results)
 
 
 def run_suite(suite: str, plan: Plan, processes: int) -> list[Rows]:

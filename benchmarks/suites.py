@@ -33,7 +33,7 @@ EASY: Final[dict[str, Callable[[int, float], Config]]] = {
     "clinic: three cameras, frame, two therapists": presets.clinic,
     "the same clinic, front camera alone": lambda seed, seconds: replace(presets.clinic(seed, seconds), cameras=1),
 }
-EASY_SEEDS: Final = {"tuning": 101, "held-out": 251}  # held out: used once, for the release; 141 and 241 were looked at
+EASY_SEEDS: Final = {"tuning": 101, "held-out": 261}  # held out: used once, for the release; 141, 241, 251 were looked at
 
 
 def easy(use: Use, quick: bool) -> Iterator[Case]:
@@ -126,8 +126,8 @@ RECIPES: Final[dict[Use, tuple[Recipe, ...]]] = {
 }
 """Held out: other subjects, two movements and one kind of equipment that no recording for tuning has."""
 
-HARD_SEED: Final[dict[Use, int]] = {"tuning": 41_000, "held-out": 48_000}
-"""Held out: used once, for the release; 24 scenes each from 42000, 45000, 46000 and 47000 were looked at."""
+HARD_SEED: Final[dict[Use, int]] = {"tuning": 41_000, "held-out": 49_000}
+"""Held out: used once, for the release; 24 scenes each from 42000 and from 45000 to 48000 were looked at."""
 SUBJECTS: Final[dict[Use, tuple[int, ...]]] = {"tuning": (1, 2, 3, 4, 5), "held-out": (6, 7)}
 ROUNDS: Final = 2  # of each recipe, with another seed
 
