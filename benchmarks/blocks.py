@@ -91,7 +91,9 @@ def blocks_in(text: str) -> list[Block]:
 
 
 def table_of(block: Block) -> Table | None:
-    """Return what a block asks for; None for the headlines. Raises ValueError for words without a meaning."""
+    """Return the table that a block of a page asks for; None if it asks for the headline figures. Raises ValueError for
+    other words.
+    """
     name, *options = shlex.split(block.words)
     if name == HEADLINES and not options:
         return None

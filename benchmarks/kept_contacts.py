@@ -4,8 +4,8 @@
 
 NAME: recordings of the suites ``easy`` and ``hard``, as they are named in the cache. Of each, the newest results whose
 depth images are those of a recording in the cache are taken. Poses, person labels and depth images are read from there,
-every second frame. The patches in which a patient's skin stands off the body are not in results, so that it is less
-exact than while tracking. The memory of skin that went out of sight is made again from the labels.
+every second frame. Results do not have the offsets of the skin's patches, so these contacts are less exact than those
+found during tracking. The memory of skin that went out of sight is made again from the labels.
 """
 
 from __future__ import annotations

@@ -1,9 +1,12 @@
-"""What each verb costs on an hour's results: python benchmarks/long_results.py RESULTS --truth TRUTH.npz
+"""Measure time and memory of each command on an hour's results.
 
-The tables of a short recording are repeated, frames and times going on, until there are as many frames as an hour of
-three cameras has at 30 Hz; run.json names as many depth images. Every verb that reads results then runs as a process of
-its own on a fresh copy; the table has its peak memory (resident set) and its seconds. ``--frames`` takes several
-lengths, so that one sees what grows. The viewer is started, and asked for what its page fetches before it is drawn.
+    python benchmarks/long_results.py RESULTS --truth TRUTH.npz
+
+The tables of a short recording are repeated, with increasing frame numbers and times, until they have as many frames as
+an hour of three cameras at 30 Hz; run.json is extended to as many depth images. Every command that reads results then
+runs as a process of its own on a fresh copy. The table has its peak memory (resident set) and its seconds. With several
+lengths for ``--frames``, the table shows what grows. The viewer is started, and asked for what its page fetches before
+it is drawn.
 """
 
 from __future__ import annotations

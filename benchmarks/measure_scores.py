@@ -97,7 +97,7 @@ def compare_swings(found: Sequence[Episode], true: Sequence[Episode]) -> Scores:
 
 
 def _angle_scores(found: JointTable, true: JointTable) -> Iterator[tuple[str, Scores]]:
-    """Yield the mean error of each angle, and the share of its squared error that lasts."""
+    """Yield each angle's mean error, and the share of its squared error that is constant over the recording."""
     ours, theirs = joint_angles(found), joint_angles(true)
     away = ours.degrees - theirs.degrees
     away -= 360.0 * np.round(away / 360.0)

@@ -42,7 +42,9 @@ def sessions(use: Use, quick: bool) -> Iterator[Case]:
 
 
 def against_session(ready: Ready, results: Path) -> Iterator[tuple[str, Scores]]:
-    """Yield the scores of each kind of event, of the times of independence, and of what stimulation changes."""
+    """Yield the scores of each kind of event, of the durations without help, and of the effect of stimulation on the
+    knees.
+    """
     assert ready.truth is not None
     found = evaluate(results, ready.truth).session
     assert found is not None

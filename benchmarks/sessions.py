@@ -99,7 +99,9 @@ def _contact(part: str, trial: PlannedTrial, hz: float, **who: Any) -> Contact:
 
 
 def measures_of(joints: JointTable, clinic: Clinic) -> tuple[Session, list[Measure]]:
-    """The session, and extension, independence and tremor of all of it and of every trial."""
+    """Return the session, and the measures of extension, independence and tremor of the whole session and of each
+    trial.
+    """
     config, contacts = MeasureConfig(), contacts_of(clinic.plan, clinic.config.fps)
     session, _ = measure_session(joints, joint_angles(joints), contacts, config, equipment=("rail-left", "rail-right"))
 
@@ -150,7 +152,7 @@ def conditions(seeds: range, sigma_m: float) -> None:
 
 
 def events(seeds: range, sigma_m: float) -> None:
-    """Print events found, and times of independence within 1.96 sigma."""
+    """Print how many events are found, and how many durations without help differ from the truth by at most 1.96 sigma."""
     counts, late_s, seconds = dict.fromkeys(EVENT_KINDS, (0, 0, 0, 0)), list[float](), 0.0
     compared, within, clonus = 0, 0, dict.fromkeys(("true", "found", "false"), 0.0)
     for seed in seeds:

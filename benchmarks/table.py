@@ -57,7 +57,9 @@ WORSE_IF_LARGER: Final = ("_mm", "_deg", "_ms", "error")  # ends of the names of
 
 
 def columns_of(rows: Mapping[str, Measured], known: Sequence[Column]) -> Sequence[Column]:
-    """Return the known columns; of rows without a score of ``COLUMNS``, as most probes give, one column per score."""
+    """Return the columns ``known``. If the rows have no score of ``COLUMNS``, as those of most probes, return one
+    column for each of their scores.
+    """
     names = dict.fromkeys(name for measured in rows.values() for one in measured for name in one)
     if not names or not {column.name for column in COLUMNS}.isdisjoint(names):
         return known

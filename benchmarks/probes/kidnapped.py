@@ -1,11 +1,12 @@
 """Does the evidence win over a wrong prediction?
 
 In the middle of a simulated recording the tracker's pose is spoilt (``spoilt_poses.Kind``): an arm is put into the
-trunk, the arms are exchanged, a leg is put onto the other, the body is turned round. The tracker is as confident of it
-as it was of the right pose, its past is spoilt alike (``kidnap``), and it goes on. It is right again when, 0.5 s later
-at the latest and until 1 s, every joint of the limbs concerned is within 100 mm of the truth, or within 50 mm more than
-the error of the undisturbed tracker: by its pose, also of joints that it calls lost. Only frames count in which one
-camera sees most of each of these limbs for that second. The recording is tracked forward and backward in time.
+trunk, the arms are exchanged, a leg is put onto the other, the body is turned round. The tracker is as confident of
+this pose as it was of the right one, the poses that it remembers are spoilt in the same way (``kidnap``), and tracking
+goes on. The pose is right again when, 0.5 s later at the latest and until 1 s, every joint of the limbs concerned is
+within 100 mm of the truth, or within 50 mm more than the error of the undisturbed tracker: by its pose, also of joints
+that it calls lost. Only frames count in which one camera sees most of each of these limbs for that second. The
+recording is tracked forward and backward in time.
 
 Scores of each kind: how many trials there were, the share that was right again, the median time until they were.
 """

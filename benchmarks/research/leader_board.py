@@ -143,7 +143,7 @@ def match_rows(benchmark: Benchmark, part: Part, method: str) -> Iterator[pa.Tab
 
 
 def track(recording: Path, results: Path) -> str:
-    """One recording, unless it has been tracked; returns what to print."""
+    """Track one recording, unless it has been tracked before; return the line to print."""
     if not (results / RUN_FILE).exists():
         results.mkdir(parents=True, exist_ok=True)
         track_recording(recording, results, TrackConfig(), lambda done, total: None)

@@ -185,8 +185,8 @@ def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str
     """Return the beginning of a sentence on the session, or on the session of one subject, whose values differ from the
     others by a factor of ``OTHER_UNIT`` or more; None if there is none. grid (subjects, repeats): the values.
 
-    A single value may be near zero without an error. Values that are too small are therefore searched for in whole
-    sessions only.
+    A single value may be near zero without an error. So values in too large a unit are searched for only where all
+    values of a session are small.
     """
     size = np.abs(grid[np.isfinite(grid).all(axis=1)])
     names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]

@@ -79,8 +79,8 @@ def believed(lead: float, parts: int, error: float = LIMB_ERROR) -> float:
     """Reduce one pose's lead over another, in nats, to the log odds that the pose with the lead is indeed the likelier
     one, given errors of shape and clothes. The lead may be negative.
 
-    parts: number of parts (limbs or trunk) whose place differs. The lead's standard deviation is ``error`` times this
-    number.
+    parts: number of parts (limbs or trunk) whose place differs between the poses. The lead's standard deviation is
+    ``error`` times ``parts``.
     """
     deviations = abs(lead) / (error * max(parts, 1))
     odds = float(log_ndtr(deviations) - log_ndtr(-deviations))

@@ -251,8 +251,8 @@ def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.nda
 
 
 def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) -> list[np.ndarray]:
-    """Return T_camera_model (4, 4) of distinct places, best first. The equipment is upright there, and Y = ``lowest_m``
-    of its frame lies on the floor.
+    """Return T_camera_model (4, 4) of distinct places of the model, best first. The equipment is upright there, and Y =
+    ``lowest_m`` of its frame lies on the floor.
 
     The space above the floor is mapped as filled, free or unknown. The equipment is tried in 72 directions at every
     cell of the floor: the score is the sum of the map's values at the equipment's points. Then the best places are

@@ -149,7 +149,7 @@ def counter(what: str) -> Iterator[Callable[[], None]]:
 
 
 def log_event(results: Path, what: str, files: Iterable[str], by: str, about: dict[str, Any] | None = None) -> None:
-    """Add a line to the results' log. If this fails, as on a read-only disk, print a sentence instead.
+    """Add a line to the results' log. If the log cannot be written, as on a read-only disk, print a sentence instead.
 
     what: the operation, such as "measure"; files: names of the files that it wrote; by: initials of the user; about:
     options of the operation.

@@ -161,7 +161,7 @@ def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, 
 def find_candidates(table: np.ndarray, count: int) -> None:
     """Compute candidate distances for the first ``count`` rows of ``Rows.flat``, and which neighbours they may update.
 
-    The inner loop has no branch and one array, so that it is vectorised.
+    The inner loop has no branch and reads a single array, so that the compiler vectorises it.
     """
     for k in range(count):
         row = k * ROW

@@ -68,7 +68,7 @@ LAST_LABEL: Final = 254  # the largest person label
 
 
 def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood) -> list[np.ndarray]:
-    """Give parts of the patient that have another person's label back to the patient; return all owners.
+    """Label parts of the patient that have another person's label as the patient again; return the label of each node.
 
     A label stands for another person if a body model is fitted to that person (``expected`` then has this person's
     skin), or if the label's pixels off the patient's predicted skin have enough area for a person. Otherwise its pixels

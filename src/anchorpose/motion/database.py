@@ -150,8 +150,8 @@ def poses_at(theta: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def summarise(turned: np.ndarray, place: np.ndarray, stride: np.ndarray, history: int) -> np.ndarray:
-    """Return (w, 2, COLUMNS) float32: mean pose and displacement (newest minus oldest pose) of sub-lists of ``history``
-    poses, in the first columns of ``turned``.
+    """Return, for each of w runs of ``history`` successive poses, the mean pose and the displacement from the oldest to
+    the newest pose: (w, 2, COLUMNS) float32. Only the first ``COLUMNS`` columns of ``turned`` are used.
     """
     leading = turned[:, :COLUMNS].astype(np.float32)
     total = poses_at(leading, place)

@@ -134,7 +134,7 @@ class FolderFiles(Sequence[Path]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthStream:
-    """The depth images of one camera, in the order of time."""
+    """The depth images of one camera in chronological order."""
 
     files: Sequence[Path]
     time_s: np.ndarray  # (n,) float64, increasing; on the camera's clock, or the reference clock after ``align_clocks``

@@ -4,7 +4,7 @@ measurement.
 A change from a to b exceeds the errors if |b - a| is larger than the smallest detectable change, 1.96 sqrt(sigma_a^2 +
 sigma_b^2) (Weir 2005, doi:10.1519/15184.1). If errors of measurement are normally distributed and independent between
 the sessions, they alone exceed this limit only 5 times in 100. The limit does not cover how a patient varies from day
-to day, so even a larger change may be such a variation. Limits from ``anchorpose reliability`` do cover this variation.
+to day, so even a larger change may be such a variation. Limits from ``anchorpose reliability`` cover it.
 """
 
 from __future__ import annotations

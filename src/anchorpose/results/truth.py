@@ -312,8 +312,8 @@ MIRRORED: Final = Sides(exchanged=False, mirrored=True)
 
 
 def _misfit_by_sides(ours_m: np.ndarray, truth_m: np.ndarray) -> dict[Sides, float]:
-    """Return the median distance (m) between joints after the best rotation about the vertical and translation, for the
-    truth as it is and for the mirrored truth.
+    """Return the median distance (m) of our joints from the true joints, and from the mirrored true joints, each after
+    the rotation about the vertical and the translation that fit best.
 
     Left and right labels are kept or exchanged, whichever fits better, since a patient may have been tracked back to
     front.

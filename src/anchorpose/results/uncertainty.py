@@ -34,7 +34,7 @@ def systematic_share(unit: str) -> float:
 
 def sigma_of_mean(sigma: np.ndarray, seconds: float, share: float) -> float:
     """Return sigma of the mean of values (k,) that are spread over ``seconds`` and have the standard deviations
-    ``sigma``. share: ``ANGLE_SHARE`` or ``JOINT_SHARE``.
+    ``sigma``. share: the systematic share of the variance, ``ANGLE_SHARE`` or ``JOINT_SHARE``.
 
     Averaging does not reduce the systematic share of the variance; it reduces the random share as if every two
     correlation times gave one independent value.

@@ -23,9 +23,9 @@ SEARCH_PAUSE, LONGEST_PAUSE = 4, 16
 # nats; if the log likelihood ratios of a limb's two halves (``named_nats``) sum to less, the descriptor assigns its
 # skin to another limb; in correctly tracked people, every sum is larger (``tools/measure_named_places.py``)
 MISNAMED: Final = -1.0
-MORE: Final = 1.5  # if the area not covered by the body grows by this factor since a vain search, the pause ends
-# m, tolerated distance of an anchor from the pose's hand or foot; if a bar hides the hand, the anchor is at wrist or
-# elbow
+MORE: Final = 1.5  # the pause between searches ends if the uncovered area has grown by this factor since the last one
+# m, tolerated distance of an anchor (an end of the seen surface) from the pose's hand or foot; if a bar hides the hand,
+# the arm's surface ends at wrist or elbow
 ELSEWHERE_M: Final = 0.25
 LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet; the first anchor is the head
 

@@ -105,7 +105,9 @@ def _gap_before(one: SeenPerson, wall: Wall) -> np.ndarray | None:
 
 
 def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> list[Mirror]:
-    """Return the gaps of a wall that are mirrors: if the twin's place is in view, people in them mostly have a twin."""
+    """Return the gaps of a wall that are mirrors: most people seen through such a gap have a twin (the person whose
+    mirror image they are), if the place where the twin would stand is in view.
+    """
     gaps, twins, shown = list[np.ndarray](), list[int](), list[int]()
     for sighting in sightings:
         for one in sighting.people:

@@ -216,8 +216,8 @@ class PatientTracker:
     def _observe_until(self, last: int) -> list[Pose]:
         """Observe the window's frames 1 to ``last``, and return their predicted poses.
 
-        Frame 1 may have been observed already, in the look-ahead of the frame before. It is observed again if the
-        patient is now expected in another place.
+        Frame 1, the frame after the last one registered, may have been observed already as part of an earlier
+        look-ahead. It is observed again if the patient is now expected in another place.
         """
         if len(self.window.seen) > 1:
             expected, before = self.expect(self.predict(1)[0]), self.window[1].expected

@@ -69,7 +69,7 @@ class Sighting:
     frame: int  # number of the frame
     people: tuple[SeenPerson, ...]
     depths_m: tuple[np.ndarray | None, ...]  # each camera's depth image; None if the camera has no frame
-    crowd: Crowd | None = None  # the same people with their pixels, in the order of ``people``
+    crowd: Crowd | None = None  # the pixels of each person, in the order of ``people``
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:

@@ -142,7 +142,7 @@ class HoledFrame:
         return hidden
 
     def within(self, radius_m: float) -> np.ndarray:
-        """Return (n,) bool: nodes that a hole with this radius and the same centre would remove."""
+        """Return (n,) bool: nodes that are nearer to the hole's centre than ``radius_m``."""
         return np.asarray(np.linalg.norm(self.surface.points_m - self.centre_m, axis=1) < radius_m)
 
     def node(self, anchor: str) -> int:
